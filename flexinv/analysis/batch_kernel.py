@@ -16,8 +16,7 @@ from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
 from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.record_stack import at
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import at, by_address
 from flexinv.kernels.threads.atomics import take
 from flexinv.kinematics.tree import Frames
 from flexinv.planar.history import Embedding

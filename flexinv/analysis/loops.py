@@ -14,20 +14,12 @@ from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import (
-    Rows,
-    captured,
-    closure_fronts,
-    constraint_jacobian,
-    constraint_rows,
-    row_scales,
-)
+from flexinv.constraints.closures import Rows, captured, constraint_jacobian, constraint_rows
 from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion, closed_start
-from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
-from flexinv.constraints.reactions import closing, phased_closing
+from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
 from flexinv.dynamics.initial_state import accept, consistent_accelerations
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
@@ -49,8 +41,6 @@ from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Triple
 
 Mask = NDArray[np.bool_]
-# Nodal motion and rates (nv,) of the joints on one side of an instant.
-Side = tuple[NodalMotion, Array]
 
 
 def rigid_loops(task: Task) -> FirstStep:
@@ -96,7 +86,7 @@ def _phased_motion(
         if unknown.any() or not len(original):
             return closed_motion(mesh, history, time, unknown), only, [], None
         given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
-        return given, only, [], (GivenLoops.of(mesh, original).jacobian(*given, motion), motion)
+        return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
     whole, rows = history(time), original
     stretches: list[Stretch] = []
     impacts: list[Impact] = []
@@ -126,22 +116,9 @@ def _rigid_impact(
 ) -> Impact:
     """Impulses of drives and closures that change the rates (nv,) at a configuration (nq,) at once."""
     rest = np.zeros((1, mesh.mechanism.nv))
-    one, two = (rigid_motion(mesh, q[None], rate[None], rest) for rate in (before, after))
-    tree = jump_efforts(mesh, one, two, after - before)[None]
-    shares = _shares(mesh, stretch, two, tree)
-    shown = closing(mesh, two, stretch.rows, shares.multipliers)[1]
-    return _impact(mesh, begins, shares.tau[0], shown, ((one, before), (two, after)), time)
-
-
-def _impact(
-    mesh: Mesh, begins: Mask, torque: Array, shown: dict[str, Array], sides: tuple[Side, Side], time: float
-) -> Impact:
-    """The impact of one instant: efforts (nv,) and reactions of the closures, and what they do between its two sides."""
-    (one, before), (two, after) = sides
-    work = float(torque @ (before + after)) / 2
-    lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = {name: values[0] for name, values in shown.items()}
-    return Impact(time, names_of(mesh.mechanism, begins), torque, reaction, work, lost)
+    one, two = ((rigid_motion(mesh, q[None], rate[None], rest), rate) for rate in (before, after))
+    shares = _shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
+    return impact_of(mesh, stretch.rows, begins, (one, two), shares.tau[0], shares.multipliers[0], time)
 
 
 def _caught(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, time: float) -> Rows:
@@ -183,8 +160,7 @@ def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jaco
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
     m, rows, pick = mesh.mechanism, stretch.rows.of(stretch.phase.active), stretch.pick
     g = constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
-    fronts = closure_fronts(mesh, rows, np.ones(m.nv, dtype=bool), m.actuated)  # drives last
-    found = share_out(g, tree, m.actuated, m.weights[m.actuated], row_scales(mesh, stretch.rows)[pick], fronts)
+    found = share_out(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():
         return found
     multipliers = np.zeros((len(tree), len(pick)))
@@ -233,8 +209,8 @@ def _start(
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
     free, kept, acts = (np.frombuffer(mask, dtype=bool) for mask in (unknown, stated, active))
     rows = constraint_rows(mesh).of(acts)
-    guess = np.frombuffer(q)[None], np.frombuffer(qd)[None], np.frombuffer(qdd)[None]
-    found = closed_start(mesh, lambda _: guess, time, free, rows, kept)
+    guess = np.frombuffer(q), np.frombuffer(qd), np.frombuffer(qdd)
+    found = closed_start(mesh, guess, time, free, rows, kept)
     for part in found:
         part.flags.writeable = False
     return found[0][None], found[1][None], found[2][None]
@@ -311,13 +287,13 @@ class Switching:
         """Go over to another phase at one sample of ``out``, which holds its left-hand limit and gets the right-hand one.
 
         joints, qd : right-hand limit of the prescribed motion there [m, rad, s]; time [s]
-        Raises InputError for frames that have not met or move against each other (`impacts.check_meeting`).
+        Raises InputError for frames that have not met or move against each other (`reactions.check_meeting`).
         """
         mesh, s, sample, last = solver.mesh, solver.state, phase.first, self.stretches[-1]
         begins = phase.active & ~last.phase.active
         one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
         rows = _caught(mesh, last.rows, one, begins, time)
-        # the rest, below `impacts.OPEN`: the next step shall not jerk it away
+        # the rest, below `reactions.OPEN`: the next step shall not jerk it away
         rows = captured(mesh.mechanism, constraint_rows(mesh), rows, one, begins)
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
@@ -329,9 +305,8 @@ class Switching:
         record_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
             two, after = out.rows(sample, sample + 1).motion, _rates(solver, qd)
-            pushed, shown = closing(mesh, two, rows, impulses[None])
-            torque = jump_efforts(mesh, one, two, after - before) - project(mesh, two, pushed)[0]  # the same L T P
-            self.impacts.append(_impact(mesh, begins, torque, shown, ((one, before), (two, after)), time))
+            sides, pushed = ((one, before), (two, after)), closing(mesh, two, rows, impulses[None])[0]
+            self.impacts.append(impact_of(mesh, rows, begins, sides, jump_efforts(mesh, sides, pushed), impulses, time))
 
 
 def _rates(solver: Solver, qd: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.impacts import Impact
+from flexinv.constraints.reactions import Impact
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, factors

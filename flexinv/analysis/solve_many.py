@@ -32,7 +32,7 @@ from flexinv.dynamics.system import Trajectory, has_padding, history_shapes
 from flexinv.errors import FlexinvError, InputError
 from flexinv.inverse.nodal_sums import Found
 from flexinv.kernels.memory import shared_pieces, together
-from flexinv.kernels.record_stack import stacked
+from flexinv.kernels.records import stacked
 from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.model.mechanism import Mechanism

@@ -87,7 +87,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     switching.begin(mesh, solver.border.ties)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(switching.phases[0].active)
-        at = closed_start(mesh, held, 0.0, stated_of(mechanism, passive), rows)[0]
+        at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")

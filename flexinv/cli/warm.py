@@ -68,11 +68,11 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
 
 def _write(folder: Path) -> int:
     """Write what was kept of all kernels that Python calls, and return how many there are."""
-    from flexinv.kernels.code_cache import KERNELS
-    from flexinv.kernels.code_stamp import SOURCES
+    from flexinv.kernels.code_cache import FOLDER, KERNELS
+    from flexinv.kernels.code_stamp import sources
     from flexinv.kernels.shipped_code import write_shipped
 
-    for module in SOURCES:
+    for module in sources(FOLDER):
         import_module(f"flexinv.{module}")
     return write_shipped(folder, KERNELS)
 

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation_kernel import Efforts, places, share
-from flexinv.kernels.fronts import Fronts, fronts_of
+from flexinv.constraints.closures import Rows
+from flexinv.kernels.fronts import fronts_of
 from flexinv.kernels.memory import plain
 from flexinv.typing import Array
 
@@ -44,78 +45,73 @@ class Shares:
 
 
 def share_out(
-    g: Array,
-    tau_tree: Array,
-    driven: NDArray[np.bool_],
-    weight: Array | None = None,
-    scale: Array | None = None,
-    fronts: Fronts | None = None,
+    g: Array, tau_tree: Array, driven: NDArray[np.bool_], weight: Array | None = None, constraints: Rows | None = None
 ) -> Shares:
     """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
 
     g : (samples, rows, nv); tau_tree : (samples, nv); driven : (nv,) bool; weight : (driven,) of the squares of tau_a [-], 1
         by default: the minimum of tau_a^T W tau_a is taken where drives are redundant
-    scale : (rows,) [m], [-] of the equations (`closures.row_scales`): over these ranks are told, and redundant multipliers least
-    fronts : of G, drives last (`closures.closure_fronts`); without, G may have entries everywhere
+    constraints : whose G it is: over their scales ranks are told, and redundant multipliers least; without, G may have entries
+        everywhere
     """
-    if scale is not None:
-        found = share_out(g / scale[:, None], tau_tree, driven, weight, fronts=fronts)
-        return replace(found, multipliers=found.multipliers / scale)
     samples, rows, nv = g.shape
     drives = np.flatnonzero(driven)
     root = np.sqrt(np.ones(len(drives)) if weight is None else weight)
-    if not samples or not rows or not len(drives):
-        return by_singular_values(g, tau_tree, driven, root)
+    if constraints is None:
+        scale, fronts = np.ones(rows), fronts_of(np.ones((rows, nv), dtype=bool), driven)
+    else:
+        scale, fronts = constraints.scale, constraints.fronts(last=driven)
     most = max(len(drives) - max(nv - rows, 1), 0)  # preloads: at least so many freedoms are left to move
-    made = Shares(
-        np.zeros((samples, nv)),
-        np.empty((samples, rows)),
-        np.empty((samples, nv)),
-        np.zeros((samples, nv, most)),
-        np.empty(samples),
-    )
-    width = np.empty(samples, dtype=np.int64)
-    efforts = Efforts(made.tau, made.multipliers, made.left, made.preload, made.condition, width)
-    fronts = fronts_of(np.ones((rows, nv), dtype=bool), driven) if fronts is None else fronts
-    share(places(fronts, rows, drives, root), plain(g), plain(tau_tree), efforts)
+    tau, preload = np.zeros((samples, nv)), np.zeros((samples, nv, most))
+    made = Shares(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
+    g, width = g / scale[:, None], np.full(samples, -1, dtype=np.int64)
+    if rows and len(drives):
+        efforts = Efforts(made.tau, made.multipliers, made.left, made.preload, made.condition, width)
+        share(places(fronts, rows, drives, root), plain(g), plain(tau_tree), efforts)
     doubtful = np.flatnonzero(width < 0)
-    if not len(doubtful):
-        return replace(made, preload=made.preload[:, :, : int(width.min())])
-    others = by_singular_values(g[doubtful], tau_tree[doubtful], driven, root)
     if len(doubtful) == samples:
-        return others
-    width[doubtful] = others.preload.shape[2]
-    least = int(width.min())
-    made = replace(made, preload=made.preload[:, :, :least])
-    for part, other in ((made.tau, others.tau), (made.multipliers, others.multipliers), (made.left, others.left)):
-        part[doubtful] = other
-    made.preload[doubtful], made.condition[doubtful] = others.preload[:, :, :least], others.condition
-    return made
+        made = by_singular_values(g, tau_tree, driven, root)
+    else:
+        others = by_singular_values(g[doubtful], tau_tree[doubtful], driven, root) if len(doubtful) else None
+        width[doubtful] = others.preload.shape[2] if others else 0
+        least = int(width.min())
+        made = replace(made, preload=made.preload[:, :, :least])
+        if others is not None:
+            others = replace(others, preload=others.preload[:, :, :least])
+            for part, other in zip(vars(made).values(), vars(others).values(), strict=True):
+                part[doubtful] = other
+    return replace(made, multipliers=made.multipliers / scale)
 
 
 def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], root: Array) -> Shares:
     """Return `share_out` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
-    samples, rows, nv = g.shape
-    left, values, right = (
-        np.linalg.svd(g) if rows and samples else (g, np.zeros((samples, 0)), np.tile(np.eye(nv), (samples, 1, 1)))
-    )
-    rank = ranks(values)
-    tau, multipliers, condition = np.zeros((samples, nv)), np.zeros((samples, rows)), np.ones(samples)
-    spaces = np.zeros((samples, len(root), len(root)))  # (sample, drive, preload), what is not used is zero
-    width = np.zeros(samples, dtype=np.int64)
-    for r in np.unique(rank):
-        own = np.flatnonzero(rank == r)
-        motions = right[own, r:]  # N^T (sample, freedom, nv)
-        asked = np.einsum("sfv,sv->sf", motions, tau_tree[own])
-        part, condition[own], spaces[own], width[own] = _least_efforts(motions[:, :, driven] / root, asked)
-        tau[np.ix_(own, driven)] = part / root
-        # G^T lambda = rest, of least norm: lambda = U S^-1 V^T rest
-        rest = np.einsum("srv,sv->sr", right[own, :r], tau_tree[own] - tau[own]) / values[own, :r]
-        multipliers[own] = np.einsum("srk,sk->sr", left[own, :, :r], rest)
-    least = int(width.min(initial=len(root)))
+    samples, nv = tau_tree.shape
+    left, values, right = np.linalg.svd(g)
+    rank, few = ranks(values), values.shape[1]
+    motions = np.where((np.arange(nv) < rank[:, None])[:, :, None], 0.0, right)  # N^T, zero for what cannot move
+    u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
+    driving, most = ranks(s), s.shape[1]
+    tau = np.zeros((samples, nv))
+    along = np.einsum("sfk,sf->sk", u[:, :, :most], np.einsum("sfv,sv->sf", motions, tau_tree))
+    tau[:, driven] = np.einsum("skd,sk->sd", vt[:, :most], _inverse(s) * along) / root
+    # G^T lambda = rest, of least norm: lambda = U S^-1 V^T rest
+    rest = np.einsum("skv,sv->sk", right[:, :few], tau_tree - tau)
+    multipliers = np.einsum("srk,sk->sr", left[:, :, :few], _inverse(values) * rest)
+    smallest = np.where(np.arange(most) < nv - rank[:, None], s, 1.0).min(axis=1, initial=1.0)
+    condition = np.full(samples, np.inf)
+    known = (smallest > 0.0) & (rank < nv) & (len(root) > 0)
+    np.divide(s.max(axis=1, initial=1.0), smallest, out=condition, where=known)
+    least = len(root) - int(driving.max(initial=0))
+    beyond = (driving[:, None] + np.arange(least))[:, :, None]  # (sample, preload, 1)
     preload = np.zeros((samples, nv, least))
-    preload[:, driven] = (spaces / root[:, None])[:, :, :least]
+    preload[:, driven] = np.take_along_axis(vt, beyond, axis=1).transpose(0, 2, 1) / root[:, None]
     return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
+
+
+def _inverse(values: Array) -> Array:
+    """One over singular values (..., k), zero for those that are redundant."""
+    largest = values.max(axis=-1, initial=0.0)[..., None]
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values > REDUNDANT * largest)
 
 
 def ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -124,29 +120,3 @@ def ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
     A Jacobian that is rounding as a whole is zero already (`closures.without_rounding`).
     """
     return np.asarray((values > REDUNDANT * values.max(axis=-1, initial=0.0)[..., None]).sum(axis=-1))
-
-
-def _least_efforts(a: Array, asked: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """Least-norm efforts of a x = asked, (samples, drives), condition numbers, null spaces (samples, drives, k) and their k."""
-    samples, freedoms, drives = a.shape
-    if not freedoms or not drives:
-        condition = np.full(samples, np.inf)
-        return (
-            np.zeros((samples, drives)),
-            condition,
-            np.tile(np.eye(drives), (samples, 1, 1)),
-            np.full(samples, drives),
-        )
-    u, s, vt = np.linalg.svd(a)
-    use = s > REDUNDANT * s.max(axis=1, initial=np.finfo(float).tiny)[:, None]
-    condition = np.full(samples, np.inf)
-    np.divide(s.max(axis=1, initial=1.0), s.min(axis=1, initial=1.0), out=condition, where=s.min(axis=1) > 0.0)
-    few = s.shape[1]
-    along = np.einsum("sfk,sf->sk", u[:, :, :few], asked)
-    x = np.einsum("skd,sk->sd", vt[:, :few], np.divide(along, s, out=np.zeros_like(s), where=use))
-    count = use.sum(axis=1)
-    spaces = np.zeros((samples, drives, drives))
-    for c in np.unique(count):
-        own = np.flatnonzero(count == c)
-        spaces[own, :, : drives - c] = vt[own, c:].transpose(0, 2, 1)
-    return x, condition, spaces, drives - count

@@ -1,9 +1,9 @@
 """Torques of the cut tree shared out in compiled code, one sample a lane of a block, as long as no rank is in doubt.
 
-Two QR factorisations.  G = Q R, sparse (`kernels.sparse_qr`), gives the motions that the closures
-allow, N = [1; -R_d^-1 R_i] of the independent coordinates, drives if they can be; N^T S W^-1/2 x = N^T tau_tree, of least norm
-(`kernels.pivoted_qr`), gives the drives, and G^T lambda = tau_tree - S tau_a, of least norm, the multipliers.  The samples of a
-block share pivots and ranks; blocks in doubt are left to the singular values of `allocation`.
+Two QR factorisations (`kernels.sparse_qr`).  That of G gives the motions that the closures allow, N = [1; -R_d^-1 R_i] of the
+independent coordinates, drives if they can be; that of W^-1/2 S^T N the drives, N^T S W^-1/2 x = N^T tau_tree of least norm; and
+G^T lambda = tau_tree - S tau_a, of least norm, the multipliers.  The samples of a block share pivots and ranks; what is in doubt
+is left to the singular values of `allocation`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels import sparse_qr
-from flexinv.kernels.fronts import Fronts
+from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, turn
 from flexinv.kernels.records import by_address
-from flexinv.kernels.sparse_qr import FrontFactors
+from flexinv.kernels.sparse_qr import SURE_PIVOT, FrontFactors
 from flexinv.typing import Array
 
 # Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
@@ -52,7 +51,8 @@ class Place(NamedTuple):
     root: Array
     fronts: Fronts  # of G
     closing: FrontFactors
-    driving: Factor  # (freedoms, drives)
+    whole: Fronts  # of (drives, drives), entries everywhere
+    driving: FrontFactors  # of a column a freedom, zero for those that are not there
     motions: Array  # (freedoms, nv, lanes)
     h: Array  # (freedoms, freedoms, lanes)
     y: Array  # (rows + nv, lanes)
@@ -65,8 +65,9 @@ def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) ->
     nv, most = fronts.columns, len(drives)
     motions, h = np.zeros((most, nv, SAMPLES_AT_ONCE)), np.zeros((most, most, SAMPLES_AT_ONCE))
     y, x, turn = (np.zeros((size, SAMPLES_AT_ONCE)) for size in (rows + nv, nv, 2))
-    factors = FrontFactors.of(fronts, SAMPLES_AT_ONCE), Factor.of(most, most, SAMPLES_AT_ONCE)
-    return Place(drives, root, fronts, *factors, motions, h, y, x, turn)
+    whole = fronts_of(np.ones((most, most), dtype=bool))
+    closing, driving = (FrontFactors.of(one, SAMPLES_AT_ONCE) for one in (fronts, whole))
+    return Place(drives, root, fronts, closing, whole, driving, motions, h, y, x, turn)
 
 
 @jit_inner
@@ -85,11 +86,13 @@ def _allowed(place):
 @jit_inner
 def _driving(place, freedoms):
     """Set and factor S^T N over the roots of the weights; whether every freedom is driven for certain."""
-    for n in range(freedoms):
-        for i in range(place.drives.shape[0]):
-            for k in range(SAMPLES_AT_ONCE):
-                place.driving.a[n, i, k] = place.motions[n, place.drives[i], k] / place.root[i]
-    return factorise(place.driving, freedoms) == freedoms
+    sparse_qr.clear(place.driving)
+    for e in range(place.whole.entry.shape[0]):
+        i, n = place.whole.entry[e, 0], place.whole.entry[e, 1]
+        for k in range(SAMPLES_AT_ONCE if n < freedoms else 0):
+            value = place.motions[n, place.drives[i], k] / place.root[i]
+            sparse_qr.set_entry(place.whole, place.driving, e, k, value)
+    return sparse_qr.factorise(place.whole, place.driving) == freedoms
 
 
 @jit_inner
@@ -98,19 +101,19 @@ def _condition(place, freedoms):
 
     N of norm 1: the eigenvalues of R^-T N^T N R^-1 are one over their squares.
     """
-    h, order = place.h, place.driving.order
+    h = place.h
     for n in range(freedoms):
         for m in range(freedoms):
             h[n, m] = 0.0
             for c in range(place.motions.shape[1]):
                 for k in range(SAMPLES_AT_ONCE):
-                    h[n, m, k] += place.motions[order[n], c, k] * place.motions[order[m], c, k]
-        solve_lower(place.driving, freedoms, h[n])
+                    h[n, m, k] += place.motions[n, c, k] * place.motions[m, c, k]
+        sparse_qr.solve_lower(place.whole, place.driving, h[n])
     for m in range(freedoms):
         for n in range(freedoms):
             for k in range(SAMPLES_AT_ONCE):
                 place.y[n, k] = h[n, m, k]
-        solve_lower(place.driving, freedoms, place.y)
+        sparse_qr.solve_lower(place.whole, place.driving, place.y)
         for n in range(freedoms):
             for k in range(SAMPLES_AT_ONCE):
                 h[n, m, k] = place.y[n, k]
@@ -165,24 +168,22 @@ def _rotate(matrix, size, first, second, turn):
 def _drive(place, freedoms, s, tree, tau, preload):
     """Set the least efforts of the drives and the efforts that only stress the mechanism, samples s and on."""
     drives = place.drives.shape[0]
-    x = place.y[:drives]
+    x, y = place.x, place.y[:drives]
     x[:] = 0.0
     for n in range(freedoms):
         for i in range(tree.shape[1]):
             for k in range(SAMPLES_AT_ONCE):
-                x[n, k] += place.motions[place.driving.order[n], i, k] * tree[min(s + k, tree.shape[0] - 1), i]
-    solve_lower(place.driving, freedoms, x)
-    turn(place.driving, freedoms, x)
+                x[n, k] += place.motions[n, i, k] * tree[min(s + k, tree.shape[0] - 1), i]
+    sparse_qr.solve_lower(place.whole, place.driving, x)
+    sparse_qr.turn(place.whole, place.driving, x, y)
     for i in range(drives):
         for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
-            tau[s + k, place.drives[i]] = x[i, k] / place.root[i]
+            tau[s + k, place.drives[i]] = y[i, k] / place.root[i]
     for n in range(drives - freedoms):
-        x[:] = 0.0
-        x[freedoms + n] = 1.0
-        turn(place.driving, freedoms, x)
+        sparse_qr.turn_beside(place.whole, place.driving, n, y)
         for i in range(drives):
             for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
-                preload[s + k, place.drives[i], n] = x[i, k] / place.root[i]
+                preload[s + k, place.drives[i], n] = y[i, k] / place.root[i]
 
 
 @jit_inner
@@ -240,3 +241,5 @@ def share(place, g, tree, out):
         _condition(place, freedoms)
         for k in range(s, end):
             out.condition[k] = place.y[0, k - s]
+            if not out.condition[k] * SURE_PIVOT < 1.0:
+                out.width[k] = -1

@@ -43,6 +43,9 @@ class Rows:
     a, b : (rows,) nodes, -1 the world; place_a, place_b : (rows, 3) [m] frame origins in the nodes' frames
     u, w : (rows, 3) [-] vectors in the nodes' frames
     gear : (rows, nv) factors of a coupling, whose equation is sum gear q = offset; zero for all others
+    pattern : (rows, nv) entries that G may have
+    scale : (rows,) what the equations are measured against [m], [-]: the mechanism's length for positions, 1 for directions, for
+        couplings the largest of their terms, for a slide as long as the mechanism or an angle of 1
     place : (nv,) index into q of the scalar coordinates, -1 for others
     """
 
@@ -56,6 +59,8 @@ class Rows:
     w: Array
     gear: Array
     offset: Array
+    pattern: NDArray[np.bool_]
+    scale: Array
     place: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -70,42 +75,41 @@ class Rows:
         parts = {f.name: getattr(self, f.name)[k] for f in fields(self) if f.name != "place"}
         return replace(self, **parts)
 
+    def fronts(self, columns: NDArray[np.bool_] | None = None, last: NDArray[np.bool_] | None = None) -> Fronts:
+        """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
+        own = np.ones(len(self.place), dtype=bool) if columns is None else columns
+        return fronts_of(self.pattern[:, own], None if last is None else last[own])
+
 
 @kept_with_owner()
 def constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]."""
-    table: list[tuple[int, bool, int, int, Array, Array, Array, Array]] = []
-    for index, closure in enumerate(mesh.mechanism.closures):
-        a, b = attachment_node(mesh, closure.first), attachment_node(mesh, closure.second)
+    m, table = mesh.mechanism, list[tuple[Any, ...]]()
+    for index, closure in enumerate(m.closures):
+        a, b, gear = attachment_node(mesh, closure.first), attachment_node(mesh, closure.second), np.zeros(m.nv)
         first, second = closure.first.placement, closure.second.placement
         for direction, u, w in _equations(closure):
             vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
-            table.append((index, direction, a, b, *vectors))
+            table.append((index, direction, a, b, *vectors, gear, 0.0))
         if closure.kind == "coupling":
-            table.append((index, True, -1, -1, *np.zeros((4, 3))))
-    columns: list[tuple[Any, ...]] = list(zip(*table, strict=True)) if table else [()] * 8
-    whole = [np.array(c, dtype=np.int64) for c in (columns[0], columns[2], columns[3])]
-    place_a, place_b, u, w = (np.array(c, dtype=float).reshape(-1, 3) for c in columns[4:])
-    directed = np.array(columns[1], dtype=bool)
-    return Rows(whole[0], directed, whole[1], whole[2], place_a, place_b, u, w, *_gears(mesh.mechanism, whole[0]))
-
-
-def _gears(mechanism: Mechanism, closure: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Factors and offset of every row's coupling, and where the scalar coordinates stand in q."""
-    gear, offset, place = (
-        np.zeros((len(closure), mechanism.nv)),
-        np.zeros(len(closure)),
-        np.full(mechanism.nv, -1, dtype=np.int64),
-    )
-    for joint in mechanism.joints:
+            for name, factor in closure.factors:
+                check_coupled(m, closure, name)
+                gear[m.v_slices[name].start] = factor
+            table.append((index, True, -1, -1, *np.zeros((4, 3)), gear, closure.offset))
+    kinds: list[tuple[type, tuple[int, ...]]] = [(kind, ()) for kind in (np.int64, bool, np.int64, np.int64)]
+    kinds += [*4 * [(float, (3,))], (float, (m.nv,)), (float, ())]
+    columns: list[Any] = [
+        np.array([row[k] for row in table], kind).reshape(len(table), *shape) for k, (kind, shape) in enumerate(kinds)
+    ]
+    _, directed, of_first, of_second, *_, gears, _ = columns
+    geared = (np.abs(gears) * measures(mesh)).max(axis=1, initial=0.0)
+    scale = np.where(geared > 0.0, geared, np.where(directed, 1.0, mesh.length))
+    place = np.full(m.nv, -1, dtype=np.int64)
+    for joint in m.joints:
         if joint.kind in COUPLED:
-            place[mechanism.v_slices[joint.name].start] = mechanism.q_slices[joint.name].start
-    for row, index in enumerate(closure):
-        offset[row] = mechanism.closures[index].offset
-        for name, factor in mechanism.closures[index].factors:
-            check_coupled(mechanism, mechanism.closures[index], name)
-            gear[row, mechanism.v_slices[name].start] = factor
-    return gear, offset, place
+            place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
+    columns += [_pattern(mesh, of_first, of_second, gears), scale, place]
+    return Rows(*columns)
 
 
 def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
@@ -131,8 +135,7 @@ def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotio
 
     original : rows of the mechanism as it is written; motion : one sample.  A universal closure keeps its second axis.
     """
-    xa, _, _, _, _, ra = (part[0] for part in _at(motion, original.a))
-    xb, _, _, _, _, rb = (part[0] for part in _at(motion, original.b))
+    (xa, ra), (xb, rb) = (_at(motion, nodes) for nodes in (original.a, original.b))
     seen = np.einsum("rji,rj->ri", rb, xa + np.einsum("rij,rj->ri", ra, original.place_a) - xb)  # (row, xyz) from B
     w = now.w.copy()
     for k, index in enumerate(original.closure):
@@ -146,14 +149,12 @@ def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotio
 def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     """Rows (direction?, u in frame A, w in frame B) of one closure."""
     x, y, z = np.eye(3)
-    across, also = _normals(closure.axis)
+    across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
+    across /= np.linalg.norm(across)
+    also = np.cross(closure.axis, across)  # a right-handed frame with the axis
     if closure.kind == "coupling":
         return []
-    position = {
-        "prismatic": (across, also),
-        "cylindrical": (across, also),
-        "point-on-line": (across, also),
-    }.get(closure.kind, (x, y, z))
+    position = (across, also) if closure.kind in ("prismatic", "cylindrical", "point-on-line") else (x, y, z)
     direction = {
         "fixed": ((x, y), (y, z), (z, x)),
         "prismatic": ((x, y), (y, z), (z, x)),
@@ -166,19 +167,10 @@ def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     return rows
 
 
-def _normals(axis: Array) -> tuple[Array, Array]:
-    """Two unit vectors that make a right-handed frame with a unit axis."""
-    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    across /= np.linalg.norm(across)
-    return across, np.cross(axis, across)
-
-
-def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, ...]:
-    """Motion of the rows' nodes; the world (-1) stands still."""
+def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Place and axes of the rows' nodes at the first sample; the world (-1) stands still."""
     fixed = (nodes < 0)[:, None]
-    zero = [np.where(fixed, 0.0, part[:, nodes]) for part in (motion.x, motion.v, motion.a, motion.omega, motion.alpha)]
-    rotation = np.where(fixed[..., None], np.eye(3), motion.rotation[:, nodes])
-    return (*zero, rotation)
+    return np.where(fixed, 0.0, motion.x[0, nodes]), np.where(fixed[..., None], np.eye(3), motion.rotation[0, nodes])
 
 
 def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
@@ -201,22 +193,10 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     return without_rounding(mesh, rows.direction, g)
 
 
-def closure_fronts(mesh: Mesh, rows: Rows, columns: NDArray[np.bool_], last: NDArray[np.bool_] | None = None) -> Fronts:
-    """Return the fronts of some columns (nv,) of G [-], those of ``last`` (nv,) after all others."""
-    after = np.zeros(len(columns), dtype=bool) if last is None else last
-    return _fronts(mesh, rows.closure.tobytes(), columns.tobytes(), after.tobytes())
-
-
-@kept_with_owner()
-def _fronts(mesh: Mesh, closure: bytes, columns: bytes, last: bytes) -> Fronts:
-    own, after = (np.frombuffer(mask, dtype=bool) for mask in (columns, last))
-    return fronts_of(_pattern(mesh, constraint_rows(mesh).of(_among(mesh, closure)))[:, own], after[own])
-
-
-def _pattern(mesh: Mesh, rows: Rows) -> NDArray[np.bool_]:
+def _pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> NDArray[np.bool_]:
     """Mask (rows, nv) of entries that G may have: joints on one way only from a row's nodes to the world, and of its coupling."""
-    found = np.asarray(rows.gear != 0.0)
-    for k, ends in enumerate(zip(rows.a.tolist(), rows.b.tolist(), strict=True)):
+    found = np.asarray(gear != 0.0)
+    for k, ends in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
         for node in ends:
             while node >= 0:
                 first = mesh.v_index[node]
@@ -230,28 +210,6 @@ def _pattern(mesh: Mesh, rows: Rows) -> NDArray[np.bool_]:
 def measures(mesh: Mesh) -> Array:
     """Return the scale of each velocity coordinate, (nv,): the mechanism's length [m] for slides, 1 for all others."""
     return np.where(slides(mesh.mechanism), mesh.length, 1.0)
-
-
-def row_scales(mesh: Mesh, rows: Rows) -> Array:
-    """Return the scale of each equation, (rows,): the mechanism's length [m] for positions, 1 for directions.
-
-    A coupling is measured against the largest of its terms, for a slide as long as the mechanism or an angle of 1.
-    """
-    return _row_scales(mesh, rows.closure.tobytes())
-
-
-@kept_with_owner()
-def _row_scales(mesh: Mesh, closure: bytes) -> Array:
-    rows = constraint_rows(mesh).of(_among(mesh, closure))
-    geared = (np.abs(rows.gear) * measures(mesh)).max(axis=1, initial=0.0)
-    return np.where(geared > 0.0, geared, np.where(rows.direction, 1.0, mesh.length))
-
-
-def _among(mesh: Mesh, closure: bytes) -> NDArray[np.bool_]:
-    """Mask (closures,) of those whose numbers stand in the bytes of `Rows.closure`."""
-    found = np.zeros(len(mesh.mechanism.closures), dtype=bool)
-    found[np.frombuffer(closure, dtype=np.int64)] = True
-    return found
 
 
 def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Array:

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import Rows, closure_fronts, row_arrays, row_scales, without_rounding
+from flexinv.constraints.closures import Rows, constraint_rows, row_arrays, without_rounding
 from flexinv.constraints.continuation_kernel import Chain, closing
-from flexinv.constraints.equations import RowArrays
 from flexinv.errors import InputError
-from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.memory import plain
-from flexinv.kinematics.configuration import Nodes, nodes_of
+from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
@@ -40,40 +37,24 @@ LEFT_OVER = 1e-9
 SAMPLES_AT_ONCE = 4096
 
 
-class _Kind(NamedTuple):
-    label: str
-    most: float
-    floor: float
-    measure: str
-
-
+# What is held against the closures, how far it may be off, what of it counts as rest, and how it is measured.
 _KINDS = (
-    _Kind("q", OPEN, 0.0, "|phi| (lengths over the mechanism's length)"),
-    _Kind("qd", RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
-    _Kind("qdd", ACCELERATION_OPEN, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
+    ("q", OPEN, 0.0, "|phi| (lengths over the mechanism's length)"),
+    ("qd", RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
+    ("qdd", ACCELERATION_OPEN, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class GivenLoops:
-    """The closures of a mechanism, and what the compiled check works with.
-
-    scale : (rows,) what their equations are measured against [m], [-]; fronts : of G, drives last
-    """
+    """The closures of a mechanism, held against motions that are given."""
 
     mesh: Mesh
-    scale: Array
-    nodes: Nodes
-    rows: RowArrays
-    closure: NDArray[np.int64]
-    fronts: Fronts
 
-    @classmethod
-    def of(cls, mesh: Mesh, rows: Rows) -> GivenLoops:
-        """Return the loops of a mesh [m] for the constraints that act."""
-        scale = row_scales(mesh, rows)
-        fronts = closure_fronts(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool), mesh.mechanism.actuated)
-        return cls(mesh, scale, nodes_of(mesh), row_arrays(rows), rows.closure, fronts)
+    @property
+    def rows(self) -> Rows:
+        """Constraints of the closures [m], [-]."""
+        return constraint_rows(self.mesh)
 
     def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
         """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
@@ -100,47 +81,41 @@ class GivenLoops:
         self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
-        g, worst, at = (
-            np.zeros((len(q), len(self.scale), qd.shape[1])),
-            np.zeros((3, 2)),
-            np.zeros((3, 2), dtype=np.int64),
-        )
+        g, worst = np.zeros((len(q), len(self.rows), qd.shape[1])), np.zeros((3, 2))
+        at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        closing(Chain.of(self.nodes, self.rows), self.scale, frames, (plain(q), plain(qd), plain(qdd)), g, worst, at)
+        chain = Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
+        closing(chain, self.rows.scale, frames, (plain(q), plain(qd), plain(qdd)), g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
         """Raise InputError where the motion is further from closed than is allowed."""
-        for found, (sample, row), kind in zip(worst, at, _KINDS, strict=True):
-            if found[0] > kind.most * found[1] + kind.floor or np.isnan(found[0]):
-                name = self.mesh.mechanism.closures[int(self.closure[row])].name
+        for found, (sample, row), (label, most, floor, measure) in zip(worst, at, _KINDS, strict=True):
+            if found[0] > most * found[1] + floor or np.isnan(found[0]):
+                name = self.mesh.mechanism.closures[int(self.rows.closure[row])].name
                 raise InputError(
-                    f"mechanism '{self.mesh.mechanism.name}': {kind.label} violates closure '{name}' at sample {sample}: "
-                    f"{kind.measure} = {found[0] / found[1]:.2g}, expected at most {kind.most:g}; give consistent q, qd, qdd "
+                    f"mechanism '{self.mesh.mechanism.name}': {label} violates closure '{name}' at sample {sample}: "
+                    f"{measure} = {found[0] / found[1]:.2g}, expected at most {most:g}; give consistent q, qd, qdd "
                     "of all joints as flexinv.solve returns them, or call flexinv.solve with the independent joints only"
                 )
 
-    def share(self, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
-        """Replace the efforts of the cut tree, ``tau`` (samples, nv) [N m], [N], by those of its drives (`allocation.share_out`).
+    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
+        """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): `share_out`.
 
-        q : (samples, nq), qd, qdd : (samples, nv) of all joints; torques of passive joints become zero
+        q : (samples, nq), qd, qdd : (samples, nv) of all joints [rad or m, s]
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
         """
-        tau[:] = self.shares(q, qd, qdd, tau).tau
-
-    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
-        """Return the efforts that `share` writes [N m], [N], and the multipliers; ``tau`` (samples, nv) is not modified."""
         return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
 
     def share_some(self, which: NDArray[np.bool_], q: Array, qd: Array, qdd: Array, tau: Array) -> None:
-        """Do so for some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
+        """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
         g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])
         tau[samples] = self._shared(g, tau[samples], samples).tau
 
     def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
         m = self.mesh.mechanism
-        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.scale, self.fronts)
+        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.rows)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))
         check_carried(m, shares.left, largest, lambda sample: f"sample {samples[sample]}")
         return shares

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +16,12 @@ from numpy.typing import NDArray
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import (
     Rows,
-    closure_fronts,
     constraint_jacobian,
     constraint_rows,
     coupling_residuals,
     measures,
     residuals,
     row_arrays,
-    row_scales,
     sizes_of,
     without_rounding,
 )
@@ -46,8 +43,8 @@ from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, rigid_motion
-from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
+from flexinv.model.joint_kinds import KINDS
+from flexinv.typing import Array, Triple
 
 # A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
 WORST_CONDITION = 1e8
@@ -71,11 +68,9 @@ class Mobility:
 
 def mobility(mesh: Mesh, q: Array) -> Mobility:
     """Return the freedoms and the redundant constraints [-] of a mechanism, at t = 0 and a configuration q (nq,) closed then."""
-    rest = np.zeros((1, mesh.mechanism.nv))
-    rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
-    g = constraint_jacobian(mesh, rigid_motion(mesh, q[None], rest, rest), rows)[0]
-    rank = _rank(g * measures(mesh) / row_scales(mesh, rows)[:, None])
-    return Mobility(mesh.mechanism.nv - rank, len(rows), len(rows) - rank)
+    g = standing(mesh).closures(q)[1]
+    rank = _rank(g)
+    return Mobility(mesh.mechanism.nv - rank, len(g), len(g) - rank)
 
 
 def closed_near(mesh: Mesh, guess: Array) -> Array:
@@ -83,7 +78,7 @@ def closed_near(mesh: Mesh, guess: Array) -> Array:
 
     Raises ConvergenceError, which names the closure that stays open.
     """
-    return standing(mesh, guess).start(0.0, guess)
+    return standing(mesh).start(0.0, guess)
 
 
 def _rank(matrix: Array) -> int:
@@ -108,44 +103,45 @@ def closed_motion(
     Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
-    phase, rows = rows is not None, constraint_rows(mesh) if rows is None else rows
     given = history(time)
-    follower = Follower(mesh, rows, history, unknown)
+    follower = Follower(mesh, constraint_rows(mesh) if rows is None else rows, unknown)
     q = np.array(given[0])
-    state = follower.start(float(time[0]), given[0][0] if start is None else follower.mixed(given[0][0], start))
-    q[0] = state
-    follower.check_freedoms(state, float(time[0]), phase)
-    chain, problem = _compiled(mesh, rows, unknown)
+    guess = q[0] if start is None else np.where(follower.owned, start, q[0])
+    q[0] = follower.start(float(time[0]), guess)
+    follower.check_freedoms(q[0], float(time[0]), phase=rows is not None)
+    chain, problem = follower.compiled()
     qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
     condition, k = np.empty(len(time)), 1
     while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
-        q[k] = follower.advance(q[k - 1], float(time[k - 1]), float(time[k]))
+        q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
         one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
-        qd[doubtful], qdd[doubtful] = _doubtful_rates(mesh, rows, q[doubtful], one, two, unknown, time[doubtful])
+        qd[doubtful], qdd[doubtful] = follower.doubtful_rates(q[doubtful], one, two, time[doubtful])
     return q, qd, qdd
 
 
 def closed_start(
     mesh: Mesh,
-    history: JointHistory,
+    guess: Triple,
     time: float,
     unknown: NDArray[np.bool_],
     rows: Rows,
     stated: NDArray[np.bool_] | None = None,
-) -> tuple[Array, Array, Array]:
+) -> Triple:
     """Return one closed state q (nq,), qd, qdd (nv,) [rad or m, s] from which a mechanism with beams marches on.
 
     As `closed_motion` at one time, but what the closures leave open stays at its start: it is free to move.
+    guess : q, qd, qdd of all coordinates, the unknown ones (nv,) at their start
     stated : (nv,) unknown coordinates whose rates are kept where the others can close them
     Raises ConvergenceError when the loops cannot be closed.
     """
-    q, qd, qdd = (part[0].copy() for part in history(np.array([time])))
-    if _close(mesh, rows, unknown, q, qd, qdd):
-        return q, qd, qdd
-    q = Follower(mesh, rows, history, unknown).start(time, q)
+    follower = Follower(mesh, rows, unknown)
+    closed = follower.closed(*guess)
+    if closed is not None:
+        return closed
+    q, qd, qdd = follower.start(time, guess[0]), guess[1].copy(), guess[2].copy()
     sets = [unknown] if stated is None else [unknown & ~stated, unknown]
     close_rates(mesh, rows, q, qd, qdd, sets)
     return q, qd, qdd
@@ -164,111 +160,91 @@ def close_rates(
 
     sets : which coordinates (nv,) may change, in the order in which they are tried; of the last what is left open is left
     """
+    scale, sizes = rows.scale, measures(mesh)
     for order in orders:
         rate, motion = (qd, qdd)[order - 1], rigid_motion(mesh, q[None], qd[None], qdd[None])
         g = constraint_jacobian(mesh, motion, rows)[0]
         opening = (residuals(motion, rows)[order] + coupling_residuals(rows, q[None], qd[None], qdd[None])[order])[0]
-        scale = row_scales(mesh, rows)
         bar = CLOSED_RATE * ((np.abs(g) @ np.abs(rate) + np.abs(opening)) / scale).max(initial=0.0)
-        for free in sets:
-            step = -least_step(mesh, rows, g, opening, free)
+        for free in sets:  # by least squares, lengths and slides over the mechanism's length
+            a, step = (g * sizes / scale[:, None])[:, free], np.zeros(len(rate))
+            step[free] = -sizes[free] * np.linalg.lstsq(a, opening / scale, rcond=REDUNDANT)[0]
             if free is sets[-1] or (np.abs(opening + g @ step) <= bar * scale).all():
                 rate += step
                 break
 
 
-def least_step(mesh: Mesh, rows: Rows, g: Array, opening: Array, free: NDArray[np.bool_]) -> Array:
-    """Return the least step (nv,) [rad or m, s] of the ``free`` coordinates with G step = opening, by least squares.
-
-    G (rows, nv) and the opening (rows,) in metres are taken over the mechanism's length, as are the steps of slides.
-    """
-    scale, sizes, step = row_scales(mesh, rows), measures(mesh), np.zeros(g.shape[1])
-    a = (g * sizes / scale[:, None])[:, free]
-    step[free] = sizes[free] * np.linalg.lstsq(a, opening / scale, rcond=REDUNDANT)[0]
-    return step
-
-
-def _close(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_], q: Array, qd: Array, qdd: Array) -> bool:
-    """Close one state in place, compiled; False, and all as it was, where closures leave something open or Newton fails."""
-    chain, problem = _compiled(mesh, rows, unknown)
-    anywhere = problem._replace(sizes=np.full(len(q), np.inf))
-    both, condition = np.stack([q, q]), np.empty(2)
-    first, second = (np.stack([rate, rate]) for rate in (np.where(unknown, 0.0, qd), np.where(unknown, 0.0, qdd)))
-    reached = continue_branch(chain, anywhere, np.zeros(2), both, first, second, condition, 1)
-    if reached < 2 or not condition[1] < WORST_CONDITION:
-        return False
-    q[:], qd[:], qdd[:] = both[1], first[1], second[1]
-    return True
-
-
-def _doubtful_rates(
-    mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
-) -> tuple[Array, Array]:
-    """Exact rates of the unknown coordinates where singular values have to say whether they are determined."""
-    motion = rigid_motion(mesh, q, qd, qdd)
-    scale, sizes = row_scales(mesh, rows), measures(mesh)[unknown]
-    g = constraint_jacobian(mesh, motion, rows)[:, :, unknown] * sizes / scale[:, None]
-    inverse = sizes[:, None] * np.linalg.pinv(g, rcond=REDUNDANT) / scale
-    _check_condition(mesh.mechanism, g, time)
-    rate = residuals(motion, rows)[1] + coupling_residuals(rows, q, qd, qdd)[1]
-    qd[:, unknown] = -np.einsum("sur,sr->su", inverse, rate)
-    second = residuals(rigid_motion(mesh, q, qd, qdd), rows)[2] + coupling_residuals(rows, q, qd, qdd)[2]
-    qdd[:, unknown] = -np.einsum("sur,sr->su", inverse, second)
-    return qd, qdd
-
-
-def _compiled(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_]) -> tuple[Chain, Problem]:
-    """Return the arguments of `continuation_kernel`."""
-    m, places = mesh.mechanism, np.flatnonzero(unknown)
-    owner = np.zeros(m.nq, dtype=bool)
-    for joint in m.joints:
-        owner[m.q_slices[joint.name]] = unknown[m.v_slices[joint.name]].any()
-    count, free, fronts = len(rows), len(places), closure_fronts(mesh, rows, unknown)
-    problem = Problem(
-        unknown=places, owner=owner, scale=row_scales(mesh, rows), sizes=sizes_of(mesh), g=np.zeros((count, m.nv)),
-        fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
-        step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(mesh)[places],
-    )  # fmt: skip
-    return Chain.of(nodes_of(mesh), row_arrays(rows)), problem
-
-
-def _check_condition(mechanism: Mechanism, g: Array, time: Array) -> None:
-    """Raise ConvergenceError where the closures do not determine the unknown coordinates."""
-    if g.shape[2] == 0:
-        return
-    values = np.linalg.svd(g, compute_uv=False)
-    condition = values[:, 0] / np.maximum(values[:, g.shape[2] - 1], np.finfo(float).tiny)
-    worst = int(np.argmax(condition))
-    if condition[worst] > WORST_CONDITION:
-        raise ConvergenceError(
-            f"mechanism '{mechanism.name}', t = {time[worst]:g} s: singular configuration (condition number "
-            f"{condition[worst]:.1e}): the closures do not determine the passive coordinates there; drive another joint, or keep "
-            "the motion away from this position (a dead point)"
-        )
-
-
 @dataclass(frozen=True)
 class Follower:
-    """Newton on the closure equations, continued in time."""
+    """Newton on the closure equations ``rows``, in which the ``unknown`` velocity coordinates (nv,) move; continued in time."""
 
     mesh: Mesh
     rows: Rows
-    history: JointHistory
     unknown: NDArray[np.bool_]
+
+    @cached_property
+    def owned(self) -> NDArray[np.bool_]:
+        """Mask (nq,) [-] of the coordinates of joints that move."""
+        joints = self.mesh.mechanism.joints
+        moves = [self.unknown[self.mesh.mechanism.v_slices[j.name]].any() for j in joints]
+        return np.repeat(np.array(moves, dtype=bool), [len(KINDS[j.kind].q) for j in joints])
+
+    @cached_property
+    def _chain(self) -> Chain:
+        return Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
+
+    def compiled(self) -> tuple[Chain, Problem]:
+        """Return the arguments of `continuation_kernel` [m], [-]."""
+        m, places, fronts = self.mesh.mechanism, np.flatnonzero(self.unknown), self.rows.fronts(self.unknown)
+        count, free = len(self.rows), len(places)
+        problem = Problem(
+            unknown=places, owner=self.owned, scale=self.rows.scale, sizes=sizes_of(self.mesh), g=np.zeros((count, m.nv)),
+            fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
+            step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(self.mesh)[places],
+        )  # fmt: skip
+        return self._chain, problem
+
+    def closed(self, q: Array, qd: Array, qdd: Array) -> Triple | None:
+        """Return the closed state near one, compiled [rad or m, s]; None where closures leave something open or Newton fails."""
+        chain, problem = self.compiled()
+        anywhere = problem._replace(sizes=np.full(len(q), np.inf))
+        both, condition = np.stack([q, q]), np.empty(2)
+        first, second = (np.stack([rate, rate]) for rate in (np.where(self.unknown, 0.0, one) for one in (qd, qdd)))
+        reached = continue_branch(chain, anywhere, np.zeros(2), both, first, second, condition, 1)
+        return (both[1], first[1], second[1]) if reached == 2 and condition[1] < WORST_CONDITION else None
+
+    def doubtful_rates(self, q: Array, qd: Array, qdd: Array, time: Array) -> tuple[Array, Array]:
+        """Return exact rates (samples, nv) where singular values have to say whether they are determined [rad or m, s].
+
+        qd, qdd : zero for unknown coordinates; they are set.
+        Raises ConvergenceError where the closures do not determine them.
+        """
+        mesh, rows, unknown = self.mesh, self.rows, self.unknown
+        sizes = measures(mesh)[unknown]
+        g = constraint_jacobian(mesh, rigid_motion(mesh, q, qd, qdd), rows)[:, :, unknown] * sizes / rows.scale[:, None]
+        inverse = sizes[:, None] * np.linalg.pinv(g, rcond=REDUNDANT) / rows.scale
+        condition = np.linalg.cond(g) if unknown.any() else np.zeros(len(g))
+        worst = int(np.argmax(condition))
+        if condition[worst] > WORST_CONDITION:
+            raise ConvergenceError(
+                f"mechanism '{mesh.mechanism.name}', t = {time[worst]:g} s: singular configuration (condition number "
+                f"{condition[worst]:.1e}): the closures do not determine the passive coordinates there; drive another joint, or "
+                "keep the motion away from this position (a dead point)"
+            )
+        for order, rate in ((1, qd), (2, qdd)):
+            opening = (
+                residuals(rigid_motion(mesh, q, qd, qdd), rows)[order] + coupling_residuals(rows, q, qd, qdd)[order]
+            )
+            rate[:, unknown] = -np.einsum("sur,sr->su", inverse, opening)
+        return qd, qdd
 
     def closures(self, q: Array) -> tuple[Array, Array]:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
-        chain, scale, rest = self._chain
+        scale, rest = self.rows.scale, np.zeros(self.mesh.mechanism.nv)
         phi, g = np.empty(len(scale)), np.zeros((1, len(scale), len(rest)))
-        closure_equations(chain, plain(q), rest, phi, g[0])
+        closure_equations(self._chain, plain(q), rest, phi, g[0])
         g = without_rounding(self.mesh, self.rows.direction, g)
         return phi / scale, g[0] * measures(self.mesh) / scale[:, None]
-
-    @cached_property
-    def _chain(self) -> tuple[Chain, Array, Array]:
-        """Return the chain of the closures, the scales of their rows, and rates of rest (nv,)."""
-        made = Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
-        return made, row_scales(self.mesh, self.rows), np.zeros(self.mesh.mechanism.nv)
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
@@ -303,14 +279,6 @@ class Follower:
             )
         return q
 
-    def mixed(self, given: Array, start: Array) -> Array:
-        """Return the given coordinates with the unknown ones from ``start``, (nq,) [rad], [m]."""
-        m, out = self.mesh.mechanism, given.copy()
-        for joint in m.joints:
-            if self.unknown[m.v_slices[joint.name]].any():
-                out[m.q_slices[joint.name]] = start[m.q_slices[joint.name]]
-        return out
-
     def check_freedoms(self, q: Array, time: float, phase: bool = False) -> None:
         """Raise InputError unless the task gives as many coordinates as the mechanism has freedoms [-] at q [rad], [m].
 
@@ -337,50 +305,38 @@ class Follower:
                 + ", ".join(m.velocity_names)
             )
 
-    def advance(self, q: Array, before: float, after: float) -> Array:
+    def advance(self, history: JointHistory, q: Array, before: float, after: float) -> Array:
         """Follow the branch from one time to the next [s], in halves where the prediction is poor."""
         done, part = 0.0, 1.0
         while done < 1.0:
             target = min(1.0, done + part)
-            reached = self._step(q, before + done * (after - before), before + target * (after - before))
+            reached = self._step(history, q, before + done * (after - before), before + target * (after - before))
             if reached is not None:
                 q, done = reached, target
                 continue
             part *= 0.5
             if part < 0.5**MOST_HALVINGS:
-                self._lost(q, before + done * (after - before))
+                condition, lost = np.linalg.cond(self.closures(q)[1][:, self.unknown]), before + done * (after - before)
+                raise ConvergenceError(
+                    f"mechanism '{self.mesh.mechanism.name}', t = {lost:g} s: the branch of the closures cannot be followed "
+                    f"(condition number {condition:.1e}): a dead point, or the motion asks for a position that the loops cannot "
+                    "reach; drive another joint or shorten the motion"
+                )
         return q
 
-    def _step(self, q: Array, before: float, after: float) -> Array | None:
-        first, last = (tuple(part[0] for part in self.history(np.array([t]))) for t in (before, after))
-        m = self.mesh.mechanism
+    def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
+        sizes, given = measures(self.mesh), history(np.array([after]))[0][0]
         _, g = self.closures(q)
-        dt = after - before
-        rate = np.where(self.unknown, 0.0, first[1]) / measures(self.mesh)
+        rate = np.where(self.unknown, 0.0, history(np.array([before]))[1][0]) / sizes
         rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
-        guess = moved(m, q, dt * measures(self.mesh) * rate)
-        for joint in m.joints:
-            if not self.unknown[m.v_slices[joint.name]].any():
-                guess[m.q_slices[joint.name]] = last[0][m.q_slices[joint.name]]
+        guess = np.where(self.owned, moved(self.mesh.mechanism, q, (after - before) * sizes * rate), given)
         found = self.solve(guess)
         if found is None or (np.abs(found - guess) > LARGEST_SURPRISE * sizes_of(self.mesh)).any():
             return None
         return found
 
-    def _lost(self, q: Array, time: float) -> NoReturn:
-        m = self.mesh.mechanism
-        _, g = self.closures(q)
-        values = np.linalg.svd(g[:, self.unknown], compute_uv=False)
-        condition = values[0] / max(values[int(self.unknown.sum()) - 1], np.finfo(float).tiny)
-        raise ConvergenceError(
-            f"mechanism '{m.name}', t = {time:g} s: the branch of the closures cannot be followed (condition number "
-            f"{condition:.1e}): a dead point, or the motion asks for a position that the loops cannot reach; drive another joint "
-            "or shorten the motion"
-        )
 
-
-def standing(mesh: Mesh, q: Array) -> Follower:
-    """Return Newton on the closures that act at t = 0, all coordinates free, that stand still at q (nq,) [rad], [m]."""
-    rest = np.zeros((1, mesh.mechanism.nv))
+def standing(mesh: Mesh) -> Follower:
+    """Return Newton on the closures that act at t = 0, in which all coordinates [rad], [m] move."""
     rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
-    return Follower(mesh, rows, lambda time: (q[None], rest, rest), np.ones(mesh.mechanism.nv, dtype=bool))
+    return Follower(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool))

@@ -6,7 +6,7 @@ loops and keeps what was stated is taken.  Rates follow in the same order, G qd 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory
-from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
+from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
@@ -84,7 +84,7 @@ def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> tuple[Array, Ar
     sets = given.sets(given.places)
     found = _placed(mesh, given, rows, sets)
     if found is None:
-        Follower(mesh, rows, _still(given), sets[-1]).start(time, given.q)  # says which closure stays open
+        Follower(mesh, rows, sets[-1]).start(time, given.q)  # says which closure stays open
         raise AssertionError("the loops close from the start")
     q, off = found, off_start(mesh, given.places, given.q, found)
     if given.missed(off)[:2] != (0.0, 0.0):
@@ -121,7 +121,7 @@ def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Arra
     """
     best: tuple[tuple[float, float, float], Array] | None = None
     for held, free in _attempts(mesh, given, rows, sets):
-        q = Follower(mesh, rows, _still(given), free).solve(held)
+        q = Follower(mesh, rows, free).solve(held)
         if q is None:
             continue
         q = unwound(mesh.mechanism, given.q, q)
@@ -136,7 +136,7 @@ def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Arra
 def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
     """From where Newton sets out (nq,), and which coordinates (nv,) it moves."""
     m, every = mesh.mechanism, sets[-1]
-    follower = Follower(mesh, rows, _still(given), every)
+    follower = Follower(mesh, rows, every)
     for k, free in enumerate(sets):
         yield given.q, free
         if k == 0:
@@ -199,7 +199,7 @@ def _picked(mesh: Mesh, time: float, passive: bytes, stated: bytes, *now: bytes)
     q, qd, qdd = (np.frombuffer(part) for part in now)
     given = Stated(q, qd, qdd, places=kept & free, rates=np.zeros_like(kept), passive=free, place=NEAR)
     try:
-        plain = closed_start(mesh, lambda _: (q[None], qd[None], qdd[None]), time, free, rows)[0]
+        plain = closed_start(mesh, (q, qd, qdd), time, free, rows)[0]
     except ConvergenceError:
         return _placed(mesh, given, rows, [free])
     near = unwound(mesh.mechanism, q, plain)
@@ -214,13 +214,12 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     drives_move : where the joints without drives cannot close the loops (there may be none), drives do, by what is rounded away
     Raises InputError where drives would have to move further; q as it is where nothing closes and drives stay.
     """
-    m, rest = mesh.mechanism, np.zeros(mesh.mechanism.nv)
-    passive, every = stated_of(m, {j.name for j in m.joints if not j.actuated}), np.ones(m.nv, dtype=bool)
+    m, rest, follower = mesh.mechanism, np.zeros(mesh.mechanism.nv), standing(mesh)
+    passive, every = stated_of(m, {j.name for j in m.joints if not j.actuated}), follower.unknown
     given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=NEAR)
-    rows, sets = constraint_rows(mesh).of(acting(m, 0.0)), [passive, every] if drives_move else [passive]
-    found = _placed(mesh, given, rows, sets)
+    found = _placed(mesh, given, follower.rows, [passive, every] if drives_move else [passive])
     if found is None:
-        return Follower(mesh, rows, _still(given), every).start(0.0, q) if drives_move else q
+        return follower.start(0.0, q) if drives_move else q
     off = off_start(mesh, ~passive, q, found)
     if off.max(initial=0.0) > ROUNDED:
         raise _contradicted(mesh, replace(given, places=~passive), found, off, 0.0, "q")
@@ -233,7 +232,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     Raises ConvergenceError, which names the closure that stays open.
     """
     m, random = mesh.mechanism, np.random.default_rng(1)
-    follower = standing(mesh, q)
+    follower = standing(mesh)
     found = follower.solve(q)
     for _ in range(TRIES):
         if found is not None:
@@ -245,7 +244,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
 def places_near(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
     m, random = mesh.mechanism, np.random.default_rng(1)
-    follower, found = standing(mesh, q), []
+    follower, found = standing(mesh), []
     _, g = follower.closures(q)
     _, values, right = np.linalg.svd(g)
     allowed = right[int(ranks(values)) if len(values) else 0 :]
@@ -269,7 +268,7 @@ def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> 
         raise ConvergenceError(
             f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(joint, m, guess, q)}; "
             "give starts of the passive joints that belong together, start = {...}; nearest is "
-            + _written(m, [j.name for j in m.joints if j.name in names], m.q_slices, q, True)
+            + _written(m, [j.name for j in m.joints if j.name in names], q, places=True)
         )
 
 
@@ -284,23 +283,18 @@ def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, 
     still = STILL_RATE * max(1.0, float(np.sqrt(np.linalg.norm(m.gravity) / mesh.length)))
     if off.max(initial=0.0) <= still + most * np.abs(np.where(stated, given, 0.0) / unit).max(initial=0.0):
         return
-    joint = _owner(m, int(np.argmax(off)))
+    worst = _owner(m, int(np.argmax(off))).name
     names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
-    own = m.v_slices[joint.name]
     raise InputError(
-        f"mechanism '{m.name}', t = {time:g} s: start_rate of joint '{joint.name}' is {_shown(given[own])} {_units(joint)[1]}, "
-        f"the closures give {_shown(qd[own])} {_units(joint)[1]}{_others(m, names, joint, m.v_slices, given)}; write "
-        f"start_rate={_written(m, names, m.v_slices, qd)}, or leave out the joints that shall follow"
+        f"mechanism '{m.name}', t = {time:g} s: start_rate of joint '{worst}' is {_said(m, worst, given)}, "
+        f"the closures give {_said(m, worst, qd)}{_others(m, names, worst, given)}; write "
+        f"start_rate={_written(m, names, qd)}, or leave out the joints that shall follow"
     )
 
 
 def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
     """Return a mask (nv,) [-] of the velocity coordinates of the named joints."""
     return np.array([j.name in names for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
-
-
-def _still(given: Stated) -> JointHistory:
-    return lambda time: (given.q[None], given.qd[None], given.qdd[None])
 
 
 # ------------------------------------------------------------------------------------------------- what errors say
@@ -310,16 +304,6 @@ def _owner(mechanism: Mechanism, column: int) -> Joint:
     return next(
         j for j in mechanism.joints if mechanism.v_slices[j.name].start <= column < mechanism.v_slices[j.name].stop
     )
-
-
-def _units(joint: Joint) -> tuple[str, str]:
-    """Units of a joint's coordinates and of its rates."""
-    kind = KINDS[joint.kind]
-    if kind.layout == POSE:
-        return "m and quaternion", "m/s and rad/s"
-    if kind.layout == ROTATION:
-        return "(quaternion)", "rad/s"
-    return ("m", "m/s") if any(kind.translations) else ("rad", "rad/s")
 
 
 def _place(joint: Joint, q: Array) -> Array:
@@ -333,59 +317,60 @@ def _shown(values: Array) -> str:
     return numbers[0] if len(numbers) == 1 else f"[{', '.join(numbers)}]"
 
 
-def _written(
-    mechanism: Mechanism, names: Collection[str], slices: Mapping[str, slice], values: Array, places: bool = False
-) -> str:
-    parts = [values[slices[n]] for n in names]
-    shown = [
-        _shown(_place(mechanism.joint_of[n], part) if places else part) for n, part in zip(names, parts, strict=True)
-    ]
-    return "{" + ", ".join(f"{n!r}: {part}" for n, part in zip(names, shown, strict=True)) + "}"
+def _number(mechanism: Mechanism, name: str, values: Array, places: bool) -> str:
+    """A joint's place, from coordinates (nq,), or its rate, from rates (nv,), as a start states it."""
+    if places:
+        return _shown(_place(mechanism.joint_of[name], values[mechanism.q_slices[name]]))
+    return _shown(values[mechanism.v_slices[name]])
 
 
-def _others(
-    mechanism: Mechanism,
-    names: Sequence[str],
-    joint: Joint,
-    slices: Mapping[str, slice],
-    values: Array,
-    places: bool = False,
-) -> str:
+def _unit(joint: Joint, places: bool) -> str:
+    """Unit of a joint's coordinates, or of its rates."""
+    kind = KINDS[joint.kind]
+    if kind.has_quaternion:
+        place, rate = ("m and quaternion", "m/s and rad/s") if kind.layout == POSE else ("(quaternion)", "rad/s")
+    else:
+        place, rate = kind.units[0], f"{kind.units[0]}/s"
+    return place if places else rate
+
+
+def _said(mechanism: Mechanism, name: str, values: Array, places: bool = False) -> str:
+    return f"{_number(mechanism, name, values, places)} {_unit(mechanism.joint_of[name], places)}"
+
+
+def _written(mechanism: Mechanism, names: Collection[str], values: Array, places: bool = False) -> str:
+    return "{" + ", ".join(f"{name!r}: {_number(mechanism, name, values, places)}" for name in names) + "}"
+
+
+def _others(mechanism: Mechanism, names: Sequence[str], joint: str, values: Array, places: bool = False) -> str:
     """Return the values stated of the other joints, in words."""
-    parts = [
-        f"{n} = {_shown(_place(mechanism.joint_of[n], values[slices[n]]) if places else values[slices[n]])} "
-        f"{_units(mechanism.joint_of[n])[0 if places else 1]}"
-        for n in names if n != joint.name
-    ]  # fmt: skip
+    parts = [f"{name} = {_said(mechanism, name, values, places)}" for name in names if name != joint]
     return f" with {', '.join(parts)}" if parts else ""
 
 
 def _contradicted(mesh: Mesh, given: Stated, q: Array, off: Array, time: float, argument: str = "start") -> InputError:
     m = mesh.mechanism
-    joint = _owner(m, int(np.argmax(off)))
-    at, found = _shown(_place(joint, given.q[m.q_slices[joint.name]])), _shown(_place(joint, q[m.q_slices[joint.name]]))
+    worst = _owner(m, int(np.argmax(off))).name
     names = [j.name for j in m.joints if given.places[m.v_slices[j.name]].any()]
-    unit = _units(joint)[0]
     follow = ", or leave out the joints that shall follow" if argument == "start" else " into its places"
     kept = [n for n in names if off[m.v_slices[n]].max(initial=0.0) <= ROUNDED]
     return InputError(
-        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{joint.name}' is {at} {unit}, "
-        f"the closures give {found} {unit}{_others(m, kept, joint, m.q_slices, given.q, True)}; "
-        f"write {argument}={_written(m, names, m.q_slices, q, True)}{follow}"
+        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {_said(m, worst, given.q, places=True)}, the "
+        f"closures give {_said(m, worst, q, places=True)}{_others(m, kept, worst, given.q, places=True)}; write "
+        f"{argument}={_written(m, names, q, places=True)}{follow}"
     )
 
 
 def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     """Return the position of a joint and its distance from its start, in words."""
     own, kind = mechanism.q_slices[joint.name], KINDS[joint.kind]
-    angles = kind.scalar and not any(kind.translations)
     a, b = _place(joint, guess[own]), _place(joint, q[own])
     d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
-    if angles:
+    if kind.scalar and not any(kind.translations):
         k = int(np.argmax(np.abs(d)))
         return (
             f"joint '{joint.name}' at {np.degrees(b[k]):.1f} deg, {abs(np.degrees(d[k])):.0f} deg from its start of "
             f"{np.degrees(a[k]):.1f} deg"
         )
-    unit = _units(joint)[0]
+    unit = _unit(joint, places=True)
     return f"joint '{joint.name}' at {_shown(b)} {unit}, {_shown(np.abs(d))} from its start of {_shown(a)} {unit}"

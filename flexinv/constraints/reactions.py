@@ -1,19 +1,56 @@
-"""Forces of closures from their multipliers: on the nodes that they join, and as a wrench on the second link of each."""
+"""Forces of closures from their multipliers, on nodes and as wrenches on second links; impulses of closures that begin to act.
+
+Closures that begin to act on frames in relative motion stop it at once, perfectly plastic.  They and the drives, which keep
+their own velocities, give impulses:  M (v+ - v-) = G^T Lambda + S J,  G v+ = 0.
+Impulses are the inverse dynamics of the jump of velocity, so the same L T P gives them: P = M (v+ - v-).
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
 
-from flexinv.constraints.closures import Rows, row_arrays
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.closures import Rows, residuals, row_arrays
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.constraints.phases import Stretch
-from flexinv.inverse.inverse_dynamics import NodalForces
+from flexinv.errors import InputError
+from flexinv.inverse.inverse_dynamics import NodalForces, project
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
+
+# Frames that meet with a relative velocity below this part of the fastest node's (of the mechanism's length, or 1 rad, per
+# second where all is slower: from rest to rest there is nothing else to compare with) meet at rest: Newton leaves 1e-13,
+# splines of samples 1e-9.
+MEETING = 1e-6
+# Frames further apart than this part of the mechanism's length (or 1 rad) have not met.
+OPEN = 1e-6
+
+
+# Nodal motion (one sample) and rates (nv,) of the joints on one side of an instant.
+Side = tuple[NodalMotion, Array]
+
+
+@dataclass(frozen=True)
+class Impact:
+    """Plastic impact: impulses and energy loss at the instant at which closures begin to act.
+
+    time [s]; closures : names of those that begin to act
+    torque : (nv,) impulses of the drives [N m s], [N s]; reaction : closure -> (6,) impulse [N s] and its moment [N m s] on the
+        second link, at the closure and in its axes there; work : of the drives' impulses [J]; energy : lost energy [J]
+    """
+
+    time: float
+    closures: tuple[str, ...]
+    torque: Array
+    reaction: dict[str, Array]
+    work: float
+    energy: float
 
 
 def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> tuple[NodalForces, dict[str, Array]]:
@@ -53,3 +90,72 @@ def _ends(mesh: Mesh) -> Ends:
     node = [-1 if c.kind == "coupling" else attachment_node(mesh, at) for c, at in zip(closures, ends, strict=True)]
     place, turn = (np.array([getattr(at.placement, name) for at in ends]) for name in ("position", "rotation"))
     return Ends(np.array(node, dtype=np.int64), second, place.reshape(-1, 3), turn.reshape(-1, 3, 3))
+
+
+def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: NDArray[np.bool_], time: float) -> None:
+    """Raise InputError where closures begin to act [s] on frames that have not met, or that move against each other.
+
+    rows : with the frames that they will tie; motion : one sample, just before; begins : (closures,)
+    Frames may stand apart where the closure captures, and move where its impact is plastic.
+    """
+    m = mesh.mechanism
+    scale = np.where(rows.direction, 1.0, mesh.length)
+    apart, rate = (np.abs(part[0]) / scale for part in residuals(motion, rows)[:2])
+    fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
+    for index in np.flatnonzero(begins):
+        closure, own = m.closures[int(index)], rows.closure == index
+        if apart[own].max() > OPEN:
+            worst = int(np.flatnonzero(own)[np.argmax(apart[own])])
+            gap = f"{apart[worst]:.2g} rad" if rows.direction[worst] else f"{apart[worst] * mesh.length:.2g} m"
+            raise InputError(
+                f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that are {gap} apart; "
+                "bring them together, or write capture = true to tie them where they stand"
+            )
+        if closure.impact == "error" and rate[own].max() > MEETING * fastest:
+            worst = int(np.flatnonzero(own)[np.argmax(rate[own])])
+            speed = f"{rate[worst]:.3g} rad/s" if rows.direction[worst] else f"{rate[worst] * mesh.length:.3g} m/s"
+            raise InputError(
+                f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that move against each "
+                f"other with {speed}, which takes an impulse; let the frames meet with equal velocities, or write "
+                'impact = "plastic"'
+            )
+
+
+def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | None = None) -> Array:
+    """Return the impulse along every joint coordinate, (nv,) [N m s], [N s], as inverse dynamics of a jump of velocity gives it.
+
+    pushed : impulses of the closures on the nodes; without them before drives and closures share it
+    """
+    (one, before), (two, after) = sides
+    force = mesh.mass[:, None] * (two.v - one.v)  # (1, node, xyz)
+    spin = np.einsum("nij,snj->sni", mesh.inertia, two.omega - one.omega)
+    moment = np.einsum("snij,snj->sni", two.rotation, spin)
+    if pushed is not None:
+        force, moment = force - pushed.force, moment - pushed.moment
+    tau = project(mesh, two, NodalForces(force, moment))[0]
+    return np.asarray(tau + mesh.mechanism.drive_table[0] * (after - before))  # with the rotors
+
+
+def impact_of(
+    mesh: Mesh,
+    rows: Rows,
+    begins: NDArray[np.bool_],
+    sides: tuple[Side, Side],
+    torque: Array,
+    multipliers: Array,
+    time: float,
+) -> Impact:
+    """Return the impact [N s], [N m s], [J] at an instant [s] from the impulses of the drives (nv,) and of the rows (rows,)."""
+    (one, before), (two, after) = sides
+    work = float(torque @ (before + after)) / 2
+    lost = _kinetic_energy(mesh, one, before) - _kinetic_energy(mesh, two, after) + work
+    reaction = {name: values[0] for name, values in closing(mesh, two, rows, multipliers[None])[1].items()}
+    names = tuple(c.name for c, begun in zip(mesh.mechanism.closures, begins, strict=True) if begun)
+    return Impact(time, names, torque, reaction, work, lost)
+
+
+def _kinetic_energy(mesh: Mesh, motion: NodalMotion, qd: Array) -> float:
+    """Kinetic energy [J] of nodes and rotors at one instant."""
+    moving = np.einsum("n,ni,ni->", mesh.mass, motion.v[0], motion.v[0])
+    turning = np.einsum("nij,ni,nj->", mesh.inertia, motion.omega[0], motion.omega[0])
+    return float(0.5 * (moving + turning + mesh.mechanism.drive_table[0] @ qd**2))

@@ -10,42 +10,33 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.kernels.dense import eliminate
-from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.jit import jit
 from flexinv.typing import Array
 
 
 @jit
-def _forward(below, own, above, right, window, kept):
-    """Eliminate below the diagonal; kept : (samples, n, 3 n + 1) rows of the triangle, window : (2 n, 3 n + 1) scratch."""
-    samples, n = right.shape
-    _load(window, 0, n, own[0], above[0], right[0])
-    for k in range(samples):
-        rows = n
-        if k + 1 < samples:
-            rows = 2 * n
-            for i in range(n):
-                for j in range(n):
-                    window[n + i, j], window[n + i, n + j] = below[k + 1, i, j], own[k + 1, i, j]
-                    window[n + i, 2 * n + j] = above[k + 1, i, j]
-                window[n + i, 3 * n] = right[k + 1, i]
-        eliminate(window, n, rows, 3 * n + 1)
-        for i in range(n):
-            for j in range(3 * n + 1):
-                kept[k, i, j] = window[i, j]
+def _forward(whole, window):
+    """Eliminate below the diagonal: block rows [below, own, above, right] become [own, after, one further, right] of a triangle.
+
+    whole : (samples, n, 3 n + 1); window : (2 n, 3 n + 1) scratch: the block row at hand and the one after it
+    """
+    samples, n, wide = whole.shape
+    for k in range(-1, samples):
         for i in range(n):  # what is left of the row after is where the next begins
             for j in range(2 * n):
                 window[i, j] = window[n + i, n + j]
-            for j in range(2 * n, 3 * n):
+            for j in range(2 * n, wide - 1):
                 window[i, j] = 0.0
-            window[i, 3 * n] = window[n + i, 3 * n]
-
-
-@jit_inner
-def _load(window, first, n, own, above, right):
-    for i in range(n):
-        for j in range(n):
-            window[first + i, j], window[first + i, n + j], window[first + i, 2 * n + j] = own[i, j], above[i, j], 0.0
-        window[first + i, 3 * n] = right[i]
+            window[i, wide - 1] = window[n + i, wide - 1]
+        if k + 1 < samples:
+            for i in range(n):
+                for j in range(wide):
+                    window[n + i, j] = whole[k + 1, i, j]
+        if k >= 0:
+            eliminate(window, n, 2 * n if k + 1 < samples else n, wide)
+            for i in range(n):
+                for j in range(wide):
+                    whole[k, i, j] = window[i, j]
 
 
 @jit
@@ -70,9 +61,9 @@ def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> A
     """
     samples, n = right.shape
     largest = np.maximum.reduce([np.abs(part).max(axis=2) for part in (below, own, above)])
-    parts = [np.ascontiguousarray(part / largest[:, :, None]) for part in (below, own, above)]
-    parts[2][-1] = 0.0
-    window, kept, x = np.zeros((2 * n, 3 * n + 1)), np.empty((samples, n, 3 * n + 1)), np.zeros((samples + 2, n))
-    _forward(*parts, right / largest, window, kept)
-    _backward(kept, x)
+    whole = np.concatenate([below, own, above, right[:, :, None]], axis=2) / largest[:, :, None]
+    whole[-1, :, 2 * n : 3 * n] = 0.0
+    x = np.zeros((samples + 2, n))
+    _forward(whole, np.zeros((2 * n, 3 * n + 1)))
+    _backward(whole, x)
     return x[:samples]

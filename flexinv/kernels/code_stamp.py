@@ -11,35 +11,27 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-# The modules, as they are called in the package, whose text or constants are in machine code.
-SOURCES = (
-    "analysis.batch_kernel", "constraints.allocation_kernel", "constraints.continuation_kernel", "constraints.equations",
-    "dynamics.assembly", "dynamics.constraint_rows", "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
-    "dynamics.linearization", "dynamics.loads", "dynamics.spring_rows", "dynamics.stepper", "dynamics.system",
-    "dynamics.tree_solver", "elements.beam", "elements.beam_element", "elements.joint_law", "elements.planar_beam",
-    "inverse.balance", "inverse.nodal_sums", "kernels.block_elimination",
-    "kernels.block_tridiagonal", "kernels.code_cache", "kernels.dense", "kernels.fronts", "kernels.inner_library",
-    "kernels.jit", "kernels.kernel_compiler", "kernels.pivoted_qr", "kernels.record_stack", "kernels.records", "kernels.simd",
-    "kernels.so3", "kernels.sparse_qr", "kernels.threads.atomics", "kernels.threads.mailbox", "kernels.vec3",
-    "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",
-    "planar.constraint_rows",
-    "planar.history", "planar.index1", "planar.stepper", "planar.tree", "planar.tree_solver", "rigid.blocks",
-    "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.loop_allocation", "rnea.loop_bodies",
-    "rnea.loop_layout", "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion",
-    "tracking.collocation_kernel",
-)  # fmt: skip
+# What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.
+_HAS_KERNELS = re.compile(r"^from flexinv\.kernels\.(jit|records) import", re.MULTILINE)
+ALSO = "kernels.jit", "kernels.kernel_compiler", "kernels.records", "kernels.threads.atomics", "model.joint_kinds"
 _IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (\w*)", re.MULTILINE)
+
+
+def sources(folder: Path) -> tuple[str, ...]:
+    """Return the modules [-], as they are called in the package, whose text or constants are in machine code."""
+    every = (path.relative_to(folder).with_suffix("").parts for path in sorted(folder.rglob("*.py")))
+    return tuple(module for module in map(".".join, every) if _is_source(folder, module))
 
 
 def family(module: str, folder: Path) -> tuple[str, ...]:
     """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
-    if module not in SOURCES:
-        return SOURCES
+    if not _is_source(folder, module):
+        return sources(folder)
     found, ahead = {module}, [module]
     while ahead:
-        found_imports = _IMPORT.findall(_file(folder, ahead.pop()).read_text(encoding="utf-8"))
-        names = {name for package, one in found_imports for name in (package, f"{package}.{one}")}
-        ahead += sorted(names.intersection(SOURCES) - found)
+        imports = _IMPORT.findall(_text(folder, ahead.pop()))
+        names = {name for package, one in imports for name in (package, f"{package}.{one}".rstrip("."))}
+        ahead += [name for name in names - found if _is_source(folder, name)]
         found.update(ahead)
     return tuple(sorted(found))
 
@@ -47,11 +39,15 @@ def family(module: str, folder: Path) -> tuple[str, ...]:
 @cache
 def source_stamp(folder: Path, module: str) -> str:
     """Return a digest [-] of the sources in the package's ``folder`` that are in the kernels of a module."""
-    digest = sha256()
-    for name in family(module, folder):
-        digest.update(_file(folder, name).read_bytes())
-    return digest.hexdigest()
+    return sha256("".join(_text(folder, name) for name in family(module, folder)).encode()).hexdigest()
 
 
-def _file(folder: Path, module: str) -> Path:
-    return folder.joinpath(*module.split(".")).with_suffix(".py")
+def _is_source(folder: Path, module: str) -> bool:
+    return module in ALSO or _HAS_KERNELS.search(_text(folder, module)) is not None
+
+
+@cache
+def _text(folder: Path, module: str) -> str:
+    """The text of a module, nothing where there is none."""
+    path = folder.joinpath(*module.split(".")).with_suffix(".py")
+    return path.read_text(encoding="utf-8") if path.is_file() else ""

@@ -1,4 +1,4 @@
-"""Dense linear systems of kernels: Gauss elimination (LU) and inversion (Gauss-Jordan); pivoted QR is in `kernels.pivoted_qr`.
+"""Dense linear systems of kernels: Gauss elimination (LU) and inversion (Gauss-Jordan); QR is in `kernels.sparse_qr`.
 
 Matrices are small, and no thread or allocation is worth its while; what is written here overwrites what it is handed.
 """

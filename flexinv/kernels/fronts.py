@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -45,8 +46,15 @@ def fronts_of(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None)
 
     last : (columns,) that are eliminated after all others, and so are free where columns depend on each other
     """
-    count = pattern.shape[1]
-    order, further = least_degree_order(pattern, last)
+    after = np.zeros(pattern.shape[1], dtype=bool) if last is None else last
+    return _fronts_of(pattern.shape, pattern.tobytes(), after.tobytes())
+
+
+@lru_cache(maxsize=256)
+def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
+    """The fronts of a pattern: the same closures are asked for again and again."""
+    pattern, count = np.frombuffer(entries, dtype=bool).reshape(shape), shape[1]
+    order, further = least_degree_order(pattern, np.frombuffer(last, dtype=bool))
     turn = np.empty(count, dtype=np.int64)
     turn[order] = np.arange(count)
     groups = _merged([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
@@ -69,7 +77,6 @@ def least_degree_order(
     last : (columns,) that come after all others
     """
     count = pattern.shape[1]
-    after = np.zeros(count, dtype=bool) if last is None else last
     beside: list[set[int]] = [set() for _ in range(count)]
     for row in pattern:
         where = set(np.flatnonzero(row).tolist())
@@ -77,7 +84,7 @@ def least_degree_order(
             beside[c] |= where - {c}
     left, order, further = set(range(count)), [], []
     while left:
-        c = min(left, key=lambda c: (bool(after[c]), len(beside[c]), c))
+        c = min(left, key=lambda c: (last is not None and bool(last[c]), len(beside[c]), c))
         left.remove(c)
         order.append(c)
         further.append(beside[c])

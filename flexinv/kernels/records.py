@@ -8,20 +8,24 @@ may keep what it has read (`noalias`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import operator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from hashlib import sha256
 from typing import Any, TypeVar
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.core.typing.templates import AttributeTemplate, infer_getattr, signature
 from numba.core.typing.typeof import Purpose, typeof_impl
-from numba.extending import NativeValue, lower_cast, lower_getattr_generic, models, register_model, unbox
+from numba.extending import NativeValue, intrinsic, lower_cast, lower_getattr_generic, models, register_model, unbox
 
 _Kind = TypeVar("_Kind", bound=type)
+Record = TypeVar("Record", bound=tuple[Any, ...])
+_instruction: Any = intrinsic  # its own type hides that the arguments are those of the call
 
 _WORD = 8  # [bytes]
 _KINDS: set[type] = set()
@@ -208,3 +212,29 @@ def _reader(kind: Any, native: Any) -> Any:
         builder.store(part.value, _as(native.context, builder, kind, function.args[1]))
         builder.ret(part.is_error)
     return function
+
+
+# ----------------------------------------------------------------- stacked: one record whose arrays have a leading axis
+
+
+def stacked(records: Sequence[Record]) -> Record:
+    """Return the record of the stacked parts [any unit] of records of one kind and shape; numbers become arrays."""
+    kind: Any = type(records[0])
+    return kind(*(np.stack(parts) for parts in zip(*records, strict=True)))  # type: ignore[no-any-return]
+
+
+@_instruction
+def at(typing_context: Any, records: Any, number: Any) -> Any:
+    """Return one of the records that `stacked` has joined, not copied."""
+    wholes = members(records)
+    kinds = [whole.copy(ndim=whole.ndim - 1) if whole.ndim > 1 else whole.dtype for whole in wholes]
+    made = types.BaseTuple.from_types(kinds, records.value.instance_class)
+
+    def generate(context: Any, builder: Any, own: Any, arguments: Any) -> Any:
+        parts = []
+        for k, (whole, kind) in enumerate(zip(wholes, kinds, strict=True)):
+            item = context.get_function(operator.getitem, signature(kind, whole, number))
+            parts.append(item(builder, (field(context, builder, records, arguments[0], k), arguments[1])))
+        return context.make_tuple(builder, made, parts)
+
+    return made(records, number), generate

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.kernels.jit import jit_lanes
+from flexinv.kernels.vec3 import add, scale, tapply
 
 # Samples of a block, which stays in the cache from its coordinates to its torques.
 BLOCK = 128
@@ -36,10 +37,8 @@ def put_vec(rows, first, k, v):
     rows[first + _TWO + k] = v[2]
 
 
-@jit_lanes
-def plus(a, b):
-    """Return a + b [any unit]."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+# a + b, k v, and m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child.
+plus, times, into = (jit_lanes(getattr(one, "py_func", one)) for one in (add, scale, tapply))
 
 
 @jit_lanes
@@ -49,22 +48,6 @@ def plus_cross(a, u, v):
         a[0] + u[1] * v[2] - u[2] * v[1],
         a[1] + u[2] * v[0] - u[0] * v[2],
         a[2] + u[0] * v[1] - u[1] * v[0],
-    )
-
-
-@jit_lanes
-def times(k, v):
-    """Return k v for a number k [any unit]."""
-    return k * v[0], k * v[1], k * v[2]
-
-
-@jit_lanes
-def into(m, v):
-    """Return m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child [any unit]."""
-    return (
-        m[0][0] * v[0] + m[1][0] * v[1] + m[2][0] * v[2],
-        m[0][1] * v[0] + m[1][1] * v[1] + m[2][1] * v[2],
-        m[0][2] * v[0] + m[1][2] * v[1] + m[2][2] * v[2],
     )
 
 

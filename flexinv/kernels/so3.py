@@ -191,20 +191,3 @@ def from_quaternion(q: Array) -> Array:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)  # (..., row, column)
-
-
-def about_axis(axis: Array, angle: Array) -> Array:
-    """Return rotation matrices (samples, 3, 3) [-] about one unit ``axis`` (3,) by ``angle`` (samples,) [rad].
-
-    R = cos a I + sin a skew(axis) + (1 - cos a) axis axis^T
-    """
-    return about_axis_cs(axis, np.cos(angle), np.sin(angle))
-
-
-def about_axis_cs(axis: Array, cosine: Array, sine: Array) -> Array:
-    """Return rotation matrices (samples, 3, 3) [-] about a unit ``axis`` from cosine and sine (samples,) [-]."""
-    x, y, z = axis
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    c = np.asarray(cosine)[..., None, None]
-    s = np.asarray(sine)[..., None, None]
-    return np.asarray(c * np.eye(3) + s * k + (1 - c) * np.outer(axis, axis))

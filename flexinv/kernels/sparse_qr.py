@@ -5,6 +5,7 @@ the fronts before it have left of theirs; it eliminates its columns, brings the 
 (multifrontal QR, T. A. Davis, Direct Methods for Sparse Linear Systems, SIAM 2006).  The cost of a chain of loops is linear.
 
 A column of which the ones before it leave nothing depends on them: it is free, and R has no row for it.
+A matrix with entries everywhere is one front.
 """
 
 from __future__ import annotations
@@ -17,9 +18,12 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.pivoted_qr import counts, measure, parts_left, set_reflection, set_scale
 from flexinv.kernels.records import by_address
 from flexinv.typing import Array
+
+# What is left of a column over the longest column: above SURE it counts, below NONE it repeats others (rounding of 1e-16 in some
+# tens of columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
+SURE_PIVOT, NO_PIVOT = 1e-7, 1e-13
 
 
 @by_address
@@ -77,7 +81,11 @@ def set_entry(fronts, qr, e, lane, value):
 def factorise(fronts, qr):
     """Factor Q R in place [any unit]; return the rank, -1 where it is in doubt."""
     rank = 0
-    set_scale(qr.sizes, qr.sizes.shape[0], qr.scale)
+    for k in range(qr.scale.shape[0]):
+        longest = 0.0
+        for c in range(qr.sizes.shape[0]):
+            longest = max(longest, qr.sizes[c, k])
+        qr.scale[k] = 1.0 / longest if longest > 0.0 else 0.0
     for f in range(fronts.parent.shape[0]):
         if not _factorise_front(fronts, qr, f):
             return -1
@@ -101,14 +109,14 @@ def _factorise_front(fronts, qr, f):
             continue
         place = _value(fronts, f, c)
         column = qr.values[place : place + rows]
-        measure(column, top, qr.sums)
+        _measure(column, top, qr.sums)
         if c < own:
-            found = counts(*parts_left(qr.sums, qr.scale))
+            found = _counts(qr.sums, qr.scale)
             if found < 0:
                 return False
             if found == 0:
                 continue
-        set_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
+        _set_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
         qr.pivot[at] = top
         for d in range(c + 1, width):
             place = _value(fronts, f, d)
@@ -117,6 +125,41 @@ def _factorise_front(fronts, qr, f):
     if width == own:
         qr.top[f] = top
     return True
+
+
+@jit_inner
+def _measure(column, top, squares):
+    """Set the squares of a column (rows, lanes) from row ``top`` on."""
+    for k in range(squares.shape[0]):
+        squares[k] = 0.0
+    for i in range(top, column.shape[0]):
+        for k in range(squares.shape[0]):
+            squares[k] += column[i, k] * column[i, k]
+
+
+@jit_inner
+def _counts(squares, scale):
+    """1 where a column is independent in all lanes, 0 where it is in none, -1 in doubt; from the squares of what is left."""
+    least, most = np.inf, 0.0
+    for k in range(scale.shape[0]):
+        part = squares[k] * scale[k]
+        if part < least or part != part:  # a NaN stays
+            least = part
+        if part > most or part != part:
+            most = part
+    if least > SURE_PIVOT * SURE_PIVOT:
+        return 1
+    return 0 if most <= NO_PIVOT * NO_PIVOT else -1
+
+
+@jit_inner
+def _set_reflection(column, top, squares, beta, diagonal):
+    """Turn a column (rows, lanes) into its reflection from row ``top`` on; a lane that is zero stays as it is."""
+    for k in range(squares.shape[0]):
+        norm, head = math.sqrt(squares[k]), column[top, k]
+        diagonal[k] = -math.copysign(norm, head)
+        beta[k] = 1.0 / (norm * (norm + abs(head))) if norm > 0.0 else 0.0
+        column[top, k] = head - diagonal[k]
 
 
 @jit_inner
@@ -220,6 +263,17 @@ def turn(fronts, qr, x, y):
             if source >= 0:
                 for k in range(lanes):
                     y[source, k] = part[i, k]
+
+
+@jit_inner
+def turn_beside(fronts, qr, number, y):
+    """Set y (rows, lanes) to Q e of a unit vector e behind the columns [-]: a matrix of one front does not reach it."""
+    for i in range(y.shape[0]):
+        for k in range(y.shape[1]):
+            y[i, k] = 1.0 if i == qr.top[0] + number else 0.0
+    for c in range(fronts.own[0] - 1, -1, -1):
+        if qr.pivot[c] >= 0:
+            _reflect(y, qr.values[_value(fronts, 0, c) :], qr.beta[c], qr.pivot[c], qr.sums)
 
 
 @jit_inner

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.closures import constraint_rows, row_scales
+from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
 from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
@@ -263,7 +263,7 @@ def allowed_motions(solver: Solver) -> Array:
 
 def scaled_gradient(solver: Solver) -> tuple[Array, Array]:
     """Return G (rows, unknowns) [-] of the acting closures, lengths over the mechanism's, and the rows' scales [m], [-]."""
-    scales = row_scales(solver.mesh, constraint_rows(solver.mesh))
+    scales = constraint_rows(solver.mesh).scale
     return -solver.border.ties.sides[: constraints(solver)] * solver.topology.scale / scales[:, None], scales
 
 

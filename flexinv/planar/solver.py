@@ -14,7 +14,7 @@ from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import State, Trajectory
 from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATES
 from flexinv.kernels.memory import cleared, on_lines
-from flexinv.kernels.so3 import about_axis, log_so3
+from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.constraint_rows import PlanarTies
@@ -138,7 +138,7 @@ class PlanarMarch:
                 q, placed = here.start[n, 0], self.mesh.rotation[n]
                 turning = self.mesh.turn[n].any()
                 state.x[n] = self.mesh.offset[n] if turning else self.mesh.offset[n] + q * placed @ self.mesh.axis[n]
-                state.r[n] = placed @ about_axis(self.mesh.axis[n], np.array([q]))[0] if turning else placed
+                state.r[n] = placed @ exp_so3(q * self.mesh.axis[n]) if turning else placed
         pick = self.model.pick
         for name in ("u", "du", "pseudo", "u0", "du0"):
             getattr(state, name)[:] = pick.T @ getattr(here, name)

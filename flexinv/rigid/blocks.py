@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit_blocks, jit_lanes
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.threads.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
-from flexinv.kernels.threads.mailbox import (
+from flexinv.kernels.threads.worker_pool import (
     ANSWER,
     DONE,
     OFFERED,
     SLEEPS,
     STATE,
     WORDS,
+    Helpers,
     awaited,
     claimed,
     settled,
     write,
 )
-from flexinv.kernels.threads.worker_pool import Helpers
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import allocate, unclear
 from flexinv.rnea.loop_bodies import begin, set_aside

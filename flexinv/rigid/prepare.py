@@ -19,7 +19,7 @@ from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, pro
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.affinity import processors
 from flexinv.kernels.threads.atomics import COMPILED
-from flexinv.kernels.threads.mailbox import CELLS
+from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -196,7 +196,7 @@ class TorqueFunction:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         assert self.loops is not None
         if not len(self.plan.sizes):
-            self.loops.share(*rows)
+            rows[3][:] = self.loops.shares(*rows).tau
             return
         if counter[3]:
             self.loops.check(*rows[:3])
@@ -255,7 +255,7 @@ def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> Torqu
     check_constant(mechanism)
     mesh = build(mechanism)
     compile_for_arrays()
-    loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
+    loops = GivenLoops(mesh) if mechanism.closures else None
     table, plan = _loop_plan(mesh, passive)
     own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[layout.APPLIED])
     return TorqueFunction(mechanism, passive, most, mesh, table, own, plan, loops, loaded)

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.elements.joint_law import law_columns
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration import nodes_of
-from flexinv.kinematics.nodal_motion import scalar_coordinate
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS

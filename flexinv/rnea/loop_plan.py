@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import Rows, measures, residuals, row_scales
+from flexinv.constraints.closures import Rows, measures, residuals
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import rigid_motion
@@ -50,7 +50,7 @@ def planned(
     m = mesh.mechanism
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
     first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows), dtype=bool))
-    unit = measures(mesh) / row_scales(mesh, rows)[:, None]  # of lengths over the mechanism's
+    unit = measures(mesh) / rows.scale[:, None]  # of lengths over the mechanism's
     g = _matrix(first, unit, lambda plan: run(candidates[1], plan))
     rank = int(ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
     if rank < len(passive) or not drives:
@@ -124,7 +124,7 @@ def _constant(mesh: Mesh, rows: Rows) -> Array:
     m = mesh.mechanism
     rest = np.zeros((1, m.nv))
     phi: Array = residuals(rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0]
-    return phi / row_scales(mesh, rows)
+    return phi / rows.scale
 
 
 def _is_plane(plan: LoopPlan, most: float) -> bool:

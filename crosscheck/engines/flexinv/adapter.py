@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
+from crosscheck.engines.flexinv.determinacy import determinate
 from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import (
     Record,
@@ -28,7 +29,6 @@ from crosscheck.measures.record import (
 )
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.constraints.determinacy import determinate
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Mechanism
 

@@ -3,6 +3,15 @@
 After its work a helper watches its mail for a while, so that the next call of a loop has it within a microsecond; then it
 sleeps, and waking it takes some ten times as long.  Nobody waits for a helper that has not begun.
 It leaves the processor of the caller, where it would watch while the caller stands still.
+
+Offers of work go through memory that both watch: a helper begins some hundred nanoseconds later.
+A *mail* is a row of cells (`atomics`).  Its state goes round:
+
+    FREE  -> CLAIMED   a caller is writing an offer
+          -> OFFERED   ... which a helper may take, or the caller withdraw
+          -> TAKEN     a helper works on it
+          -> DONE      ... and has left its answer, which the caller collects
+          -> FREE
 """
 
 from __future__ import annotations
@@ -17,17 +26,70 @@ from threading import Lock, Thread
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.threads.affinity import leave, limit, processor_now
-from flexinv.kernels.threads.mailbox import CELLS, SLEEPS
+from flexinv.kernels.threads.atomics import address, look, pause, put, swap
 
+FREE, CLAIMED, OFFERED, TAKEN, DONE = range(5)
+# Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.
+STATE, OWNER, SLEEPS, ANSWER, WORDS = 0, 8, 16, 24, 32
+CELLS = 64
+# Looks after which a caller that waits for a helper lets the system run others: some hundred microseconds.
+LOOKS = 10_000
 # How long a helper watches before it sleeps [s]: several times what passes between two calls in a loop.
 WATCH = 3e-4
-_LOOKS, _TRIES = (
-    2_000,
-    5,
-)  # by which a helper learns at first how long a look takes: the shortest, as the system interrupts
+# By which a helper learns at first how long a look takes: the shortest, as the system interrupts.
+_LOOKS, _TRIES = 2_000, 5
 MOST = 255
 Attend = Callable[[NDArray[np.uint64], int], None]
+
+
+@jit_lanes
+def claimed(mail, owner):
+    """Claim a mail; return True [-] if it was free: its new owner then writes the words of an offer and makes it."""
+    if look(mail, STATE) != FREE or not swap(mail, STATE, FREE, CLAIMED):
+        return False
+    mail[OWNER] = owner
+    return True
+
+
+@jit_lanes
+def write(mail, number, array):
+    """Write where an array begins and how long it is [-], as word ``number`` of an offer."""
+    mail[WORDS + 2 * number], mail[WORDS + 2 * number + 1] = address(array), array.size
+
+
+@jit_lanes
+def awaited(mail, patience):
+    """Wait for an offer, for at most so many looks [-]; return True if it was taken."""
+    for _ in range(patience):
+        if look(mail, STATE) == OFFERED and swap(mail, STATE, OFFERED, TAKEN):
+            return True
+        pause()
+    return False
+
+
+@jit_lanes
+def settled(mails, owner, total):
+    """Add the answers to the owner's offers to total[0] and withdraw what nobody took [-]; return whether all are settled.
+
+    False where a helper still works after `LOOKS`: ask again.
+    """
+    for i in range(mails.shape[0]):
+        mail = mails[i]
+        if look(mail, OWNER) != owner:
+            continue
+        if not swap(mail, STATE, OFFERED, CLAIMED):
+            left = LOOKS
+            while look(mail, STATE) != DONE:
+                pause()
+                left -= 1
+                if left == 0:
+                    return False
+            total[0] += mail[ANSWER]
+        mail[OWNER] = 0
+        put(mail, STATE, FREE)
+    return True
 
 
 def _looking(attend: Attend) -> float:

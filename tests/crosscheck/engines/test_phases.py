@@ -17,13 +17,13 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn import adapter as exudyn
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.flexinv import adapter as engine
+from crosscheck.engines.flexinv.determinacy import determinate
 from crosscheck.engines.mujoco import adapter as mujoco
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.pinocchio import adapter as pinocchio
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.measures.record import Record, check
-from flexinv.constraints.determinacy import determinate
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 

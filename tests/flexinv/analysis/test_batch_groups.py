@@ -12,7 +12,7 @@ from planar_examples import PAPER_CASES
 import flexinv
 from flexinv.analysis.solve_many import alike, prepare_all, solve_alike
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.kernels.record_stack import stacked
+from flexinv.kernels.records import stacked
 from flexinv.model.mechanism import Mechanism
 
 STEP = 2e-3

@@ -1,4 +1,4 @@
-"""Dense solvers of kernels against LAPACK: elimination, inversion and pivoted QR, and what they do where a rank is not full."""
+"""Dense solvers of kernels against LAPACK: elimination and inversion, and what they do where a rank is not full."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import pytest
 
 from flexinv.kernels.dense import invert, invert_scaled, solve_dense
 from flexinv.kernels.jit import jit
-from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, turn
 from flexinv.typing import Array
 
 EPS = np.finfo(float).eps
@@ -25,18 +24,6 @@ def inverted(a, size):
 def inverted_scaled(a, rows, least, over, left):
     """Inverse of what has pivots above ``least`` in place."""
     invert_scaled(a, rows, least, over, left)
-
-
-@jit
-def least_norm(qr, y, given):
-    """Rank; y becomes the solution of A^T x = given of least norm."""
-    rank = factorise(qr, given.shape[0])
-    for c in range(rank):
-        for k in range(y.shape[1]):
-            y[c, k] = given[qr.order[c], k]
-    solve_lower(qr, rank, y)
-    turn(qr, rank, y)
-    return rank
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 4, 5, 7, 24])
@@ -95,26 +82,3 @@ def test_rows_that_repeat_others_are_left_out() -> None:
     found = whole.copy()
     inverted_scaled(found, 5, 1e-10, np.empty(5), np.empty(5, dtype=bool))
     assert (found[0] == 0.0).all() != (found[4] == 0.0).all()  # one of the two
-
-
-@pytest.mark.parametrize("lanes", [1, 16])
-@pytest.mark.parametrize(("rows", "columns"), [(2, 2), (7, 3), (12, 12)])
-def test_pivoted_qr_in_lanes(rows: int, columns: int, lanes: int) -> None:
-    rng = np.random.default_rng(rows)
-    a, x = rng.normal(size=(lanes, rows, columns)), np.zeros((rows, lanes))
-    qr = Factor.of(columns, rows, lanes)
-    qr.a[:] = a.transpose(2, 1, 0)
-    given = rng.normal(size=(columns, lanes))
-    assert least_norm(qr, x, given) == columns
-    for k in range(lanes):
-        expected = np.linalg.lstsq(a[k].T, given[:, k], rcond=None)[0]
-        assert np.abs(x[:, k] - expected).max() < np.linalg.cond(a[k]) * LEVEL * np.abs(expected).max()
-
-
-def test_a_rank_is_told_or_in_doubt() -> None:
-    a, given = np.random.default_rng(0).normal(size=(5, 3)), np.ones((3, 1))
-    for size, rank in ((0.0, 2), (1e-9, -1), (1e-3, 3), (np.nan, -1)):
-        qr = Factor.of(3, 5)
-        qr.a[:, :, 0] = a.T
-        qr.a[2, :, 0] = a[:, 0] + size * a[:, 2]
-        assert least_norm(qr, np.zeros((5, 1)), given) == rank, size

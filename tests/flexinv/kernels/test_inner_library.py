@@ -13,8 +13,8 @@ import numpy as np
 
 from flexinv.kernels.code_cache import compiled, compiler
 from flexinv.kernels.dense import solve_dense
-from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
 from flexinv.kernels.jit import jit_inner, jit_lanes, jit_pass
+from flexinv.kernels.kernel_compiler import InnerLibrary, OuterLibrary
 
 MODULE = """
 import numpy as np

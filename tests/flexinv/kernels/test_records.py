@@ -9,8 +9,7 @@ import pytest
 
 from flexinv.kernels.code_cache import compiler
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.record_stack import at, stacked
-from flexinv.kernels.records import RecordType, argument_type, by_address
+from flexinv.kernels.records import RecordType, argument_type, at, by_address, stacked
 from flexinv.typing import Array
 
 called = compiler(_nrt=False, no_cfunc_wrapper=True)  # not kept on disk: what is kept asks for no inner kernel

@@ -18,6 +18,7 @@ from flexinv.kernels.sparse_qr import (
     solve_upper,
     turn,
     turn_back,
+    turn_beside,
 )
 from flexinv.typing import Array
 
@@ -47,6 +48,13 @@ def least_norm(fronts, qr, x, y):
     """Q R^-T x."""
     solve_lower(fronts, qr, x)
     turn(fronts, qr, x, y)
+
+
+@jit
+def beside(fronts, qr, out):
+    """Vectors that no column reaches."""
+    for n in range(out.shape[0]):
+        turn_beside(fronts, qr, n, out[n])
 
 
 @jit
@@ -143,6 +151,19 @@ def test_free_columns_are_the_last_ones_that_can_be(last: list[int]) -> None:
         x[column] = 1.0
         moved(fronts, qr, x)
         assert np.abs(a[0] @ x).max() < np.abs(x).max() * LEVEL
+
+
+@pytest.mark.parametrize("lanes", [1, 16])
+def test_vectors_behind_the_columns_of_one_front_complete_a_basis(lanes: int) -> None:
+    a = full(7, 7, lanes)
+    a[:, :, 3:] = 0.0  # columns that are not there
+    fronts, qr = of(np.ones_like(a))
+    assert factored(fronts, qr, a) == 3
+    out = np.full((4, 7, lanes), np.nan)
+    beside(fronts, qr, out)
+    for k in range(lanes):
+        assert np.abs(out[:, :, k] @ out[:, :, k].T - np.eye(4)).max() < LEVEL
+        assert np.abs(out[:, :, k] @ a[k]).max() < LEVEL * np.abs(a).max()
 
 
 def test_a_rank_is_told_or_in_doubt() -> None:

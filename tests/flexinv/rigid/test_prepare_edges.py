@@ -17,7 +17,7 @@ from rigid_trees import chain, tree
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.kernels.threads.mailbox import CELLS, DONE, FREE, OWNER, STATE, TAKEN
+from flexinv.kernels.threads.worker_pool import CELLS, DONE, FREE, OWNER, STATE, TAKEN
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.blocks import HELPERS
 from flexinv.rigid.prepare import WORTH_HELP, prepare

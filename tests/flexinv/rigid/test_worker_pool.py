@@ -17,7 +17,7 @@ from rigid_trees import tree
 
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
-from flexinv.kernels.threads.mailbox import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
+from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
 from flexinv.rigid.blocks import HELPERS, collect, torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.loop_plan import NO_LOOPS

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import Rows, constraint_rows, measures, row_scales
+from flexinv.constraints.closures import Rows, constraint_rows, measures
 from flexinv.constraints.phases import Phase, phases
 from flexinv.constraints.reactions import closing
 from flexinv.inverse.inverse_dynamics import NodalForces, joint_wrenches, own_wrenches, project
@@ -52,7 +52,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
     loose, firm = ({c.name: np.zeros(6) for c in m.closures} for _ in range(2))
     carried = {joint: np.zeros(6) for joint in mesh.joint_node}
     for phase in phases(m, time):
-        some, scale = _some(motion, phase), row_scales(mesh, rows)
+        some, scale = _some(motion, phase), rows.scale
         acting = np.flatnonzero(phase.active[rows.closure])
         units = [closing(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
         for _, wrenches in units:
