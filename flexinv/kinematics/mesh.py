@@ -285,9 +285,10 @@ def _elements(rows: list[list[Array]]) -> Elements:
         vectors, sections = np.empty((0, 0, 3)), np.empty((0, 0, 6))
         of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    order, nodes, *rest, link = (_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns))
-    return Elements(order.astype(np.int64), nodes.astype(np.int64), *rest, link.astype(np.int64))
+    order, nodes, *rest, link = (list(column) for column in zip(*rows, strict=True))
+    whole = [np.asarray(_pad(column, -1.0)).astype(np.int64) for column in (order, nodes, link)]
+    stiffness, damping, gamma0, kappa0, weight, shape, slope, station = map(_pad, rest)
+    return Elements(whole[0], whole[1], stiffness, damping, gamma0, kappa0, weight, shape, slope, station, whole[2])
 
 
 @kept_with_owner()
