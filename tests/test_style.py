@@ -240,7 +240,7 @@ MISPLACED = {
         "crosscheck.engines.mujoco.adapter",
         "def f():\n    import exudyn as exu",
     ),
-    "only crosscheck/engines/pinocchio/ may": ("flexinv.kinematics.joint_motion", "from pinocchio import rnea"),
+    "only crosscheck/engines/pinocchio/ may": ("flexinv.kinematics.nodal_motion", "from pinocchio import rnea"),
     "an adapter reads primary data only": (
         "crosscheck.engines.exudyn.rigid",
         "from flexinv.kernels.so3 import exp_so3",

@@ -1,5 +1,1 @@
 """The command line: ``flexinv COMMAND``."""
-
-from flexinv.cli.commands import main
-
-__all__ = ["main"]

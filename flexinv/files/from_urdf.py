@@ -17,10 +17,9 @@ from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import impossible
-from flexinv.files.joints import rotation_from_rpy, unit_axis
+from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
 from flexinv.files.schema import UrdfTable
 from flexinv.files.toml_tables import Location, complaint, read_bytes
-from flexinv.files.tree_order import check_ends, depth_first
 from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.typing import Array

@@ -1,8 +1,9 @@
-"""Joints of a mechanism file and their drives: one table per kind, so that every key has the unit of that kind."""
+"""Joints of a mechanism file, their drives and their tree: one table per kind, so that every key has the unit of that kind."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -12,8 +13,9 @@ from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
 from flexinv.files.toml_tables import Location, Table, complaint, key, one_of, optional, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector, split_unit
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Drive, Joint, Limits, Placement
+from flexinv.model.mechanism import WORLD, Drive, Joint, Limits, Placement
 from flexinv.typing import Array
+from flexinv.validation import nearest
 
 
 class MotorTable(Table):
@@ -316,3 +318,71 @@ def _limits(table: JointTable, where: Location) -> Limits:
         given = f"lower {read.lower:g}, upper {read.upper:g}"
         raise where.wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")
     return read
+
+
+# ("joint" or "link", its name, the key) -> the words that name the place in the file
+Where = Callable[[str, str, str], str]
+
+
+def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> tuple[Joint, ...]:
+    """Return the joints depth-first from the world, children in the order given [-].
+
+    InputError: a joint to nowhere, two joints that carry one link, a cycle, a link that nothing carries.
+    """
+    names = dict.fromkeys(links)
+    check_ends(joints, [WORLD, *names], names, where)
+    children: dict[str, list[Joint]] = {}
+    carried: dict[str, Joint] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint)
+        first = carried.setdefault(joint.child, joint)
+        if first is not joint:
+            given = f'child = "{joint.child}", which joint {first.name} carries already'
+            expected = "a tree: one joint carries each link; what closes a loop is a closure"
+            advice = f"[closures.{joint.name}] with kind, first and second in a mechanism file instead of this joint"
+            raise complaint(where("joint", joint.name, "child"), given, expected, advice)
+    ordered: list[Joint] = []
+    waiting = children.get(WORLD, [])[::-1]
+    while waiting:
+        joint = waiting.pop()
+        ordered.append(joint)
+        waiting.extend(children.get(joint.child, [])[::-1])
+    _check_all_reached({joint.child for joint in ordered}, carried, names, where)
+    return tuple(ordered)
+
+
+def check_ends(joints: Sequence[Joint], parents: Iterable[str], links: Iterable[str], where: Where) -> None:
+    """Check that every joint joins two links that exist [-]; InputError names a joint to nowhere."""
+    ends = {"parent": dict.fromkeys(parents), "child": dict.fromkeys(links)}
+    for joint in joints:
+        for end, known in ends.items():
+            name = getattr(joint, end)
+            if name not in known:
+                near = nearest(name, known)
+                expected = "one of the links " + ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")
+                advice = f'{end} = "{near}"' if near else f"a link {name}, or the name of one that exists"
+                raise complaint(where("joint", joint.name, end), f'{end} = "{name}"', expected, advice)
+        if joint.parent == joint.child:
+            given = f'parent and child are both "{joint.child}"'
+            raise complaint(where("joint", joint.name, "child"), given, "two links", "another parent")
+
+
+def _check_all_reached(reached: set[str], carried: dict[str, Joint], links: Iterable[str], where: Where) -> None:
+    unreached = [link for link in links if link not in reached]
+    for link in unreached:
+        if link not in carried:
+            expected = "every link carried by one joint"
+            advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
+            raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
+    if (
+        unreached
+    ):  # each of them is carried, none from the world: they go round, from a link along its parents back to itself
+        path = [unreached[0]]
+        while path[-1] not in path[:-1]:
+            path.append(carried[path[-1]].parent)
+        path = path[path.index(path[-1]) :]
+        given = f"a cycle: {' <- '.join(path)}"
+        joint = carried[path[-1]].name
+        expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
+        advice = f'parent = "{WORLD}" for one of these joints; [closures.{joint}] with first and second where the loop closes'
+        raise complaint(where("joint", joint, "parent"), given, expected, advice)

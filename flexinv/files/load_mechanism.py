@@ -14,12 +14,11 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, find_urdf, read_urdf
-from flexinv.files.joints import read_joint, read_placement
+from flexinv.files.joints import depth_first, read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
 from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
-from flexinv.files.tree_order import depth_first
 from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, expanded, with_retardation
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from math import perm
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from flexinv.kernels.memory import plain
@@ -72,12 +73,6 @@ def nearest_difference(mechanism: Mechanism, first: Array, last: Array) -> Array
 def slides(mechanism: Mechanism) -> NDArray[np.bool_]:
     """Return a mask (nv,) [-] of the velocity coordinates that are translations, not rotations."""
     return np.array([slide for joint in mechanism.joints for slide in KINDS[joint.kind].translations], dtype=bool)
-
-
-def exp_quaternion(psi: Array) -> Array:
-    """Return the unit quaternions x, y, z, w, (..., 4) [-], of rotation vectors (..., 3) [rad]."""
-    angle = np.linalg.norm(psi, axis=-1, keepdims=True)
-    return np.concatenate([0.5 * np.sinc(angle / (2 * np.pi)) * psi, np.cos(0.5 * angle)], axis=-1)
 
 
 def _difference_joint(joint: Joint, q0: Array, q1: Array) -> Array:
@@ -150,7 +145,7 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
 
 def _quaternion(turn: Array, first: Array) -> Array:
     """Unit quaternions x, y, z, w (samples, 4), without sign jumps from the ``first`` on along the samples."""
-    out = exp_quaternion(log_so3(turn))
+    out = scipy.spatial.transform.Rotation.from_matrix(turn).as_quat()
     before = np.concatenate([first[None], out[:-1]])
     same = np.where(np.sum(out * before, axis=1) < 0, -1.0, 1.0)
     return np.asarray(out * np.cumprod(same)[:, None])

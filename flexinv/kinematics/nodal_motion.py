@@ -96,24 +96,18 @@ def differenced(motion: NodalMotion, step: float) -> NodalMotion:
     Raises InputError with fewer than four samples.
     """
     check_samples(len(motion.x), step)
-    v, a = np.empty_like(motion.x), np.empty_like(motion.x)
-    x = motion.x
-    v[1:-1], a[1:-1] = (x[2:] - x[:-2]) / (2 * step), (x[2:] - 2 * x[1:-1] + x[:-2]) / step**2
-    v[0], v[-1] = (-3 * x[0] + 4 * x[1] - x[2]) / (2 * step), (3 * x[-1] - 4 * x[-2] + x[-3]) / (2 * step)
-    a[0] = (2 * x[0] - 5 * x[1] + 4 * x[2] - x[3]) / step**2
-    a[-1] = (2 * x[-1] - 5 * x[-2] + 4 * x[-3] - x[-4]) / step**2
+    v = np.gradient(motion.x, step, axis=0, edge_order=2)
+    a = _extended(np.diff(motion.x, 2, axis=0) / step**2)
     turn = np.einsum("snji,snjk->snik", motion.rotation[:-1], motion.rotation[1:])
     phi = log_so3(turn) / step  # (step, node, xyz)
-    omega, alpha = np.empty_like(x), np.empty_like(x)
-    omega[1:-1], alpha[1:-1] = 0.5 * (phi[1:] + phi[:-1]), (phi[1:] - phi[:-1]) / step
-    omega[0], omega[-1] = 1.5 * phi[0] - 0.5 * phi[1], 1.5 * phi[-1] - 0.5 * phi[-2]
-    alpha[0], alpha[-1] = _end(phi[:3], step), -_end(phi[:-4:-1], step)
-    return NodalMotion(motion.x, motion.rotation, v, omega, a, alpha)
+    first, last = 1.5 * phi[:1] - 0.5 * phi[1:2], 1.5 * phi[-1:] - 0.5 * phi[-2:-1]
+    omega = np.concatenate([first, 0.5 * (phi[1:] + phi[:-1]), last])
+    return NodalMotion(motion.x, motion.rotation, v, omega, a, _extended(np.diff(phi, axis=0) / step))
 
 
-def _end(phi: Array, step: float) -> Array:
-    """First derivative at the outer end of three mid-step values: (-2 phi_0 + 3 phi_1 - phi_2) / h, second order."""
-    return np.asarray((-2 * phi[0] + 3 * phi[1] - phi[2]) / step)
+def _extended(inner: Array) -> Array:
+    """Values inside with one more at each end, linear from the two next to it: of differences again of second order."""
+    return np.concatenate([2 * inner[:1] - inner[1:2], inner, 2 * inner[-1:] - inner[-2:-1]])
 
 
 # Joint motion as a function of time: time (samples,) [s] -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
