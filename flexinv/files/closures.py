@@ -169,10 +169,8 @@ def read_closure(
     axes = read_axes(table, where)
     times = [time for interval in table.active_s for time in interval]
     if any(b <= a for a, b in pairwise(times)):
-        given, expected = (
-            f"active_s = {toml_text(table.active_s)}",
-            "intervals [start, end] with start < end, one after the other [s]",
-        )
+        given = f"active_s = {toml_text(table.active_s)}"
+        expected = "intervals [start, end] with start < end, one after the other [s]"
         raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     if table.impact not in IMPACTS:
         write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'

@@ -190,9 +190,8 @@ def _joint(element: Element, path: Path) -> Joint:
     placement = _origin(element, where)
     if kind in ("fixed", "floating"):
         return Joint(name_of(element, path), KINDS[kind], ends[0], ends[1], placement, actuated=False)
-    axis = unit_axis(
-        numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis"), f"{where}, axis", '<axis xyz="0 0 1"/>'
-    )
+    stated = numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
+    axis = unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
     for loss in ("damping", "friction"):
         value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
@@ -223,10 +222,8 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
     if len(roots) == 1:
         return roots[0]
     expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
-    given, advice = (
-        "a joint carries every link: a cycle",
-        "the loop cut at one joint, and [closures.NAME] beside [urdf] for it",
-    )
+    given = "a joint carries every link: a cycle"
+    advice = "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
     if roots:
         given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
         advice = "a fixed joint between the separate parts"
