@@ -71,9 +71,8 @@ def read_urdf(
         raise InputError(f'base = "{base}": expected "fixed" or "free"; write base="fixed"')
     pull = np.array(floats("gravity", gravity))
     if pull.shape != (3,) or not np.all(np.isfinite(pull)):
-        raise InputError(
-            f"gravity = {gravity}: expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
-        )
+        expected = f"expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
+        raise InputError(f"gravity = {gravity}: {expected}")
     robot = read_robot(path)
     inertias = _named(robot, "link", path, _inertia)
     if not inertias:
@@ -257,9 +256,8 @@ def _locked(joints: list[Joint], lock: Sequence[str], path: Path) -> list[Joint]
         if name not in known:
             near = nearest(name, known) or (known[0] if known else "no joint")
             raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
-    return [
-        Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) if j.name in lock else j for j in joints
-    ]
+    fixed = {j.name: Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) for j in joints}
+    return [fixed[j.name] if j.name in lock else j for j in joints]
 
 
 def _warned(robot: Element, links: dict[str, Inertia | None], lock: Sequence[str]) -> dict[str, str]:
