@@ -97,17 +97,9 @@ def solve(
     shown = size is not None and not mechanism.is_rigid and sys.stderr.isatty()
     with click.progressbar(length=samples, label="marching", file=sys.stderr, hidden=not shown) as bar:
         solution = solve_motion(
-            case.meshed(mechanism),
-            case.motion,
-            size,
-            error=error,
-            end=case.end,
-            spectral_radius=case.spectral_radius,
-            initial=case.initial,
-            start=case.start,
-            progress=bar.update,
-            accuracy=asked,
-        )
+            case.meshed(mechanism), case.motion, size, error=error, end=case.end, spectral_radius=case.spectral_radius,
+            initial=case.initial, start=case.start, progress=bar.update, accuracy=asked,
+        )  # fmt: skip
     click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
     table = solution.summary()
     if solution.torque_error is not None:

@@ -60,16 +60,10 @@ def simulate_file(
     check_outputs(out, overwrite)
     mechanism = load_mechanism(model)
     time, efforts = _efforts(mechanism, torque, duration)
-    solution = simulate(
-        mechanism,
-        time,
-        efforts,
-        step,
-        initial="static" if static else "consistent",
-        start=by_joint("--start", start, _numbers, "a joint and its numbers, for example --start hub=0.5"),
-        start_rate=by_joint("--rate", rate, _numbers, "a joint and its numbers, for example --rate hub=0.5"),
-        accuracy=accuracy,
-    )
+    initial = "static" if static else "consistent"
+    at = by_joint("--start", start, _numbers, "a joint and its numbers, for example --start hub=0.5")
+    moving = by_joint("--rate", rate, _numbers, "a joint and its numbers, for example --rate hub=0.5")
+    solution = simulate(mechanism, time, efforts, step, initial=initial, start=at, start_rate=moving, accuracy=accuracy)
     frame = solution.frame()
     places = [name for name in frame if name.startswith("position")]
     rates = [name for name in frame if name.startswith("rate")]

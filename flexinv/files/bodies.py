@@ -38,12 +38,15 @@ def shape_inertia(table: BodyTable, mass: float) -> tuple[Array, Array | None]:
 
     rod: m L^2/12 across; box: m (b^2 + c^2)/12; cylinder: m r^2/2 along, m (3 r^2 + L^2)/12 across; sphere: 2/5 m r^2.
     """
-    if table.rod is not None:
-        across = mass * table.rod.length_m**2 / 12
-        return _lying(table.rod, table.rod.axial_inertia_kgm2, across)
-    if table.cylinder is not None:
-        r, length = table.cylinder.radius_m, table.cylinder.length_m
-        return _lying(table.cylinder, mass * r**2 / 2, mass * (3 * r**2 + length**2) / 12)
+    long = table.rod or table.cylinder
+    if long is not None:
+        if isinstance(long, RodTable):
+            axial, across = long.axial_inertia_kgm2, mass * long.length_m**2 / 12
+        else:
+            axial, across = mass * long.radius_m**2 / 2, mass * (3 * long.radius_m**2 + long.length_m**2) / 12
+        moments = np.full(3, across)
+        moments["xyz".index(long.along)] = axial
+        return np.diag(moments), far_end(long) / 2
     if table.box is not None:
         squares = np.square(table.box.size_m)
         return np.diag(mass * (squares.sum() - squares) / 12), None
@@ -57,12 +60,6 @@ def far_end(table: RodTable | CylinderTable) -> Array:
     end = np.zeros(3)
     end["xyz".index(table.along)] = table.length_m
     return end
-
-
-def _lying(table: RodTable | CylinderTable, axial: float, across: float) -> tuple[Array, Array]:
-    moments = np.full(3, across)
-    moments["xyz".index(table.along)] = axial
-    return np.diag(moments), far_end(table) / 2
 
 
 def read_inertia(table: BodyTable, where: Location) -> Inertia:
@@ -84,8 +81,8 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
     if reason:
         expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
         advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
-        given_text = f"{np.array2string(tensor, separator=', ')}".replace("\n", "") + f": {reason}"
-        raise where.wrong(given[0], given_text, expected, advice)
+        rows = np.array2string(tensor, separator=", ").replace("\n", "")
+        raise where.wrong(given[0], f"{rows}: {reason}", expected, advice)
     return Inertia(table.mass_kg, com, (tensor + tensor.T) / 2)
 
 

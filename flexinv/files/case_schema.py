@@ -12,7 +12,7 @@ import scipy  # its parts are loaded when they are asked for
 from pydantic import Field, create_model
 
 from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, toml_file, validate
-from flexinv.files.values import Format, Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.files.values import Count, Format, Fraction, Name, NotNegative, Number, Pair, Positive, Text, Vector
 from flexinv.typing import Array
 
 Quantity = Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"]
@@ -22,7 +22,6 @@ VERSIONS = r"^$|^\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*(,\s*(==|!=|<=|>=|<|>|~
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")
 Law = Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid"]
 LAWS = '"cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid"'
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 
 
@@ -173,8 +172,8 @@ class LimitTable(Table):
 class MeshTable(Table):
     """The mesh that flexinv takes for every beam in one case."""
 
-    elements: Annotated[int, Field(ge=1)] = key("number of elements of each beam, >= 1 [-]", "2")
-    order: Annotated[int, Field(ge=1)] = key("polynomial order of each element, >= 1 [-]", "8")
+    elements: Count = key("number of elements of each beam, >= 1 [-]", "2")
+    order: Count = key("polynomial order of each element, >= 1 [-]", "8")
 
 
 class CaseTable(Table):
@@ -191,9 +190,7 @@ class CaseTable(Table):
     )
     end_s: Positive | None = optional("when the case ends [s]; with the motion when absent", "0.5")
     sample_s: Positive | None = optional("the spacing of results [s]; the step when absent", "1e-3")
-    spectral_radius: Annotated[Number, Field(ge=0, le=1)] = key(
-        "of the time integration at infinite frequency, 0..1 [-]", "0.8", default=0.8
-    )
+    spectral_radius: Fraction = key("of the time integration at infinite frequency, 0..1 [-]", "0.8", default=0.8)
     initial: Literal["consistent", "static"] = key(
         '"consistent" (undeformed) or "static" (equilibrium under gravity first)', '"static"', default="consistent"
     )

@@ -7,13 +7,13 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, PlainValidator, WithJsonSchema
+from pydantic import PlainValidator, WithJsonSchema
 
 from flexinv.files.bodies import check_station
 from flexinv.files.joints import read_axes, read_placement
 from flexinv.files.schema import SOURCE, PlacementTable, finite
 from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
-from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Pair, Positive, Text, Vector
 from flexinv.model.attachments import COUPLED_JOINTS, GasLaw, TableLaw
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
 from flexinv.typing import Array
@@ -35,7 +35,6 @@ def _rows(value: Any) -> list[list[float]]:
 
 _VECTOR = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 Rows = Annotated[Any, PlainValidator(_rows), WithJsonSchema({"anyOf": [_VECTOR, {"type": "array", "items": _VECTOR}]})]
-Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class EndTable(PlacementTable):
@@ -57,7 +56,7 @@ class ClosureTable(PairTable):
     """A joint that closes a loop: without an axis a ball joint or a weld."""
 
     kind: str = key(f"one of {KINDS}", '"revolute"')
-    active_s: list[Interval] = key(
+    active_s: list[Pair] = key(
         "intervals [start, end] in which it acts, one after the other [s]; always when absent",
         "[[0.0, 0.5]]",
         default=[],
@@ -169,10 +168,8 @@ def read_closure(
     axes = read_axes(table, where)
     times = [time for interval in table.active_s for time in interval]
     if any(b <= a for a, b in pairwise(times)):
-        given, expected = (
-            f"active_s = {toml_text(table.active_s)}",
-            "intervals [start, end] with start < end, one after the other [s]",
-        )
+        given = f"active_s = {toml_text(table.active_s)}"
+        expected = "intervals [start, end] with start < end, one after the other [s]"
         raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     if table.impact not in IMPACTS:
         write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'

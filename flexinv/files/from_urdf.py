@@ -71,9 +71,8 @@ def read_urdf(
         raise InputError(f'base = "{base}": expected "fixed" or "free"; write base="fixed"')
     pull = np.array(floats("gravity", gravity))
     if pull.shape != (3,) or not np.all(np.isfinite(pull)):
-        raise InputError(
-            f"gravity = {gravity}: expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
-        )
+        expected = f"expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
+        raise InputError(f"gravity = {gravity}: {expected}")
     robot = read_robot(path)
     inertias = _named(robot, "link", path, _inertia)
     if not inertias:
@@ -190,9 +189,8 @@ def _joint(element: Element, path: Path) -> Joint:
     placement = _origin(element, where)
     if kind in ("fixed", "floating"):
         return Joint(name_of(element, path), KINDS[kind], ends[0], ends[1], placement, actuated=False)
-    axis = unit_axis(
-        numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis"), f"{where}, axis", '<axis xyz="0 0 1"/>'
-    )
+    stated = numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
+    axis = unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
     for loss in ("damping", "friction"):
         value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
@@ -223,10 +221,8 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
     if len(roots) == 1:
         return roots[0]
     expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
-    given, advice = (
-        "a joint carries every link: a cycle",
-        "the loop cut at one joint, and [closures.NAME] beside [urdf] for it",
-    )
+    given = "a joint carries every link: a cycle"
+    advice = "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
     if roots:
         given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
         advice = "a fixed joint between the separate parts"
@@ -260,9 +256,8 @@ def _locked(joints: list[Joint], lock: Sequence[str], path: Path) -> list[Joint]
         if name not in known:
             near = nearest(name, known) or (known[0] if known else "no joint")
             raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
-    return [
-        Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) if j.name in lock else j for j in joints
-    ]
+    fixed = {j.name: Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) for j in joints}
+    return [fixed[j.name] if j.name in lock else j for j in joints]
 
 
 def _warned(robot: Element, links: dict[str, Inertia | None], lock: Sequence[str]) -> dict[str, str]:

@@ -281,9 +281,8 @@ def unit_axis(axis: Any, where: str, write: str) -> Array:
     if length == 0.0:
         raise complaint(where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write)
     if abs(length - 1) > UNIT:
-        warnings.warn(
-            f"{where}: {vector.tolist()} has length {length:.7g}, normalised to 1", ModelWarning, stacklevel=2
-        )
+        said = f"{where}: {vector.tolist()} has length {length:.7g}, normalised to 1"
+        warnings.warn(said, ModelWarning, stacklevel=2)
     return vector / length
 
 
@@ -374,10 +373,8 @@ def _check_all_reached(reached: set[str], carried: dict[str, Joint], links: Iter
             expected = "every link carried by one joint"
             advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
             raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
-    if (
-        unreached
-    ):  # each of them is carried, none from the world: they go round, from a link along its parents back to itself
-        path = [unreached[0]]
+    if unreached:  # each of them is carried, none from the world: they go round
+        path = [unreached[0]]  # along its parents, from a link back to itself
         while path[-1] not in path[:-1]:
             path.append(carried[path[-1]].parent)
         path = path[path.index(path[-1]) :]

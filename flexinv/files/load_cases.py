@@ -269,9 +269,8 @@ def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, 
             moved = f"a start for joint {name}" + (", which the motion moves" if name in given else "")
             expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
             alone = f"the motion alone; no start.{name}"
-            raise where.wrong(
-                name, moved, expected, f"{near} instead of {name}" if near and name not in given else alone
-            )
+            write = f"{near} instead of {name}" if near and name not in given else alone
+            raise where.wrong(name, moved, expected, write)
     return read_places(tables, mechanism, passive, where)
 
 

@@ -45,14 +45,10 @@ def load_mechanism(path: str | Path) -> Mechanism:
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     links, joints = mechanism.link_of, mechanism.joint_of
-    mechanism = replace(
-        mechanism,
-        closures=tuple(
-            read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items()
-        ),
-        springs=tuple(read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items()),
-        forces=tuple(read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items()),
-    )
+    closures = (read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items())
+    springs = (read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items())
+    forces = (read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items())
+    mechanism = replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
     mechanism = _damped(mechanism, table.damping, top.inner("damping"))
     name = table.name or (base.stem if base.name != "mechanism.toml" else base.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))

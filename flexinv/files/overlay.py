@@ -71,9 +71,8 @@ def _driven(joint: Joint, data: Any, where: Location) -> Joint:
         data = {key: value for key, value in data.items() if key != "drive"}
     table = validate(DRIVES[joint.kind], data, where)
     stated = {key.split("_")[0] for key in table.model_fields_set}
-    return replace(
-        joint, **{name: value for name, value in drive(table, where).items() if name.split("_")[0] in stated}
-    )
+    changed = {name: value for name, value in drive(table, where).items() if name.split("_")[0] in stated}
+    return replace(joint, **changed)
 
 
 def _flexible(

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from flexinv.files.toml_tables import Table, key, optional
-from flexinv.files.values import Format, Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
+from flexinv.files.values import Count, Format, Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
 
 Numbers = dict[str, float]
 
@@ -210,9 +210,7 @@ class DampingTable(Table):
 
     retardation_s: NotNegative | None = optional("stress by rate of strain over stress by strain, >= 0 [s]", "1e-3")
     ratio: Fraction | None = optional("of critical damping of one natural mode, 0..1 [-]", "0.01")
-    mode: Annotated[int, Field(ge=1)] = key(
-        "which natural mode, all joints held at zero: 1 the lowest [-]", "1", default=1
-    )
+    mode: Count = key("which natural mode, all joints held at zero: 1 the lowest [-]", "1", default=1)
     source: Text = SOURCE
 
 

@@ -108,10 +108,9 @@ def read_section(data: Any, where: Location) -> CrossSection:
     shape = one_of(data, where, "shape", SHAPES, f"one of {', '.join(SHAPES)}", "rectangle")
     if not shape:
         given = validate(StiffnessSectionTable, data, where)
-        stiffness = (given.EA_N, *given.GA_N, given.GJ_Nm2, *given.EI_Nm2)
-        return CrossSection(
-            np.array([*stiffness, given.mass_per_length_kg_per_m, *given.rho_I_kgm, *given.retardation_s])
-        )
+        stiffness = given.EA_N, *given.GA_N, given.GJ_Nm2, *given.EI_Nm2
+        inertia = given.mass_per_length_kg_per_m, *given.rho_I_kgm
+        return CrossSection(np.array([*stiffness, *inertia, *given.retardation_s]))
     table = validate(SHAPES[shape], data, where)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"

@@ -18,9 +18,8 @@ from flexinv.errors import InputError
 from flexinv.files.values import FORMAT, clean_name, correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
-COMPLETE = re.compile(
-    r"\[+[a-z]|[\w.]+ = "
-)  # examples that are a whole line: the head of a table, or a key and its value
+# Examples that are a whole line: the head of a table, or a key and its value.
+COMPLETE = re.compile(r"\[+[a-z]|[\w.]+ = ")
 
 
 class Table(BaseModel):

@@ -27,7 +27,8 @@ from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, 
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
-_NO_FREEDOMS = np.zeros((0, 3)), np.zeros((0, 3))
+# Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
+_NO_JOINT = np.zeros(3), -1, -1, np.zeros((0, 3)), np.zeros((0, 3))
 
 # Two stations of one beam closer than this fraction of its length are one cross-section.
 SAME_STATION = 1e-9
@@ -94,8 +95,8 @@ class _Builder:
     """Grows the node and element lists; becomes a Mesh at the end."""
 
     mechanism: Mechanism
-    rows: list[tuple[int, int, Placement, Array, int, int, int]] = field(default_factory=list)
-    subspace: list[tuple[Array, Array]] = field(default_factory=list)
+    rows: list[tuple[int, int, Placement, int]] = field(default_factory=list)
+    moves: list[tuple[Array, int, int, Array, Array]] = field(default_factory=list)  # of each node as `_NO_JOINT`
     mass: list[float] = field(default_factory=list)
     inertia: list[Array] = field(default_factory=list)
     joint_node: dict[str, int] = field(default_factory=dict)
@@ -106,19 +107,9 @@ class _Builder:
     body_node: dict[tuple[str, str], int] = field(default_factory=dict)
     elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
 
-    def node(
-        self,
-        parent: int,
-        kind: int,
-        placement: Placement,
-        link: int,
-        axis: Array | None = None,
-        q: int = -1,
-        v: int = -1,
-    ) -> int:
-        axis = np.zeros(3) if axis is None else axis
-        self.rows.append((parent, kind, placement, axis, q, v, link))
-        self.subspace.append(_NO_FREEDOMS)
+    def node(self, parent: int, kind: int, placement: Placement, link: int) -> int:
+        self.rows.append((parent, kind, placement, link))
+        self.moves.append(_NO_JOINT)
         self.mass.append(0.0)
         self.inertia.append(np.zeros((3, 3)))
         return len(self.rows) - 1
@@ -128,8 +119,8 @@ class _Builder:
         q = self.mechanism.q_slices[joint.name].start
         v = self.mechanism.v_slices[joint.name].start
         for axis in joint.axes:
-            node = self.node(node, number, placement, link, axis, q if joint.nv else -1, v if joint.nv else -1)
-            self.subspace[node] = joint.subspace(axis)
+            node = self.node(node, number, placement, link)
+            self.moves[node] = (axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis))
             placement, q, v = Placement(), q + CONFIGURATIONS[number], v + VELOCITIES[number]
         self.joint_node[joint.name] = node
         self.link(self.mechanism.links[link], link, node)
@@ -286,18 +277,19 @@ def build(mechanism: Mechanism) -> Mesh:
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
-    slide, turn = np.zeros((2, len(builder.rows), 6, 3))
-    for n, (moved, turned) in enumerate(builder.subspace):
-        slide[n, : len(moved)], turn[n, : len(turned)] = moved, turned
-    parent, kind, placement, axis, q, v, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 7
-    whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, link)]
-    freedoms = np.array([len(moved) for moved, _ in builder.subspace], dtype=np.int64)
+    parent, kind, placement, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 4
+    axis, q, v, moved, turned = zip(*builder.moves, strict=True) if builder.rows else ((),) * 5
+    slide, turn = np.zeros((2, len(moved), 6, 3))
+    for n, count in enumerate(map(len, moved)):
+        slide[n, :count], turn[n, :count] = moved[n], turned[n]
+    freedoms = [len(own) for own in moved]
+    whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, freedoms, link)]
     return Mesh(
         mechanism, whole[0], whole[1],
         np.array([p.position for p in placement], dtype=float).reshape(-1, 3),
         np.array([p.rotation for p in placement], dtype=float).reshape(-1, 3, 3),
-        np.array(axis, dtype=float).reshape(-1, 3), whole[2], whole[3], freedoms, slide, turn,
-        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[4],
+        np.array(axis, dtype=float).reshape(-1, 3), whole[2], whole[3], whole[4], slide, turn,
+        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[5],
         builder.joint_node, builder.root_node, builder.tip_node, builder.section_nodes, builder.stations,
         builder.body_node, _elements(builder.elements),
     )  # fmt: skip

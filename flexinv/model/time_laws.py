@@ -39,7 +39,6 @@ class Law:
     function : s (samples,) in [0, 1] -> u, u', u'' (samples,) each [-]; right-hand limits inside, u''(1) from the left
     """
 
-    name: str
     jumps: tuple[float, ...]
     function: Callable[[Array], Triple]
 
@@ -78,17 +77,13 @@ def _trapezoid(s: Array) -> Triple:
 
 
 LAWS: dict[str, Law] = {
-    law.name: law
-    for law in (
-        Law("cycloid", (), _cycloid),
-        Law("quintic", (), _smooth(2, 30.0, 10.0, -15.0, 6.0)),
-        Law("septic", (), _smooth(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
-        Law(
-            "nonic", (), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)
-        ),  # for torques without corners of arms that bend
-        Law("bang-bang", (0.0, 1.0 / 2.0, 1.0), _bang_bang),
-        Law("trapezoid", (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
-    )
+    "cycloid": Law((), _cycloid),
+    "quintic": Law((), _smooth(2, 30.0, 10.0, -15.0, 6.0)),
+    "septic": Law((), _smooth(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
+    # for torques without corners of arms that bend
+    "nonic": Law((), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)),
+    "bang-bang": Law((0.0, 1.0 / 2.0, 1.0), _bang_bang),
+    "trapezoid": Law((0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
 }
 
 

@@ -199,9 +199,8 @@ def _plain(track: Track, values: Array, at: Array, left: Mask, where: str) -> Tr
         return values[0] + u * step, u1 * step, u2 * step
     spline = track.sampling.spline(values)
     inside = np.clip(at, 0.0, track.sampling.time[-1])
-    return _rest_outside(
-        track.sampling, spline, at, left, where, (spline(inside), spline(inside, 1), spline(inside, 2))
-    )
+    path = spline(inside), spline(inside, 1), spline(inside, 2)
+    return _rest_outside(track.sampling, spline, at, left, where, path)
 
 
 def _rotation(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
@@ -239,9 +238,8 @@ def _angles(values: Array, sampled: bool, where: str) -> Array:
         norm = np.linalg.norm(values, axis=1)
         if np.any(np.abs(norm - 1.0) > UNIT_NORM):
             k = int(np.argmax(np.abs(norm - 1.0)))
-            raise InputError(
-                f"{where}: ({values[k, 0]:g}, {values[k, 1]:g}) is no cosine and sine; write the angle [rad]"
-            )
+            pair = f"({values[k, 0]:g}, {values[k, 1]:g})"
+            raise InputError(f"{where}: {pair} is no cosine and sine; write the angle [rad]")
         return np.unwrap(np.arctan2(values[:, 1:], values[:, :1]), axis=0)
     return np.unwrap(values, axis=0) if sampled else values
 

@@ -49,7 +49,7 @@ def test_derivatives_are_derivatives(law: Law) -> None:
 
 def test_a_wrong_derivative_is_caught() -> None:
     cycloid = LAWS["cycloid"].function
-    wrong = Law("wrong", (), lambda s: (cycloid(s)[0], cycloid(s)[1], cycloid(s)[2] * (1.0 + 1e-8)))
+    wrong = Law((), lambda s: (cycloid(s)[0], cycloid(s)[1], cycloid(s)[2] * (1.0 + 1e-8)))
     assert worst_derivative_error(wrong) > DIFFERENCES
 
 
