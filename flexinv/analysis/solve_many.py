@@ -299,14 +299,14 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
     schemes = Schemes(first.scheme, start_up(first.scheme))
     ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
-    whole = Results(out, found, ended, left)
+    made = Results(out, found, ended, left)
     most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def work() -> None:
         own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = march_alike(ahead, mine, designs, tasks, schemes, own.system, line, whole)
+            done = march_alike(ahead, mine, designs, tasks, schemes, own.system, line, made)
             for n in mine[:done].tolist():
                 results[n] = _solution(scenarios[n], n, out, found)
             if done < most and (n := int(mine[done])) < len(scenarios):
@@ -358,18 +358,17 @@ def _room(first: Scenario, scenarios: int) -> tuple[Histories, Found]:
     """Series of all scenarios, one after the other in memory."""
     mesh, samples = first.mesh, len(first.time)
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
-    whole, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
-    x, r, v, w, a, al, wrench, internal, energy, *forces = together(*whole[:large])
+    stacks, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
+    x, r, v, w, a, al, wrench, internal, energy, *forces = together(*stacks[:large])
     if has_padding(mesh):
         internal[:] = 0.0
     none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
-    found = Found(*forces, *(np.empty(shape) for shape in whole[large:]))  # see `evaluation.second_step`
+    found = Found(*forces, *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
     return Histories(x, r, v, w, a, al, wrench, internal, energy, none, iterations), found
 
 
 def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:
-    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations = (part[n] for part in out)
-    trajectory = Trajectory(NodalMotion(x, r, v, w, a, al), wrench, internal, energy, multipliers, iterations)
-    q, qd, qdd = (part.copy() for part in one.table)
-    own = Found(*(part[n] for part in found))
-    return solution_of(one.mesh, FirstStep(trajectory, one.time, (q, qd, qdd)), own, one.settings)
+    series: list[Any] = [part[n] for part in out]
+    trajectory, (q, qd, qdd) = Trajectory(NodalMotion(*series[:6]), *series[6:]), (part.copy() for part in one.table)
+    first, second = FirstStep(trajectory, one.time, (q, qd, qdd)), Found(*(part[n] for part in found))
+    return solution_of(one.mesh, first, second, one.settings)

@@ -25,7 +25,7 @@ SOURCES = (
     "planar.history", "planar.index1", "planar.stepper", "planar.tree", "planar.tree_solver", "rigid.blocks",
     "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.body_numbers", "rnea.loop_allocation", "rnea.loop_bodies",
     "rnea.loop_layout", "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs",
-    "tracking.collocation_kernel",
+    "tracking.collocation",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (\w*)", re.MULTILINE)
 
