@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.batch_kernel import Designs, Results, Schemes, Tasks, march_alike
+from flexinv.analysis.batch_kernel import Designs, Results, Tasks, march_alike
 from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
@@ -297,7 +297,6 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
     tasks = _tasks(scenarios)
     out, found = _room(first, len(scenarios))
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
-    schemes = Schemes(first.scheme, start_up(first.scheme))
     ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
     made = Results(out, found, ended, left)
     most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
@@ -306,7 +305,7 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
         own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = march_alike(ahead, mine, designs, tasks, schemes, own.system, line, made)
+            done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
                 results[n] = _solution(scenarios[n], n, out, found)
             if done < most and (n := int(mine[done])) < len(scenarios):
@@ -351,6 +350,7 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
         joint=joint, given=given, qd=np.stack([one.table[1] for one in firsts.values()]),
         early=early, early_row=early_rows(instants[1 : EARLY + 1]),
         row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
+        scheme=first.scheme, first_scheme=start_up(first.scheme),
     )  # fmt: skip
 
 
