@@ -18,7 +18,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows
-from flexinv.inverse.inverse_dynamics import applied_forces, drive_efforts, joint_springs, nodal_forces, project
+from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, project
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -151,7 +151,7 @@ def open_tree(mechanism: Mechanism, states: States) -> Array:
     motion = rigid_motion(mesh, states.q, states.qd, states.qdd)
     acting = applied_forces(mesh, motion, states.time)
     forces = nodal_forces(mesh, motion, acting)
-    drives = drive_efforts(mechanism, states.qd, states.qdd) + joint_springs(mechanism, states.q)
+    drives = own_efforts(mechanism, states.q, states.qd, states.qdd)
     return np.asarray(project(mesh, motion, forces) + drives)
 
 

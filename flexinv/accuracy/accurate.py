@@ -13,9 +13,9 @@ import scipy  # its parts are loaded when they are asked for
 from flexinv.accuracy.refinement import Answer, Problem, Refinement, Run, marched, refine, unreached
 from flexinv.accuracy.step_grid import step_grid
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
-from flexinv.analysis.extrapolation import extrapolated
+from flexinv.analysis.extrapolation import extrapolated, thinned
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Settings, Task, Words, last_time, looked_up, prescribe
+from flexinv.analysis.task import Settings, Task, Words, last_time, prescribe
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Found
 from flexinv.model.mechanism import Mechanism
@@ -59,8 +59,7 @@ def solve_problem(
     start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
 
     def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
-        task = replace(prescribe(meshed, motion, steps, own, start, start_rate), progress=progress)
-        return marched(looked_up(task), seams)
+        return marched(prescribe(meshed, motion, steps, own, start, start_rate, progress), seams)
 
     forces, switches = _sudden_times(mechanism)
     breaks = (*getattr(motion, "breaks", ()), *forces)
@@ -109,7 +108,7 @@ def accurate(problem: Problem) -> Solution:
         return _told(solution, _rounding(solution), tips, problem.accuracy)
     answer = refine(refinement)
     level = answer.levels[-1]
-    steps = [one.thinned(answer.kept) for one in answer.levels]
+    steps = [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
     mesh, grid = level.made.mesh, problem.grid
     first = extrapolated(mesh.mechanism, steps, answer.weight)
     found = second_step(mesh, first)

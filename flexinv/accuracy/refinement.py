@@ -137,10 +137,6 @@ class Level:
     first: FirstStep
     found: Quantities
 
-    def thinned(self, kept: int) -> FirstStep:
-        """Return the first step [m, rad, s, N] at ``kept`` samples to a coarsest step [-]."""
-        return thinned(self.first, self.kept // kept)
-
 
 @dataclass(frozen=True)
 class Answer:

@@ -46,6 +46,7 @@ class Tasks(NamedTuple):
     early : (motions, parts, joints, 3) the same where parts of the first steps end, none where no start is sudden
     early_row : (parts,), row : (instants,) of `planar.stepper.planar_march`; time : (instants,) [s]
     none, never : (0, 0, 0), (0,) nothing is applied, nothing brought
+    scheme, first_scheme : of the steps, and of the parts of the first ones after a sudden start
     """
 
     design: NDArray[np.int64]
@@ -59,14 +60,8 @@ class Tasks(NamedTuple):
     time: Array
     none: Array
     never: Array
-
-
-@by_address
-class Schemes(NamedTuple):
-    """Schemes of the steps, and of the parts of the first ones after a sudden start."""
-
-    step: Scheme
-    early: Scheme
+    scheme: Scheme
+    first_scheme: Scheme
 
 
 @by_address
@@ -80,7 +75,7 @@ class Results(NamedTuple):
 
 
 @jit
-def march_alike(ahead, mine, designs, tasks, schemes, room, line, results):
+def march_alike(ahead, mine, designs, tasks, room, line, results):
     """March scenarios that nobody has taken yet, and do the second step of each; return how many have come to the end [-].
 
     ahead : (1,) number of the next; mine : (most,) at most so many, gets their numbers, that of one that failed behind the others
@@ -100,7 +95,7 @@ def march_alike(ahead, mine, designs, tasks, schemes, room, line, results):
             room.state, room.frames, room.factors, room.work,
         )  # fmt: skip
         ended = results.ended[n]
-        ended[0], ended[1], ended[2], results.left[n] = _march_one(system, schemes, tasks, m, h)
+        ended[0], ended[1], ended[2], results.left[n] = _march_one(system, tasks, m, h)
         if ended[0] != CONVERGED:
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
@@ -110,18 +105,18 @@ def march_alike(ahead, mine, designs, tasks, schemes, room, line, results):
 
 
 @jit_inner
-def _march_one(system, schemes, tasks, motion, out):
+def _march_one(system, tasks, motion, out):
     """March one scenario, the first steps in parts where its start is sudden; return what `planar.stepper.planar_march` returns.
 
     An instant that is not reached among the parts is counted down from -1.
     """
     joint, given, early = tasks.joint[motion], tasks.given[motion], tasks.early[motion]
-    status, instant, count, size = planar_march(system, schemes.step, joint, True, given, tasks.row, out)
+    status, instant, count, size = planar_march(system, tasks.scheme, joint, True, given, tasks.row, out)
     if status != SUDDEN_START:
         return status, instant, count, size
     nowhere, first = joint[:0], 1 + early.shape[0] // SUBSTEPS
-    status, instant, count, size = planar_march(system, schemes.early, nowhere, False, early, tasks.early_row, out)
+    status, instant, count, size = planar_march(system, tasks.first_scheme, nowhere, False, early, tasks.early_row, out)
     if status != CONVERGED:
         return status, -1 - instant, count, size
     accept(system.state)
-    return planar_march(system, schemes.step, nowhere, False, given[first:], tasks.row[first:], out)
+    return planar_march(system, tasks.scheme, nowhere, False, given[first:], tasks.row[first:], out)

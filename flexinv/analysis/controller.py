@@ -95,10 +95,8 @@ class Flexible:
         loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
         given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
         masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
-        frames, here = (
-            Frames(*(part[0] for part in out[:6])),
-            Instant(out.energy[0], driven, line, np.zeros(7)),
-        )
+        frames = Frames(*(part[0] for part in out[:6]))
+        here = Instant(out.energy[0], driven, line, np.zeros(7))
         nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
         march_in: Any = march if flat is None else planar_march
         rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
@@ -130,10 +128,8 @@ class Flexible:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.rest)
         if status != CONVERGED:
-            turned, when = (
-                (self.solver if self.flat is None else self.flat).turned(count),
-                "in a step of the controller",
-            )
+            turned = (self.solver if self.flat is None else self.flat).turned(count)
+            when = "in a step of the controller"
             raise complaint(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
 
     def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:

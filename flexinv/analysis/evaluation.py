@@ -14,14 +14,7 @@ from flexinv.constraints.loop_starts import stated_of
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
-from flexinv.inverse.inverse_dynamics import (
-    NodalForces,
-    applied_forces,
-    drive_efforts,
-    joint_springs,
-    joint_wrenches,
-    nodal_forces,
-)
+from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, joint_wrenches, nodal_forces, own_efforts
 from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
 from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.mesh import Mesh
@@ -98,13 +91,9 @@ def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Ar
 
     Efforts that couplings give joints in place of their drives are none of the drives'.
     """
-    q, qd, qdd = first.joints
-    if mechanism.drive_table[:3].any():
-        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
-        tau, reaction = tau + drive, reaction + drive
-    if any(joint.stiffness for joint in mechanism.joints):
-        springs = joint_springs(mechanism, q)
-        tau, reaction = tau + springs, reaction + springs
+    if mechanism.drive_table[:4].any():
+        own = own_efforts(mechanism, *first.joints, direction=_direction(mechanism, first.joints[1], first.smooth))
+        tau, reaction = tau + own, reaction + own
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
@@ -114,12 +103,8 @@ def second_step(mesh: Mesh, first: FirstStep) -> Found:
     One compiled pass reads every sample of the motion once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the
     same step by step.
     """
-    none, shapes, trajectory, applied = (
-        np.empty((0, 0, 0)),
-        found_shapes(mesh, len(first.time)),
-        first.trajectory,
-        first.applied,
-    )
+    none, shapes = np.empty((0, 0, 0)), found_shapes(mesh, len(first.time))
+    trajectory, applied = first.trajectory, first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
     found = Found(*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
     pushed = (none, none) if applied is None else (applied.force, applied.moment)

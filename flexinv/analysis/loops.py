@@ -14,7 +14,11 @@ from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import Rows, captured, constraint_jacobian, constraint_rows
+from flexinv.constraints.closures import (
+    captured,
+    constraint_jacobian,
+    constraint_rows,
+)
 from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion, closed_start
 from flexinv.constraints.loop_starts import stated_of
@@ -26,12 +30,10 @@ from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import (
-    NodalForces,
     applied_forces,
-    drive_efforts,
-    joint_springs,
     joint_wrenches,
     nodal_forces,
+    own_efforts,
     project,
 )
 from flexinv.kinematics.mesh import Mesh
@@ -57,7 +59,7 @@ def rigid_loops(task: Task) -> FirstStep:
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
     acting = applied_forces(mesh, motion, time)
     forces = nodal_forces(mesh, motion, acting)
-    tree = project(mesh, motion, forces) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
+    tree = project(mesh, motion, forces) + own_efforts(m, q, qd, qdd)
     shares = _phased_shares(mesh, motion, tree, stretches, g)
     pulls = joint_wrenches(mesh, motion, forces).force
     largest = max(np.abs(pulls).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
@@ -87,21 +89,18 @@ def _phased_motion(
             return closed_motion(mesh, history, time, unknown), only, [], None
         given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
-    whole, rows = history(time), original
+    whole, begins = history(time), np.zeros(len(m.closures), dtype=bool)
     stretches: list[Stretch] = []
     impacts: list[Impact] = []
     before: tuple[Array, Array] | None = None
     for piece in pieces:
         span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
-        begins = piece.active & ~stretches[-1].phase.active if stretches else np.zeros(len(m.closures), dtype=bool)
-        at = float(time[piece.first])
+        stretch, at = Stretch(piece, original), float(time[piece.first])
         if before is not None:
             state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
-            rows = _caught(mesh, rows, state, begins, at)
-        stretch = Stretch(piece, rows)
-        found = closed_motion(
-            mesh, history, time[span], unknown, rows.of(piece.active), None if before is None else before[0]
-        )
+            stretch, begins = _caught(mesh, stretches[-1], piece, state, at)
+        begun, rows = None if before is None else before[0], stretch.rows.of(piece.active)
+        found = closed_motion(mesh, history, time[span], unknown, rows, begun)
         if before is not None and _is_plastic(mesh, begins):
             impacts.append(_rigid_impact(mesh, stretch, begins, found[0][0], before[1], found[1][0], at))
         stretches.append(stretch)
@@ -121,13 +120,13 @@ def _rigid_impact(
     return impact_of(mesh, stretch.rows, begins, (one, two), shares.tau[0], shares.multipliers[0], time)
 
 
-def _caught(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, time: float) -> Rows:
-    """The equations of closures of which some begin to act: frames that are captured as they lie, the others have met."""
-    m = mesh.mechanism
+def _caught(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion, time: float) -> tuple[Stretch, Mask]:
+    """The stretch of a phase and which closures begin to act: frames that are captured as they lie, the others have met."""
+    m, begins = mesh.mechanism, phase.active & ~last.phase.active
     captures = begins & np.array([c.capture for c in m.closures])
-    rows = captured(m, constraint_rows(mesh), rows, motion, captures)
+    rows = captured(m, constraint_rows(mesh), last.rows, motion, captures)
     check_meeting(mesh, rows, motion, begins, time)
-    return rows
+    return Stretch(phase, rows), begins
 
 
 def _is_plastic(mesh: Mesh, begins: Mask) -> bool:
@@ -225,23 +224,20 @@ def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstSt
     motion, stretches = trajectory.motion, switching.stretches
     pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
     efforts = trajectory.multipliers @ stretches[0].rows.gear
-    brought = _closing_work(motion, pushed, stretches[0].rows, (efforts * first.joints[1]).sum(axis=1), time)
+    # the energy that closures absorb from one sample to the next: zero for short steps
+    both = np.union1d(stretches[0].rows.a, stretches[0].rows.b)
+    nodes = both[both >= 0]
+    spin = np.einsum("snij,snj->sni", motion.rotation[:, nodes], motion.omega[:, nodes])
+    power = (efforts * first.joints[1]).sum(axis=1)
+    power += np.einsum("snc,snc->s", pushed.force[:, nodes], motion.v[:, nodes])
+    power += np.einsum("snc,snc->s", pushed.moment[:, nodes], spin)
+    brought = -0.5 * np.diff(time, prepend=time[0]) * (power + np.concatenate([power[:1], power[:-1]]))
     brought += _damped_after(trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time)
     brought += _energy_jumps(time, switching.impacts)
     none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
     unseen = np.empty((0, m.nv))  # what is left at joints without a drive, until the second step
     loops = LoopForces(reaction, none, unknown_condition, unseen, tuple(switching.impacts))
     return replace(first, applied=pushed + first.applied, brought=brought, loops=loops, geared=efforts)
-
-
-def _closing_work(motion: NodalMotion, pushed: NodalForces, rows: Rows, power: Array, time: Array) -> Array:
-    """Return the energy that closures absorb from one sample to the next, (samples,) [J]: zero for short steps."""
-    both = np.union1d(rows.a, rows.b)
-    nodes = both[both >= 0]
-    spin = np.einsum("snij,snj->sni", motion.rotation[:, nodes], motion.omega[:, nodes])
-    power = power + np.einsum("snc,snc->s", pushed.force[:, nodes], motion.v[:, nodes])
-    power += np.einsum("snc,snc->s", pushed.moment[:, nodes], spin)
-    return np.asarray(-0.5 * np.diff(time, prepend=time[0]) * (power + np.concatenate([power[:1], power[:-1]])))
 
 
 def _damped_after(dissipated: Array, switches: list[int], time: Array) -> Array:
@@ -289,12 +285,11 @@ class Switching:
         joints, qd : right-hand limit of the prescribed motion there [m, rad, s]; time [s]
         Raises InputError for frames that have not met or move against each other (`reactions.check_meeting`).
         """
-        mesh, s, sample, last = solver.mesh, solver.state, phase.first, self.stretches[-1]
-        begins = phase.active & ~last.phase.active
+        mesh, s, sample = solver.mesh, solver.state, phase.first
         one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
-        rows = _caught(mesh, last.rows, one, begins, time)
+        stretch, begins = _caught(mesh, self.stretches[-1], phase, one, time)
         # the rest, below `reactions.OPEN`: the next step shall not jerk it away
-        rows = captured(mesh.mechanism, constraint_rows(mesh), rows, one, begins)
+        rows = captured(mesh.mechanism, constraint_rows(mesh), stretch.rows, one, begins)
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0

@@ -9,8 +9,8 @@ from flexinv.constraints.continuation import closed_near, mobility
 from flexinv.constraints.loop_starts import closed_anywhere, places_near
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
-from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, Link, Mechanism
+from flexinv.model.motion import start_coordinates
 from flexinv.typing import Array
 
 
@@ -22,9 +22,8 @@ def start_of(mechanism: Mechanism, case: Case | None) -> Array:
     q = mechanism.neutral
     if case is not None:
         q = case.motion.evaluate(mechanism, [0.0])[0][0]
-        for name, value in case.start.items():
-            angle = KINDS[mechanism.joint_of[name].kind].circle
-            q[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
+        for name, place in start_coordinates(mechanism, set(case.start), case.start)[0].items():
+            q[mechanism.q_slices[name]] = place
     return q
 
 
@@ -77,12 +76,11 @@ def joint_table(mechanism: Mechanism) -> pd.DataFrame:
         "q": [" ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]) for j in moving],
         "actuated": ["yes" if j.actuated else "no" for j in moving],
     }
-    table = pd.DataFrame(columns if moving else {})
     for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
         values = [getattr(j, key) for j in moving]
         if any(values):
-            table[f"{key.replace('_', ' ')} [{unit}]"] = values
-    return table
+            columns[f"{key.replace('_', ' ')} [{unit}]"] = values
+    return pd.DataFrame(columns if moving else {})
 
 
 def closure_table(mechanism: Mechanism) -> pd.DataFrame:

@@ -63,10 +63,8 @@ def simulate(
     function("progress", progress, "a function of the number of samples done since its last call")
     table = _table(mechanism, time, torque)
     if accuracy is None and step is not None:
-        step, span = (
-            number("step", step, "a positive number of seconds, for example step=1e-3"),
-            table[0][-1] - table[0][0],
-        )
+        step = number("step", step, "a positive number of seconds, for example step=1e-3")
+        span = table[0][-1] - table[0][0]
         settings = checked(step, spectral_radius, EXACT, initial)
         count = round(span / step)
         if count < 1:

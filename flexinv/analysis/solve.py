@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
 from flexinv.analysis.extrapolation import extrapolated, largest_nearby, thinned, weights
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import (
-    Progress,
-    Settings,
-    Task,
-    check_task,
-    checked,
-    joint_histories,
-    looked_up,
-    prescribe,
-    time_grid,
-)
+from flexinv.analysis.task import Progress, Settings, Stated, check_start, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
-from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import check_samples
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, start_coordinates
+from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import flag
 
-Stated = Mapping[str, ArrayLike] | None
 # Differences near each sample: of torque [N m], [N], and of every link's tip [m].
 Bars = tuple[Array, dict[str, Array]]
 Again = Callable[[Mechanism, Array, Settings], tuple[Solution, FirstStep]]
@@ -52,8 +39,8 @@ def solve(
     spectral_radius: float = 0.8,
     initial: str = "consistent",
     incremental: bool = False,
-    start: Mapping[str, ArrayLike] | None = None,
-    start_rate: Mapping[str, ArrayLike] | None = None,
+    start: Stated = None,
+    start_rate: Stated = None,
     progress: Progress | None = None,
     every: int = 1,
     tolerance: float = EXACT,
@@ -102,20 +89,20 @@ def solve(
     if incremental:
         check_samples(len(steps[::every]), step)
     settings = replace(checked(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
-    task = replace(prescribe(mechanism, motion, steps, settings, start, start_rate), progress=progress)
-    (first,) = first_step(looked_up(task))  # the flexible trajectory: M, C and K act
+    task = prescribe(mechanism, motion, steps, settings, start, start_rate, progress)
+    (first,) = first_step(task)  # the flexible trajectory: M, C and K act
     if incremental:
         first = first.differenced(settings.step)
     second = second_step(task.mesh, first)  # P = M (a - g), tau = L T P
     solution = solution_of(task.mesh, first, second, settings)
     if mechanism.closures and (start or start_rate):
-        _check_start(task, motion, start, start_rate, solution)
+        check_start(task, motion, start, start_rate, solution.q[0], solution.qd[0])
     if not error:
         return solution
 
     def again(meshed: Mechanism, instants: Array, own: Settings) -> tuple[Solution, FirstStep]:
-        other = replace(prescribe(meshed, motion, instants, own, start, start_rate), progress=progress)
-        (found,) = first_step(looked_up(other))
+        other = prescribe(meshed, motion, instants, own, start, start_rate, progress)
+        (found,) = first_step(other)
         found = found.differenced(own.step) if incremental else found
         return solution_after(other.mesh, found, own), found
 
@@ -127,17 +114,6 @@ def solve(
     even = marched and not (incremental or sticks or any(closure.active for closure in mechanism.closures))
     solution = with_error(solution, first, steps, settings, again, stride, even)
     return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
-
-
-def _check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, solution: Solution) -> None:
-    """Raise an error where closures contradict what was told of the first instant."""
-    mesh, m = task.mesh, task.mesh.mechanism
-    stated = start_coordinates(m, task.passive, start, start_rate)
-    told = joint_histories(motion, m, stated, task.settings, np.empty(0))[1](task.steps[:1])
-    check_branch(mesh, set(start or ()), told[0][0], solution.q[0])
-    settled = task.settings.initial == "static" and not m.is_rigid
-    rates = stated_of(m, set(start_rate or ()))
-    check_rates(mesh, rates, told[1][0], solution.qd[0], float(solution.time[0]), SAGGED if settled else ROUNDED)
 
 
 # ------------------------------------------------------------------------------------------------- error bars

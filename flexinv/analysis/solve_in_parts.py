@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-
-from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import solution_after
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Task, check_task, checked, prescribe, time_grid
+from flexinv.analysis.task import Progress, Stated, Task, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
@@ -27,8 +25,8 @@ def solve_in_parts(
     end: float | None = None,
     spectral_radius: float = 0.8,
     initial: str = "consistent",
-    start: Mapping[str, ArrayLike] | None = None,
-    start_rate: Mapping[str, ArrayLike] | None = None,
+    start: Stated = None,
+    start_rate: Stated = None,
     progress: Progress | None = None,
     every: int = 1,
     tolerance: float = EXACT,
@@ -49,8 +47,8 @@ def solve_in_parts(
         )
     steps = time_grid(motion, step, end, every)
     settings = replace(checked(step, spectral_radius, tolerance, initial), every=every)
-    task = prescribe(mechanism, motion, steps, settings, start, start_rate)
-    return _parts(replace(task, progress=progress, part=part))
+    task = prescribe(mechanism, motion, steps, settings, start, start_rate, progress)
+    return _parts(replace(task, part=part))
 
 
 def _parts(task: Task) -> Iterator[Solution]:

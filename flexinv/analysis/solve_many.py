@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.batch_kernel import Designs, Results, Schemes, Tasks, march_alike
+from flexinv.analysis.batch_kernel import Designs, Results, Tasks, march_alike
 from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
@@ -295,16 +295,15 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
     tasks = _tasks(scenarios)
     out, found = _room(first, len(scenarios))
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
-    schemes = Schemes(first.scheme, start_up(first.scheme))
     ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
-    whole = Results(out, found, ended, left)
+    made = Results(out, found, ended, left)
     most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def work() -> None:
         own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = march_alike(ahead, mine, designs, tasks, schemes, own.system, line, whole)
+            done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
                 results[n] = _solution(scenarios[n], n, out, found)
             if done < most and (n := int(mine[done])) < len(scenarios):
@@ -349,6 +348,7 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
         joint=joint, given=given, qd=np.stack([one.table[1] for one in firsts.values()]),
         early=early, early_row=early_rows(instants[1 : EARLY + 1]),
         row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
+        scheme=first.scheme, first_scheme=start_up(first.scheme),
     )  # fmt: skip
 
 
@@ -356,17 +356,16 @@ def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, Found]:
     """Series of all scenarios, one after the other in memory."""
     mesh, samples = first.mesh, len(first.time)
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
-    whole, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
-    *motion, wrench, internal, energy = (made := together(*whole[:large]))[:9]
+    stacks, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
+    *motion, wrench, internal, energy = (made := together(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
     none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
-    found = Found(*made[9:], *(np.empty(shape) for shape in whole[large:]))  # see `evaluation.second_step`
+    found = Found(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
     return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found
 
 
 def _solution(one: Scenario, n: int, out: Trajectory, found: Found) -> Solution:
-    trajectory = Trajectory._make(part[n] for part in out)
-    q, qd, qdd = (part.copy() for part in one.table)
-    own = Found(*(part[n] for part in found))
-    return solution_of(one.mesh, FirstStep(trajectory, one.time, (q, qd, qdd)), own, one.settings)
+    trajectory, (q, qd, qdd) = Trajectory._make(part[n] for part in out), (part.copy() for part in one.table)
+    first, second = FirstStep(trajectory, one.time, (q, qd, qdd)), Found(*(part[n] for part in found))
+    return solution_of(one.mesh, first, second, one.settings)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.constraints.loop_starts import picked_start, stated_of
+from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, picked_start, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT, Scheme, generalized_alpha
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
@@ -24,6 +24,7 @@ MOST_SAMPLES = 5_000_000
 INITIAL = {"consistent": "starts undeformed", "static": "in equilibrium"}
 
 Progress = Callable[[int], None]
+Stated = Mapping[str, ArrayLike] | None
 Words = dict[str, float | int | str | bool]
 
 
@@ -111,8 +112,8 @@ def check_task(mechanism: Mechanism, motion: Motion, initial: str, every: int, p
 
 
 def prescribe(
-    mechanism: Mechanism, motion: Motion, steps: Array, settings: Settings,
-    start: Mapping[str, ArrayLike] | None, start_rate: Mapping[str, ArrayLike] | None,
+    mechanism: Mechanism, motion: Motion, steps: Array, settings: Settings, start: Stated, start_rate: Stated,
+    progress: Progress | None = None,
 ) -> Task:  # fmt: skip
     """Return the task of a motion at the instants ``steps`` [s]: joints that it leaves out are passive and start where stated.
 
@@ -129,7 +130,17 @@ def prescribe(
             start = {name: q[mechanism.q_slices[name]] for name in passive}
             stated = start_coordinates(mechanism, passive, start, start_rate)
             before, after = joint_histories(motion, mechanism, stated, settings, time)
-    return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or ())
+    return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress)
+
+
+def check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, q: Array, qd: Array) -> None:
+    """Raise an error where closures contradict what was told of the first instant, found at q (nq,), qd (nv,) [rad or m, s]."""
+    mesh, m = task.mesh, task.mesh.mechanism
+    stated = start_coordinates(m, task.passive, start, start_rate)
+    told = joint_histories(motion, m, stated, task.settings, np.empty(0))[1](task.steps[:1])
+    check_branch(mesh, set(start or ()), told[0][0], q)
+    most = SAGGED if task.settings.initial == "static" and not m.is_rigid else ROUNDED
+    check_rates(mesh, stated_of(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)
 
 
 def looked_up(task: Task) -> Task:

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
 from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
-from flexinv.analysis.task import Task
+from flexinv.analysis.task import Task, looked_up
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.phases import phases
 from flexinv.dynamics.dofs import Indices
@@ -50,6 +50,7 @@ def first_step(task: Task) -> Iterator[FirstStep]:
     Raises InputError for closures that contradict the task, ConvergenceError with the time, the increment and what to try.
     """
     m, marched = task.mesh.mechanism, bool(task.passive) or task.efforts is not None
+    task = looked_up(task) if task.efforts is None and task.part is None else task
     if m.is_rigid and m.closures and task.efforts is None:
         return iter((rigid_loops(task),))
     if m.is_rigid and not m.closures and not marched:

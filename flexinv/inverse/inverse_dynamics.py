@@ -6,6 +6,7 @@ Stiffness and damping do not appear: they acted in the kinematics, and the traje
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Masses, nodal_samples, sum_in_frames, sum_samples
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion, joint_effort, scalar_coordinate
+from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.typing import Array
@@ -55,7 +56,7 @@ def inverse_dynamics(
     """
     forces = nodal_forces(mesh, motion, applied)
     wrenches = own_wrenches(mesh, motion, forces)
-    tau = along_joints(mesh, len(motion.x), wrenches)
+    tau = project(mesh, motion, forces, wrenches)
     return SecondStep(tau + drive_efforts(mesh.mechanism, qd, qdd, passive), forces, wrenches)
 
 
@@ -88,17 +89,17 @@ def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[i
     return dict(zip(nodes.tolist(), own, strict=True))
 
 
-def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
-    """Return the efforts L T P of nodal forces along each joint coordinate, (samples, nv) [N m] or [N]: their sums beyond it."""
-    return along_joints(mesh, len(motion.x), own_wrenches(mesh, motion, forces))
+def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict[int, Array] | None = None) -> Array:
+    """Return the efforts L T P of nodal forces along each joint coordinate, (samples, nv) [N m] or [N]: S^T (force, moment).
 
-
-def along_joints(mesh: Mesh, samples: int, wrenches: dict[int, Array]) -> Array:
-    """Return the efforts (samples, nv) [N m] or [N] of `project` for wrenches of `own_wrenches`."""
-    tau = np.zeros((samples, mesh.mechanism.nv))
+    wrenches : their sums on and beyond the joints' nodes, where they are known (`own_wrenches`) [N], [N m]
+    """
+    wrenches = own_wrenches(mesh, motion, forces) if wrenches is None else wrenches
+    tau = np.zeros((len(motion.x), mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0).tolist():
-        own, first = wrenches[node], mesh.v_index[node]
-        tau[:, first : first + mesh.freedoms[node]] = joint_effort(mesh, node, own[:, :3], own[:, 3:])
+        own, first, count = wrenches[node], mesh.v_index[node], mesh.freedoms[node]
+        slide, turn = mesh.slide[node, :count], mesh.turn[node, :count]
+        tau[:, first : first + count] = own[:, :3] @ slide.T + own[:, 3:] @ turn.T
     return tau
 
 
@@ -116,6 +117,11 @@ def drive_efforts(
     if np.any(law.friction):
         effort += resisting_effort(law._replace(stiffness=0.0), 0.0, np.sign(qd) if direction is None else direction)
     return effort
+
+
+def own_efforts(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, direction: Array | None = None) -> Array:
+    """Return the efforts of `drive_efforts` and of springs in joints, which follow whole turns, (samples, nv) [N m] or [N]."""
+    return drive_efforts(mechanism, qd, qdd, direction=direction) + joint_springs(mechanism, q)
 
 
 # ------------------------------------------------------------------------------------------------ applied forces
@@ -236,42 +242,31 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
     Source: the paper, eqs. (2)-(3), in the letters of NOTATION.md.
     """
     x, rotation = motion.x[sample], motion.rotation[sample]
-    steps = _steps(mesh)
-    pairs = sorted({(j, k) for path in steps.values() for j, k, _ in path})
-    column = {pair: 6 * n for n, pair in enumerate(pairs)}
-    t = np.zeros((6 * len(pairs), 6 * mesh.size))
-    for (j, k), row in column.items():
-        t[row : row + 3, 6 * k : 6 * k + 3] = rotation[j].T
-        t[row + 3 : row + 6, 6 * k + 3 : 6 * k + 6] = rotation[j].T
-    length = np.zeros((mesh.mechanism.nv, 6 * len(pairs)))
-    for i, path in steps.items():
-        first, count = mesh.v_index[i], mesh.freedoms[i]
-        sliding, turning = mesh.slide[i, :count], mesh.turn[i, :count]
-        for j, k, following in path:
-            arm = rotation[j].T @ (x[following] - x[j])
-            turn = turning @ rotation[i].T @ rotation[j]  # axes of joint i in frame j (freedom, xyz)
-            slide = sliding @ rotation[i].T @ rotation[j]
-            last = 1.0 if following == k else 0.0
-            block = np.hstack([np.cross(turn, arm) + last * slide, last * turn])
-            rows = slice(first, first + count)
-            length[rows, column[(j, k)] : column[(j, k)] + 6] += block
+    steps = []  # (j, k, the node after j on the way to k, the joints with this step on their way)
+    for k in range(mesh.size):
+        if mesh.mass[k] or mesh.inertia[k].any():
+            if mesh.v_index[k] >= 0:  # the joint node itself carries mass
+                steps.append((k, k, k, [k]))
+            for following, j in pairwise(_downward(mesh, k)):
+                joints = [i for i in _downward(mesh, j) if mesh.v_index[i] >= 0]
+                steps += [(j, k, following, joints)] if joints else []
+    t, length = np.zeros((6 * len(steps), 6 * mesh.size)), np.zeros((mesh.mechanism.nv, 6 * len(steps)))
+    for n, (j, k, following, joints) in enumerate(sorted(steps)):
+        for row in (0, 3):
+            t[6 * n + row : 6 * n + row + 3, 6 * k + row : 6 * k + row + 3] = rotation[j].T
+        arm, last = rotation[j].T @ (x[following] - x[j]), 1.0 if following == k else 0.0
+        for i in joints:
+            rows = slice(mesh.v_index[i], mesh.v_index[i] + mesh.freedoms[i])
+            axes = (part[i, : mesh.freedoms[i]] @ rotation[i].T @ rotation[j] for part in (mesh.turn, mesh.slide))
+            turn, slide = axes  # of joint i in frame j (freedom, xyz)
+            length[rows, 6 * n : 6 * n + 6] = np.hstack([np.cross(turn, arm) + last * slide, last * turn])
     p = np.concatenate([forces.force[sample], forces.moment[sample]], axis=1).ravel()
     return Factors(length, t, p)
 
 
-def _steps(mesh: Mesh) -> dict[int, list[tuple[int, int, int]]]:
-    """For each joint node i the steps (j, k, next) of the paths from i to every node k on or beyond it."""
-    out: dict[int, list[tuple[int, int, int]]] = {int(i): [] for i in np.flatnonzero(mesh.v_index >= 0)}
-    for k in range(mesh.size):
-        if not (mesh.mass[k] or mesh.inertia[k].any()):
-            continue
-        if k in out:  # the joint node itself carries mass
-            out[k].append((k, k, k))
-        beyond: list[tuple[int, int, int]] = []
-        following, j = k, int(mesh.parent[k])
-        while j >= 0:
-            beyond.append((j, k, following))
-            if j in out:
-                out[j] += beyond
-            following, j = j, int(mesh.parent[j])
+def _downward(mesh: Mesh, node: int) -> list[int]:
+    """The nodes from one down to the root."""
+    out = [node]
+    while (parent := int(mesh.parent[out[-1]])) >= 0:
+        out.append(parent)
     return out

@@ -128,15 +128,6 @@ def _joints(vector: tuple[int, ...]) -> Joints:
     return Joints(*together(*3 * [vector], (*vector, 3), *2 * [vector]))
 
 
-def joint_effort(mesh: Mesh, node: int, force: Array, moment: Array) -> Array:
-    """Return the components S^T (force, moment) of a wrench along a joint's freedoms, (samples, nv) [N m] or [N].
-
-    ``force`` [N] and ``moment`` [N m], (samples, 3), act on the joint's ``node`` at its origin, in its own axes.
-    """
-    count = mesh.freedoms[node]
-    return np.asarray(force @ mesh.slide[node, :count].T + moment @ mesh.turn[node, :count].T)
-
-
 def scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
     """Return the coordinate (samples,) [rad], [m] of a joint that has one, from its own columns of q (samples, nq).
 

@@ -26,8 +26,7 @@ from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import names as names_of
-from flexinv.validation import of_kind, whole
+from flexinv.validation import names, of_kind, whole
 
 AXES = ("x", "y", "z")
 
@@ -84,10 +83,10 @@ def linear_model(
     rates = check_rates(rates)
     of_kind("mechanism", mechanism, Mechanism)
     if free is not None:
-        names_of("free", free, "joints")
-    names_of("accelerated", accelerated, "joints")
+        names("free", free, "joints")
+    names("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
-    names = (*(moving if free is None else free), *accelerated)
+    freed = (*(moving if free is None else free), *accelerated)
     for name in accelerated:
         if name not in mechanism.joint_of or mechanism.joint_of[name].nv != 1:
             known = ", ".join(j.name for j in mechanism.joints if j.nv == 1)
@@ -97,7 +96,7 @@ def linear_model(
             f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
             "leave accelerated empty: efforts of the drives are the inputs"
         )
-    mesh, at, chosen_names = chosen(mechanism, q, names, None)
+    mesh, at, chosen_names = chosen(mechanism, q, freed, None)
     motion = steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
@@ -162,10 +161,10 @@ def _outputs(
     """C, names and units: joints, their rates, tips."""
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
     joints, translation = coordinates[moved] @ basis, slides(mechanism)
-    names = [mechanism.velocity_names[v] for v in moved]
+    joined = [mechanism.velocity_names[v] for v in moved]
     units = ["m" if translation[v] else "rad" for v in moved]
     tips = tip_moves(solver.mesh, nodal_shapes(solver, basis), solver.frames.r)
     none = np.zeros_like(joints)
     c = np.block([[joints, none], [none, joints], *([part.T, np.zeros_like(part.T)] for part in tips.values())])
-    labels = [*names, *(f"{name} rate" for name in names), *(f"{link} tip {x}" for link in tips for x in AXES)]
+    labels = [*joined, *(f"{name} rate" for name in joined), *(f"{link} tip {x}" for link in tips for x in AXES)]
     return c, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))

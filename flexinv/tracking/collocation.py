@@ -14,27 +14,118 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.initial_state import instant
-from flexinv.dynamics.loads import load_table
+from flexinv.dynamics.linearization import differentiate
+from flexinv.dynamics.loads import load_table, set_loads
 from flexinv.dynamics.solver import Solver, by_unknown
+from flexinv.dynamics.stepper import evaluate, record
 from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
-from flexinv.kernels.so3 import exp_so3, log_so3
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
+from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
+from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import relative_motion, rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import Plane, find_plane
-from flexinv.tracking.collocation_kernel import Evaluated, Motion, evaluate_instants, inverse_tangents
 from flexinv.tracking.frame_path import Poses
 from flexinv.tracking.inverse_kinematics import Reach, RigidWay
 from flexinv.typing import Array
 
 # Instants that are linearised at once: their matrices stay in a few megabytes.
 CHUNK = 128
+
+
+@by_address
+class Motion(NamedTuple):
+    """Motion of a mechanism whose joints are all free, as `dynamics.system.State` has it, and the loads.
+
+    x : (samples, nodes, 3), r : (samples, nodes, 3, 3), place, u, du : (samples, unknowns); table : (samples, loads, 6)
+    """
+
+    x: Array
+    r: Array
+    place: Array
+    u: Array
+    du: Array
+    table: Array
+
+
+@by_address
+class Evaluated(NamedTuple):
+    """Residuals (samples, unknowns) [N], [N m], derivatives (samples, 3, unknowns, unknowns) K, C, M, and histories.
+
+    reach : (samples, 6, unknowns) of a frame's displacement (world), rotation (own frame)
+    Derivatives and reach have no samples where they are not wanted.
+    """
+
+    residual: Array
+    tangent: Array
+    reach: Array
+    histories: Trajectory
+
+
+@jit
+def evaluate_instants(system, joints, motion, frame, out):
+    """Fill ``out`` (`Evaluated`) [N, m], ``frame`` the node of its reach; return -1, -1 or the instant and its bad element."""
+    state, want = system.state, out.tangent.shape[0] > 0
+    still = Scheme(DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for k in range(motion.x.shape[0]):
+        _take(state, motion, k)
+        set_loads(system.loads, motion.table[k], state.d[:0])
+        bad = differentiate(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
+        if bad >= 0:
+            return k, bad
+        for i in range(len(state.d)):
+            out.residual[k, i] = system.work.residual[0, i]
+        record(k, system.frames, system.work, out.histories)
+        if want:
+            _reach(system.topology, system.variation, frame, out.reach[k])
+    return -1, -1
+
+
+@jit_inner
+def _take(state, motion, k):
+    for n in range(motion.x.shape[1]):
+        put(state.x[n], 0, vec(motion.x[k, n]))
+        put_block(state.r[n], 0, 0, mat(motion.r[k, n]))
+    for i in range(len(state.d)):
+        state.d[i], state.u[i], state.du[i] = 0.0, motion.u[k, i], motion.du[k, i]
+        state.place[i] = motion.place[k, i]
+
+
+@jit_inner
+def _reach(topology, variation, frame, out):
+    """Write the Jacobian (6, unknowns) of a node by the unknowns of its block."""
+    for r in range(6):
+        for c in range(out.shape[1]):
+            out[r, c] = 0.0
+    o = topology.offset[topology.block[frame]]
+    for k in range(topology.size[topology.block[frame]]):
+        for i in range(3):
+            out[i, o + k] = variation.x[frame, k, i]
+            out[3 + i, o + k] = variation.t[frame, k, i]
+
+
+@jit
+def _inverse_many(psi, out):
+    for i in range(psi.shape[0]):
+        put_block(out[i], 0, 0, inverse_tangent(vec(psi[i])))
+
+
+def inverse_tangents(psi: Array) -> Array:
+    """Return H(psi)^-1, (..., 3, 3) [-], of rotation vectors (..., 3) [rad]: d log(R) = H^-1 times the body increment of R."""
+    psi = np.array(psi, dtype=float, order="C")
+    out = np.empty((*psi.shape, 3))
+    _inverse_many(psi.reshape(-1, 3), out.reshape(-1, 3, 3))
+    return out
 
 
 @dataclass(frozen=True)
@@ -53,7 +144,8 @@ class Placed:
 class Layout:
     """Layout of the unknowns of a mechanism whose joints are all free.
 
-    triple : (rotations,) first of three unknowns that are a rotation; node : (rotations,) whose it is
+    triple : (rotations, 3) unknowns that are a rotation; node : (rotations,) whose it is
+    section : (sections,) nodes that are placed by themselves; place : (sections, 3) the unknowns of their positions
     pick : (rows, unknowns) what a mechanism in a plane leaves of them, the identity in space; planar : which of the two
     drives : (nv, unknowns) rows of the drives alone, by coordinate
     """
@@ -62,6 +154,8 @@ class Layout:
     joints: Joints
     triple: NDArray[np.int64]
     node: NDArray[np.int64]
+    section: NDArray[np.int64]
+    place: NDArray[np.int64]
     pick: Array
     planar: bool
     drives: Array
@@ -73,14 +167,15 @@ class Layout:
         solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
         t = solver.topology
         first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
-        node = np.flatnonzero(t.independent | (t.triple >= 0))
+        node, section = np.flatnonzero(t.independent | (t.triple >= 0)), np.flatnonzero(t.independent)
+        triple, place = (part[:, None] + np.arange(3) for part in (first[node], t.offset[t.block[section]]))
         zero = np.zeros(m.nv)
         springless = replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints))  # springs stay in the plane
         plane = find_plane(build(springless))
         pick = _in_plane(mesh, solver, plane) if isinstance(plane, Plane) else np.eye(len(t.scale))
         drives = by_unknown(mesh, t) * m.actuated[:, None]
         joints = instant(mesh, m.neutral, zero, zero)
-        return cls(solver, joints, first[node], node, pick, isinstance(plane, Plane), drives[m.actuated])
+        return cls(solver, joints, triple, node, section, place, pick, isinstance(plane, Plane), drives[m.actuated])
 
     def undeformed(self, q: Array) -> Placed:
         """Return the poses of the stress-free mechanism at q (samples, nq) [rad], [m]."""
@@ -88,9 +183,7 @@ class Layout:
         zero = np.zeros((len(q), mesh.mechanism.nv))
         motion, rel = rigid_motion(mesh, q, zero, zero), relative_motion(mesh, q, zero, zero)
         flat = np.zeros((len(q), len(t.scale)))
-        for n in np.flatnonzero(t.independent):
-            o = t.offset[t.block[n]]
-            flat[:, o : o + 3] = motion.x[:, n]
+        flat[:, self.place] = motion.x[:, self.section]
         for n in np.flatnonzero(t.freedoms):
             own = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
             slide, turn = t.slide[n, : t.freedoms[n]], t.turn[n, : t.freedoms[n]]
@@ -105,30 +198,27 @@ class Layout:
         """Return x (samples, nodes, 3) [m], r (samples, nodes, 3, 3) as the march's state has them."""
         t, size = self.solver.topology, len(at.flat)
         x, r = np.tile(self.joints.p, (size, 1, 1)), np.tile(self.joints.r, (size, 1, 1, 1))
-        for n in np.flatnonzero(t.independent):
-            o = t.offset[t.block[n]]
-            x[:, n] = at.flat[:, o : o + 3]
+        x[:, self.section] = at.flat[:, self.place]
         for n in np.flatnonzero(t.freedoms):
             first = t.offset[t.block[n]] + t.column[n]
             own = at.flat[:, first : first + t.freedoms[n]]
             x[:, n] += own @ t.slide[n, : t.freedoms[n]]
             if t.triple[n] < 0:
                 r[:, n] = r[:, n] @ exp_so3(own @ t.turn[n, : t.freedoms[n]])
-        for k, n in enumerate(self.node):
-            r[:, n] = at.turn[:, k]
+        r[:, self.node] = at.turn
         return x, r
 
     def moved(self, at: Placed, y: Array) -> Placed:
         """Return the poses after increments y (samples, unknowns) [m], [rad], rotations in the node's own frame."""
-        flat, turns = at.flat + y, self.triple[:, None] + np.arange(3)
-        flat[:, turns] = 0.0
-        return Placed(flat, at.turn @ exp_so3(y[:, turns]))
+        flat = at.flat + y
+        flat[:, self.triple] = 0.0
+        return Placed(flat, at.turn @ exp_so3(y[:, self.triple]))
 
     def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
         """Return u, u' (samples, unknowns) [m, rad, s], zero at the ends, and delta+ of rotations (samples - 1, rotations, 3)."""
         ahead = np.diff(at.flat, axis=0)
         delta = log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
-        ahead[:, self.triple[:, None] + np.arange(3)] = delta
+        ahead[:, self.triple] = delta
         u, du = np.zeros_like(at.flat), np.zeros_like(at.flat)
         u[1:-1] = (ahead[1:] + ahead[:-1]) / (2 * h)
         du[1:-1] = (ahead[1:] - ahead[:-1]) / h**2
@@ -283,9 +373,8 @@ class Horizon:
     def _through(self, block: Array, delta: Array, transposed: bool) -> Array:
         """A block times d(delta) by the increment of its other end (H^-1) or, ``transposed``, less that of its own (H^-T)."""
         out, inverse = block.copy(), inverse_tangents(delta)  # (sample, rotation, 3, 3)
-        for k, first in enumerate(self.layout.triple):
-            turn = np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k]
-            out[:, :, first : first + 3] = block[:, :, first : first + 3] @ turn
+        for k, own in enumerate(self.layout.triple):
+            out[:, :, own] = block[:, :, own] @ (np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k])
         return out
 
     def at(self, sample: int) -> Horizon:

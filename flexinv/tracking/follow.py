@@ -354,10 +354,8 @@ def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
     pick = horizon.layout.pick
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
     by, efforts = one.by[0] * sizes, sizes[:, None] * (pick @ horizon.layout.drives.T)
-    n, w = (
-        sizes[:, None] * scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True))
-        for part in (by, efforts.T)
-    )
+    allowed = [scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T)]
+    n, w = (sizes[:, None] * part for part in allowed)
     with np.errstate(divide="ignore", invalid="ignore"):
         squared = scipy.linalg.eigvals(-w.T @ one.k[0] @ n, w.T @ one.m[0] @ n)
     squared = squared[np.isfinite(squared)]

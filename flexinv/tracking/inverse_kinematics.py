@@ -272,7 +272,14 @@ class RigidWay:
         jacobian = self._jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
-        self._check_singular(s[:, :rank], time)
+        ratio = s[:, rank - 1] / s[:, 0]
+        if ratio.min() < SINGULAR:
+            at = float(time[ratio.argmin()])
+            raise InputError(
+                f"mechanism '{self.mesh.mechanism.name}': at t = {at:.4g} s the path leads the frame on '{self.frame.name}' "
+                f"through a singular position (joints move it {ratio.min():.1e} times as far in one direction as in another); "
+                "move the path, or give another start = {...} of the joints"
+            )
         inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NEGLIGIBLE), dtype=np.float64)
         idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)
         qd, qdd = np.zeros_like(angles), np.zeros_like(angles)
@@ -282,16 +289,6 @@ class RigidWay:
         fall = self._rows(wanted.a, wanted.alpha) - self._rows(bent.a, bent.alpha)
         qdd[:, drives] = _turned(inverse, fall) + _turned(stay, guess[2][:, drives])
         return Reach(self._coordinates(angles), qd, qdd, u[:, :, :rank], idle)
-
-    def _check_singular(self, values: Array, time: Array) -> None:
-        ratio = values[:, -1] / values[:, 0]
-        if ratio.min() < SINGULAR:
-            at = float(time[ratio.argmin()])
-            raise InputError(
-                f"mechanism '{self.mesh.mechanism.name}': at t = {at:.4g} s the path leads the frame on '{self.frame.name}' "
-                f"through a singular position (joints move it {ratio.min():.1e} times as far in one direction as in another); "
-                "move the path, or give another start = {...} of the joints"
-            )
 
 
 def _turned(matrices: NDArray[np.floating], vectors: Array) -> Array:
