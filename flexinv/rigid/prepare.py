@@ -33,7 +33,7 @@ from flexinv.rigid.joint_arrays import Order, by_sample
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, bodies
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
-from flexinv.rnea.loop_tables import LoopPlan
+from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 

@@ -9,7 +9,7 @@ rows B are removed one after the other.
 Six forces along u_i at r_i hold a free body, sum lambda_i (u_i, r_i x u_i) = tau: rows of G of six entries, side by side, go in
 one pass.  The entries of the drives stay as they are: the row operations are applied in reverse to the multipliers.
 
-The order of the row operations is a list of *steps*, the same for every sample (`elimination_order`).  Where a pivot
+The order of the row operations is a list of *steps*, the same for every sample (`loop_plan`).  Where a pivot
 is too small next to its column, or a row that should vanish does not, the block is left to `allocation`.
 
 Limits: phi^2, phi'^2 and phi''^2, over their scales, summed over all rows of a closure.  They are compared with the sums
@@ -263,7 +263,7 @@ def _paired(one, other, last):
 
 
 def _solving(before: Any) -> Any:
-    """Return what gives the multipliers of so many rows of six and whether pivots are large enough, by that of one row fewer.
+    """Return the solution of one row of six more than ``before``: multipliers, True if pivots are large enough.
 
     The first row is combined with all others; when these have theirs, the row operations are undone.
     """

@@ -149,7 +149,7 @@ def _reader(record: type[Any], table: int) -> Any:
 
     @jit_lanes
     def record_at(plan, number):
-        return record(*to_fixed_tuple(plan[plan[table] + number * np.uint64(count) :], count))
+        return record(*to_fixed_tuple(plan[plan[table] + number * np.uint64(count) :], count))  # type: ignore[call-arg]
 
     return record_at
 
