@@ -248,7 +248,10 @@ def _row_that_is_left(
             tables.held[body] = tables.rows(6 * len(tables.pairs))
         entry, scale = tables.held[body], 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
-        sizes = tables.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
+        squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
+        at = tables.constant_rows(12, np.pad(squares, (0, 6)))
+        sizes = [at + i * BLOCK for i in range(6)]
+        tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
         axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
         record = record._replace(kind=layout.FLOATING, axis=axes, joint=joint, to=tables.numbers(end[1]), entry=entry)
