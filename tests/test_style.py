@@ -57,7 +57,6 @@ ALONE = {
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
     "flexinv.constraints.allocation_kernel": KERNEL,
     "flexinv.rigid.derivative_kernel": KERNEL,
-    "flexinv.rigid.nodal_result": "a record that callers get, apart from the function that is prepared",
     "flexinv.rigid.regressor_kernel": KERNEL,
     "crosscheck.bench.cores": "pins threads to processors, apart from the clock",
     "crosscheck.bench.rigid": "a table of the bench, beside others",

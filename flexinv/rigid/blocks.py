@@ -116,17 +116,6 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
 
 
 @jit_lanes
-def _closed(plan, fixed, work, lanes, sums):
-    """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
-    doubts = 0
-    if plan[layout.PLANE] > 0:
-        in_plane(plan, fixed, work, lanes, sums)
-    else:
-        doubts = in_space(plan, fixed, work, lanes, sums)
-    return doubts + allocate(plan, fixed, work, lanes)
-
-
-@jit_lanes
 def _blocks(system, series, work, counter):
     """Write the efforts of all blocks that are left to take; return how many samples are not finite, or a number above 0
     where cosines and sines are those of no angle."""
@@ -154,10 +143,16 @@ def _blocks(system, series, work, counter):
         if loops:
             if plan[layout.APPLIED] > 0:  # efforts of springs and given forces stand where the efforts go
                 _add(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
-            doubt = not again and _closed(plan, fixed, work, lanes, block % SUMS == 0) > 0
-            counter[CALL_CELLS + block] = 1 if doubt or again else 0
-            again = doubt
-            if doubt:  # once more, without its loops
+            doubts = 0
+            if not again:  # the efforts of the cut tree become those of the drives
+                if plan[layout.PLANE] > 0:
+                    in_plane(plan, fixed, work, lanes, block % SUMS == 0)
+                else:
+                    doubts += in_space(plan, fixed, work, lanes, block % SUMS == 0)
+                doubts += allocate(plan, fixed, work, lanes)
+            counter[CALL_CELLS + block] = 1 if doubts > 0 or again else 0
+            again = doubts > 0
+            if again:  # once more, without its loops
                 continue
         _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
         wrong += spoilt
@@ -204,14 +199,6 @@ def attend(mail, patience):
 
 
 @jit_lanes
-def _judge(plan, fixed, samples, work, counter):
-    """Count the blocks in doubt, and say whether the motion is."""
-    for i in range((samples + LANES - np.uint64(1)) // LANES):
-        counter[2] += counter[CALL_CELLS + i]
-    counter[3] = 1 if unclear(plan, fixed, work, min(samples, LANES)) else 0
-
-
-@jit_lanes
 def _meet(a, b):
     """Return True if two arrays overlap in memory."""
     at, to = address(a), address(b)
@@ -243,11 +230,16 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
 
 @jit_blocks
 def collect(plan, fixed, samples, work, counter, mails):
-    """Collect the answers of helpers that `torque_blocks` left at work; return True if all have ended [-], limits judged."""
+    """Collect the answers of helpers that `torque_blocks` left at work; return True if all have ended [-].
+
+    Then blocks in doubt are counted, and it is said whether the motion is.
+    """
     if not settled(mails, address(counter), counter[1:]):
         return False
     if plan[layout.LIMITS] > 0:
-        _judge(plan, fixed, samples, work, counter)
+        for i in range((samples + LANES - np.uint64(1)) // LANES):
+            counter[2] += counter[CALL_CELLS + i]
+        counter[3] = 1 if unclear(plan, fixed, work, min(samples, LANES)) else 0
     return True
 
 

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import (
-    ZERO,
     add,
     apply,
     cross,
@@ -72,26 +71,11 @@ class CarriedBodies(NamedTuple):
     inertia: Array
 
 
-@by_address
-class Spatial(NamedTuple):
-    """Scratch of one sample; motions and forces are angular part first.
-
-    axis, rate, second, slope : (nv, 6) S, psi', psi'', psi' + S'
-    velocity, acceleration : (bodies, 6), of the world first
-    sums : (bodies, SUMS) m, h, p, f, J and A, of the body and of all that it carries
-    """
-
-    axis: Array
-    rate: Array
-    second: Array
-    slope: Array
-    velocity: Array
-    acceleration: Array
-    sums: Array
-
-
-# Where these sums stand.
+# Where numbers of an axis stand, S, psi', psi'' and psi' + S' (motions and forces are angular part first), and those of a body:
+# the sums m, h, p, f, J and A of itself and of all that it carries; its velocity and acceleration.
+AXIS, RATE, SECOND, SLOPE, AXIS_CELLS = 0, 6, 12, 18, 24
 MASS, FIRST, MOMENTUM, FORCE, INERTIA, COUPLING, SUMS = 0, 1, 4, 7, 13, 22, 31
+VELOCITY, ACCELERATION, BODY_CELLS = 31, 37, 43
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -108,14 +92,14 @@ def force_cross(m, f):
 
 
 @jit_inner
-def _pair(a):
-    return vec(a), vec_at(a, 3)
+def _pair(a, first):
+    return vec_at(a, first), vec_at(a, first + 3)
 
 
 @jit_inner
-def _put_pair(a, m):
-    put(a, 0, m[0])
-    put(a, 3, m[1])
+def _put_pair(a, first, m):
+    put(a, first, m[0])
+    put(a, first + 3, m[1])
 
 
 @jit_inner
@@ -129,119 +113,103 @@ def _along(m, f):
 
 
 @jit_inner
-def _matrix(sums, first):
-    return vec_at(sums, first), vec_at(sums, first + 3), vec_at(sums, first + 6)
+def _matrix(body, first):
+    return vec_at(body, first), vec_at(body, first + 3), vec_at(body, first + 6)
 
 
 @jit_inner
-def _times_inertia(sums, m):
+def _times_inertia(body, m):
     """I m: angular momentum about c, and momentum."""
-    h = vec_at(sums, FIRST)
-    return add(apply(_matrix(sums, INERTIA), m[0]), cross(h, m[1])), sub(scale(sums[MASS], m[1]), cross(h, m[0]))
+    h = vec_at(body, FIRST)
+    return add(apply(_matrix(body, INERTIA), m[0]), cross(h, m[1])), sub(scale(body[MASS], m[1]), cross(h, m[0]))
 
 
 @jit_inner
-def _times_coupling(sums, m):
+def _times_coupling(body, m):
     """2 B m."""
-    return apply(_matrix(sums, COUPLING), m[0]), scale(-2.0, cross(vec_at(sums, MOMENTUM), m[0]))
+    return apply(_matrix(body, COUPLING), m[0]), scale(-2.0, cross(vec_at(body, MOMENTUM), m[0]))
 
 
 @jit_inner
-def _set_inertia(sums, mass, moment, inertia, rotation, arm):
-    """Inertia of a body about c, world axes, from that about its node at ``arm`` from c."""
+def _set_body(body, mass, moment, inertia, rotation, arm):
+    """The sums of a body alone: about c, in world axes, from its inertia about its node at ``arm`` from c, and its motion."""
     own = apply(rotation, moment)
-    turned = mul(mul(rotation, inertia), transpose(rotation))
-    both = add(own, scale(mass, arm))  # h about c
-    # J = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T
-    round_part = mscale(dot(arm, own) + dot(arm, both), UNIT)
-    full = madd(madd(turned, round_part), mscale(-1.0, madd(outer(arm, own), outer(both, arm))))
-    sums[MASS] = mass
-    put(sums, FIRST, both)
+    h = add(own, scale(mass, arm))
+    # J = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T, h about the node
+    round_part = mscale(dot(arm, own) + dot(arm, h), UNIT)
+    turned = madd(mul(mul(rotation, inertia), transpose(rotation)), round_part)
+    about = madd(turned, mscale(-1.0, madd(outer(arm, own), outer(h, arm))))
+    body[MASS] = mass
+    put(body, FIRST, h)
     for i in range(3):
-        put(sums, INERTIA + 3 * i, full[i])
-
-
-@jit_inner
-def _set_motion(sums, v, a):
-    """p, f and A of a body alone."""
-    h, inertia, (w, u), momentum = vec_at(sums, FIRST), _matrix(sums, INERTIA), v, _times_inertia(sums, v)
-    force = _plus(_times_inertia(sums, a), force_cross(v, momentum))
-    put(sums, MOMENTUM, momentum[1])
-    put(sums, FORCE, force[0])
-    put(sums, FORCE + 3, force[1])
+        put(body, INERTIA + 3 * i, about[i])
+    v = _pair(body, VELOCITY)
+    (w, u), (n, p) = v, _times_inertia(body, v)
+    put(body, MOMENTUM, p)
+    _put_pair(body, FORCE, _plus(_times_inertia(body, _pair(body, ACCELERATION)), force_cross(v, (n, p))))
     for k in range(3):
         e = UNIT[k]
-        turned = sub(cross(w, inertia[k]), apply(inertia, cross(w, e)))
-        column = sub(turned, sum3(cross(u, cross(h, e)), cross(h, cross(u, e)), cross(momentum[0], e)))
+        column = sub(cross(w, about[k]), apply(about, cross(w, e)))
+        column = sub(column, sum3(cross(u, cross(h, e)), cross(h, cross(u, e)), cross(n, e)))
         for i in range(3):
-            sums[COUPLING + 3 * i + k] = column[i]
+            body[COUPLING + 3 * i + k] = column[i]
 
 
 @jit_inner
-def _set_axes(b, carried, r, arm, spatial):
-    """S, psi', psi'' and psi' + S' of a body's joint."""
-    above, first, count = carried.parent[b], carried.first[b], carried.freedoms[b]
-    up, up_rate, own = _pair(spatial.velocity[above]), _pair(spatial.acceleration[above]), _pair(spatial.velocity[b])
-    for i in range(count):
-        t = apply(r, vec(carried.turn[b, i]))
-        s = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
-        rate = motion_cross(up, s)
-        _put_pair(spatial.axis[first + i], s)
-        _put_pair(spatial.rate[first + i], rate)
-        _put_pair(spatial.second[first + i], _plus(motion_cross(up_rate, s), motion_cross(up, rate)))
-        _put_pair(spatial.slope[first + i], _plus(rate, motion_cross(own, s)))
-
-
-@jit_inner
-def _fill_columns(b, j, carried, spatial, by_q, by_qd, by_qdd):
+def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
-    s, rate, sums = _pair(spatial.axis[j]), _pair(spatial.rate[j]), spatial.sums[b]
-    inertial = _times_inertia(sums, s)
-    by_place = _plus(_times_coupling(sums, rate), _times_inertia(sums, _pair(spatial.second[j])))
-    turned = _plus(by_place, force_cross(s, (vec_at(sums, FORCE), vec_at(sums, FORCE + 3))))
-    by_rate = _plus(_times_coupling(sums, s), _times_inertia(sums, _pair(spatial.slope[j])))
+    s, rate = _pair(axes[j], AXIS), _pair(axes[j], RATE)
+    inertial = _times_inertia(body, s)
+    by_place = _plus(_times_coupling(body, rate), _times_inertia(body, _pair(axes[j], SECOND)))
+    turned = _plus(by_place, force_cross(s, _pair(body, FORCE)))
+    by_rate = _plus(_times_coupling(body, s), _times_inertia(body, _pair(axes[j], SLOPE)))
     # 2 B^T s, which has no linear part
-    back = add(tapply(_matrix(sums, COUPLING), s[0]), scale(2.0, cross(vec_at(sums, MOMENTUM), s[1])))
+    back = add(tapply(_matrix(body, COUPLING), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
     carrier = b
     while carrier > 0:
         for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):
-            axis = _pair(spatial.axis[i])
+            axis = _pair(axes[i], AXIS)
             by_q[i, j] = _along(axis, by_place if carrier == b else turned)
             by_qd[i, j] = _along(axis, by_rate)
             by_qdd[i, j] = _along(axis, inertial)
             if carrier != b:
-                by_q[j, i] = dot(vec(spatial.rate[i]), back) + _along(_pair(spatial.second[i]), inertial)
-                by_qd[j, i] = dot(axis[0], back) + _along(_pair(spatial.slope[i]), inertial)
+                by_q[j, i] = dot(vec_at(axes[i], RATE), back) + _along(_pair(axes[i], SECOND), inertial)
+                by_qd[j, i] = dot(axis[0], back) + _along(_pair(axes[i], SLOPE), inertial)
                 by_qdd[j, i] = by_qdd[i, j]
         carrier = carried.parent[carrier]
 
 
 @jit
-def derivative_samples(carried, gravity, motion, spatial, by_q, by_qd, by_qdd):
+def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_qdd):
     """Fill by_q, by_qd, by_qdd (samples, nv, nv), zero on entry, with d tau_i / d (q, qd, qdd)_j [N m], [N] per unit.
 
     carried : CarriedBodies; gravity : (3,) [m/s^2]; motion : `kinematics.tree.Frames` with a leading sample axis
+    axes : (nv, AXIS_CELLS), bodies : (bodies, BODY_CELLS) zero for the world, scratch of one sample
     """
     g = vec(gravity)
-    _put_pair(spatial.velocity[0], (ZERO, ZERO))
-    _put_pair(spatial.acceleration[0], (ZERO, scale(-1.0, g)))
+    put(bodies[0], ACCELERATION + 3, scale(-1.0, g))
     for s in range(motion.x.shape[0]):
         c = vec(motion.x[s, carried.node[1]])
         for b in range(1, len(carried.node)):
-            n = carried.node[b]
+            n, body, above = carried.node[b], bodies[b], bodies[carried.parent[b]]
             r, arm = mat(motion.r[s, n]), sub(vec(motion.x[s, n]), c)
             w, al, v = apply(r, vec(motion.w[s, n])), apply(r, vec(motion.al[s, n])), vec(motion.v[s, n])
             a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)  # of c, free of gravity
-            velocity, acceleration = (w, sub(v, cross(w, arm))), (al, a)
-            _put_pair(spatial.velocity[b], velocity)
-            _put_pair(spatial.acceleration[b], acceleration)
-            _set_inertia(spatial.sums[b], carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
-            _set_motion(spatial.sums[b], velocity, acceleration)
-            _set_axes(b, carried, r, arm, spatial)
+            _put_pair(body, VELOCITY, (w, sub(v, cross(w, arm))))
+            _put_pair(body, ACCELERATION, (al, a))
+            _set_body(body, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
+            up, up_rate = _pair(above, VELOCITY), _pair(above, ACCELERATION)
+            for i in range(carried.freedoms[b]):
+                t, own = apply(r, vec(carried.turn[b, i])), axes[carried.first[b] + i]
+                axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
+                rate = motion_cross(up, axis)
+                _put_pair(own, AXIS, axis)
+                _put_pair(own, RATE, rate)
+                _put_pair(own, SECOND, _plus(motion_cross(up_rate, axis), motion_cross(up, rate)))
+                _put_pair(own, SLOPE, _plus(rate, motion_cross(_pair(body, VELOCITY), axis)))
         for back in range(1, len(carried.node)):
             b = len(carried.node) - back
-            above = carried.parent[b]
             for j in range(carried.first[b], carried.first[b] + carried.freedoms[b]):
-                _fill_columns(b, j, carried, spatial, by_q[s], by_qd[s], by_qdd[s])
-            for i in range(SUMS if above > 0 else 0):
-                spatial.sums[above, i] += spatial.sums[b, i]
+                _fill_columns(b, j, carried, axes, bodies[b], by_q[s], by_qd[s], by_qdd[s])
+            for i in range(SUMS if carried.parent[b] > 0 else 0):
+                bodies[carried.parent[b], i] += bodies[b, i]

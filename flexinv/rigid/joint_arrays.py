@@ -1,6 +1,6 @@
 """Arguments of prepared functions: arrays of joint motion and of efforts, their shapes checked before a call.
 
-Numbers are looked at where the kernel has found something wrong in them (`check_finite`, `check_turns`).
+Numbers are looked at where the kernel has found something wrong in them (`check_arrays`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,23 @@ Order = Literal["samples", "coordinates"]
 LABELS = ("q", "qd", "qdd")
 
 
-def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
+def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> list[Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked for `joint_torques`."""
-    _check_tree(of_kind("mechanism", mechanism, Mechanism))
-    given = checked_arrays(mechanism, (q, qd, qdd), "samples")
-    check_finite(given)
-    places, rates, accelerations = (np.ascontiguousarray(by_sample(a, "samples")) for a in given)
-    check_turns(mechanism, places)
-    return places, rates, accelerations
+    check_rigid(of_kind("mechanism", mechanism, Mechanism))
+    if mechanism.closures:
+        names = ", ".join(c.name for c in mechanism.closures)
+        raise InputError(
+            f"mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
+            "write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+    return contiguous(mechanism, (q, qd, qdd), "samples")
+
+
+def contiguous(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] as contiguous floats, their numbers checked, too."""
+    given = checked_arrays(mechanism, arrays, order)
+    check_arrays(mechanism, given, order)
+    return [np.ascontiguousarray(by_sample(a, order)) for a in given]
 
 
 def check_rigid(mechanism: Mechanism) -> None:
@@ -45,17 +54,6 @@ def check_rigid(mechanism: Mechanism) -> None:
         raise InputError(
             f"joint_torques: mechanism '{mechanism.name}' has closures that act for a while ({', '.join(switched)}), and here no "
             "time is known; write flexinv.solve(mechanism, motion, step=...) instead"
-        )
-
-
-def _check_tree(mechanism: Mechanism) -> None:
-    """Raise InputError for what `check_rigid` refuses, and for closed loops."""
-    check_rigid(mechanism)
-    if mechanism.closures:
-        names = ", ".join(c.name for c in mechanism.closures)
-        raise InputError(
-            f"mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
-            "write flexinv.solve(mechanism, motion, step=...) instead"
         )
 
 
@@ -107,19 +105,19 @@ def by_sample(a: Array, order: Order) -> Array:
     return a[None] if a.ndim == 1 else a.T if order == "coordinates" else a
 
 
-def check_finite(arrays: Sequence[Array]) -> None:
-    """Raise InputError at the first number [any unit] that is not finite; efforts that overflow are the caller's."""
+def check_arrays(mechanism: Mechanism, arrays: Sequence[Array], order: Order) -> None:
+    """Raise InputError at the first number [any unit] that is not finite; efforts that overflow are the caller's.
+
+    So it is at the first quaternion of q that is zero, or cosine and sine [-] that no angle has.
+    """
     for label, a in zip(LABELS, arrays, strict=True):
         if not np.isfinite(a).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(a))[0])
             raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")
-
-
-def check_turns(mechanism: Mechanism, q: Array) -> None:
-    """Raise InputError at the first quaternion of q (samples, nq) that is zero, or cosine and sine [-] that no angle has."""
+    q = by_sample(arrays[0], order)
     for joint in mechanism.joints:
+        own = q[:, mechanism.q_slices[joint.name]]
         if KINDS[joint.kind].circle:
-            own = q[:, mechanism.q_slices[joint.name]]
             off = np.abs((own**2).sum(axis=1) - 1.0) > ASTRAY
             if off.any():
                 sample = int(np.argmax(off))
@@ -129,7 +127,7 @@ def check_turns(mechanism: Mechanism, q: Array) -> None:
                     "(neutral: 1, 0)"
                 )
         if KINDS[joint.kind].has_quaternion:
-            none = ~q[:, mechanism.q_slices[joint.name]][:, -4:].any(axis=1)
+            none = ~own[:, -4:].any(axis=1)
             if none.any():
                 raise InputError(
                     f"joint_torques: q of joint '{joint.name}' at sample {int(np.argmax(none))} has the quaternion 0, 0, 0, 0; "

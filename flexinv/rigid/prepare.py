@@ -15,30 +15,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import ACCELERATION_OPEN, OPEN, RATE, GivenLoops
-from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, project
+from flexinv.constraints.reactions import closing
+from flexinv.inverse import inverse_dynamics as nodal_dynamics
+from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, joint_springs
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.affinity import processors
 from flexinv.kernels.threads.atomics import COMPILED
 from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
+from flexinv.rigid import joint_arrays
 from flexinv.rigid.blocks import CALL_CELLS, HELPERS, LINE, OVERLAP, attend, collect, torque_blocks
-from flexinv.rigid.joint_arrays import (
-    Order,
-    by_sample,
-    check_finite,
-    check_rigid,
-    check_turns,
-    checked_arrays,
-    output_array,
-)
-from flexinv.rigid.nodal_result import NodalResult, nodal_result
+from flexinv.rigid.joint_arrays import Order, by_sample
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, bodies
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
-from flexinv.rnea.loop_tables import LoopPlan
+from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 
@@ -56,25 +50,44 @@ _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
 _COMPILING = Lock()
 
 
-def _aligned(threads: int, size: int) -> Array:
-    """Zeros whose rows begin with a line of the cache: else every vector of eight numbers meets two of them."""
-    size += -size % _LINE_OF_CACHE
-    spare = np.zeros(threads * size + _LINE_OF_CACHE)
-    first = -spare.ctypes.data // spare.itemsize % _LINE_OF_CACHE
-    return spare[first : first + threads * size].reshape(threads, size)
-
-
 class _Own(local):
-    """Data of one thread: a work space for itself and for each helper, and a counter of blocks."""
+    """Data of one thread: a work space for itself and for each helper, and a counter of blocks.
+
+    Rows of the work space begin with a line of the cache: else every vector of eight numbers meets two of them.
+    """
 
     def __init__(self, threads: int, size: int) -> None:
-        self.work, self.counter = _aligned(threads, size), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+        size += -size % _LINE_OF_CACHE
+        spare = np.zeros(threads * size + _LINE_OF_CACHE)
+        first = -spare.ctypes.data // spare.itemsize % _LINE_OF_CACHE
+        self.work = spare[first : first + threads * size].reshape(threads, size)
+        self.counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
 
     def cells(self, samples: int) -> NDArray[np.uint64]:
         """The counter, with a cell for every block."""
         if len(self.counter) < CALL_CELLS + samples // BLOCK + 1:
             self.counter = np.zeros(CALL_CELLS + samples // BLOCK + 1, dtype=np.uint64)
         return self.counter
+
+
+@dataclass(frozen=True)
+class NodalResult:
+    """The motion and the forces of all nodes, of `TorqueFunction.nodal`.
+
+    torque : (samples, nv) effort of every joint coordinate, as `TorqueFunction.torques` has it [N m], [N]
+    motion : of all nodes, world frame (`NodalMotion`); forces : P, what acts on every node so that it moves as it does
+    wrench : joint -> (samples, 6) force [N] and moment [N m] on the child, at the joint, in the child's link frame
+    reaction : closure -> (samples, 6) the same on its second link, as `Solution.loops` has it; empty without closures
+    node : link -> number of its link frame's node; body : (link, body) -> number of the node at its centre of mass
+    """
+
+    torque: Array
+    motion: NodalMotion
+    forces: nodal_dynamics.NodalForces
+    wrench: dict[str, Array]
+    reaction: dict[str, Array]
+    node: dict[str, int]
+    body: dict[tuple[str, str], int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +123,13 @@ class TorqueFunction:
         Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `consistency`).
         """
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
-        given = checked_arrays(self.mechanism, (q, qd, qdd), order)
-        tau = output_array(out, given[1])
+        given = joint_arrays.checked_arrays(self.mechanism, (q, qd, qdd), order)
+        tau = joint_arrays.output_array(out, given[1])
         if self.loaded and any(np.may_share_memory(a, tau) for a in given):
             given = [a.copy() for a in given]
         rows = [by_sample(a, order) for a in (*given, tau)]
         if self.loaded:
-            check_finite(given)
-            check_turns(self.mechanism, rows[0])
+            joint_arrays.check_arrays(self.mechanism, given, order)
             tau.fill(0.0)
             self._add_applied(rows[:3], rows[3])
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
@@ -133,16 +145,10 @@ class TorqueFunction:
             while len(mails) and not collect(*loops, *call):
                 pass
             raise
-        if counter[1]:
-            if counter[OVERLAP]:
-                q, qd, qdd = (a.copy() for a in given)
-                return self.torques(q, qd, qdd, out, order)
-            check_finite(given)
-            check_turns(self.mechanism, rows[0])
-        if not self.loaded:
-            self._add_applied(rows[:3], rows[3])
-        if self.loops is not None:
-            self._share(counter, rows)
+        if counter[OVERLAP]:
+            q, qd, qdd = (a.copy() for a in given)
+            return self.torques(q, qd, qdd, out, order)
+        self._finish(counter, given, rows, order)
         return tau
 
     def nodal(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, order: Order = "samples") -> NodalResult:
@@ -152,11 +158,23 @@ class TorqueFunction:
             every node and sample: many samples are best given in parts.
         Raises InputError as `torques` does.
         """
-        given = checked_arrays(self.mechanism, (q, qd, qdd), order)
-        check_finite(given)
-        check_turns(self.mechanism, by_sample(given[0], order))
-        places, rates, accelerations = (np.ascontiguousarray(by_sample(a, order)) for a in given)
-        return nodal_result(self.mesh, self.loops, self.passive, places, rates, accelerations)
+        m, mesh = self.mechanism, self.mesh
+        q, qd, qdd = joint_arrays.contiguous(m, (q, qd, qdd), order)
+        motion = rigid_motion(mesh, q, qd, qdd)
+        acting = applied_forces(mesh, motion, np.zeros(len(q)))
+        second = nodal_dynamics.inverse_dynamics(mesh, motion, qd, qdd, acting, self.passive)
+        torque, forces, wrenches = second.torque, second.forces, second.wrenches
+        if self.passive:
+            torque = torque + joint_springs(m, q, history=False)
+        reaction: dict[str, Array] = {}
+        if self.loops is not None:
+            shares = self.loops.shares(q, qd, qdd, torque)
+            pushed, reaction = closing(mesh, motion, constraint_rows(mesh), shares.multipliers)
+            forces = nodal_dynamics.nodal_forces(mesh, motion, pushed + acting)
+            wrenches, torque = nodal_dynamics.own_wrenches(mesh, motion, forces), shares.tau
+        wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
+        node = {joint.child: mesh.joint_node[joint.name] for joint in m.joints}
+        return NodalResult(torque, motion, forces, wrench, reaction, node, dict(mesh.body_node))
 
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
         """Write the efforts of one sample into ``out`` (nv,) [N m] or [N] and return it: for a controller's cycle.
@@ -169,32 +187,32 @@ class TorqueFunction:
             return self.torques(q, qd, qdd, out)
         try:
             if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
-                checked_arrays(m, (q, qd, qdd), "samples")
-                output_array(out, np.asarray(qd))
+                joint_arrays.checked_arrays(m, (q, qd, qdd), "samples")
+                joint_arrays.output_array(out, np.asarray(qd))
             torque_blocks(
                 b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
                 own.work, own.counter, _NOBODY,
             )  # fmt: skip
         except TypeError:  # not contiguous, or not of floats, or no arrays
             return self.torques(q, qd, qdd, out)
-        if own.counter[1]:
+        if own.counter[1] or self.loops is not None or m.springs or m.forces:
             if own.counter[OVERLAP]:
                 return self.torques(q.copy(), qd.copy(), qdd.copy(), out)
-            check_finite((q, qd, qdd))
-            check_turns(m, q[None])
-        if m.springs or m.forces:
-            self._add_applied((q[None], qd[None], qdd[None]), out[None])
-        if self.loops is not None:
-            self._share(own.counter, (q[None], qd[None], qdd[None], out[None]))
+            self._finish(own.counter, (q, qd, qdd), (q[None], qd[None], qdd[None], out[None]), "samples")
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Prepared anew where it is sent: to another process [-]."""
         return prepare, (self.mechanism, self.passive, self.threads)
 
-    def _share(self, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
-        """Share out what the kernel has left, and look at a motion that it finds in doubt."""
-        assert self.loops is not None
+    def _finish(self, counter: NDArray[np.uint64], given: Sequence[Array], rows: Sequence[Array], order: Order) -> None:
+        """Name what the kernel has found wrong, add springs and given forces, share out what it has left of loops in doubt."""
+        if counter[1]:
+            joint_arrays.check_arrays(self.mechanism, given, order)
+        if not self.loaded:
+            self._add_applied(rows[:3], rows[3])
+        if self.loops is None:
+            return
         if not len(self.plan.sizes):
             rows[3][:] = self.loops.shares(*rows).tau
             return
@@ -221,7 +239,7 @@ class TorqueFunction:
             nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
             loads = applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
             if loads is not None:
-                tau[part] -= project(self.mesh, nodes, loads)
+                tau[part] -= nodal_dynamics.project(self.mesh, nodes, loads)
 
 
 def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:
@@ -251,7 +269,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
 @kept_with_owner(typed=True)
 def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
-    check_rigid(mechanism)
+    joint_arrays.check_rigid(mechanism)
     check_constant(mechanism)
     mesh = build(mechanism)
     compile_for_arrays()
@@ -272,21 +290,17 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
         q, rest, work = anywhere(m, PLACES), np.zeros((3, PLACES * m.nv)), np.zeros((1, plan.size))
         strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
         motion = q.ravel(), *rest[:3], strides, np.uint64(PLACES)
-        torque_blocks(
-            bodies.tree, bodies.numbers, bodies.columns, plan.plan, plan.fixed, *motion, work, counter, _NOBODY
-        )
-        own: Array = work[0]
-        return own
+        loops = plan.plan, plan.fixed
+        torque_blocks(bodies.tree, bodies.numbers, bodies.columns, *loops, *motion, work, counter, _NOBODY)
+        return work.ravel()
 
     candidates = plain, bodies(mesh, passive, ends(mesh, rows))
     return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION_OPEN), run) or (plain, NO_LOOPS)
 
 
-def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:
-    return types.Array(kind, dimensions, "C", readonly=readonly)
-
-
-_CELLS, _MAILS = _array(types.uint64, 1), _array(types.uint64, 2)
+_CELLS, _MAILS, _NUMBERS, _TABLE = (
+    types.Array(kind, dimensions, "C") for kind in (types.uint64, types.float64) for dimensions in (1, 2)
+)
 
 
 def _compile(kernel: Any, *signature: types.Type) -> None:
@@ -300,19 +314,16 @@ def _compile(kernel: Any, *signature: types.Type) -> None:
 @cache
 def compile_for_arrays() -> None:
     """Compile the kernel, once: arrays [any unit] are contiguous, and those that it only reads may be read-only."""
-    read, written = _array(types.float64, 1, readonly=True), _array(types.float64, 1)
-    tree, columns, strides = _MAILS, _CELLS, _MAILS
-    body, work = _array(types.float64, 2), _array(types.float64, 2)
-    loops = _CELLS, _array(types.float64, 1)
-    motion = read, read, read, written, strides, types.uint64
-    _compile(torque_blocks, tree, body, columns, *loops, *motion, work, _CELLS, _MAILS)
+    read = types.Array(types.float64, 1, "C", readonly=True)
+    motion = read, read, read, _NUMBERS, _MAILS, types.uint64
+    _compile(torque_blocks, _MAILS, _TABLE, _CELLS, _CELLS, _NUMBERS, *motion, _TABLE, _CELLS, _MAILS)
 
 
 @cache
 def compile_for_helpers() -> None:
     """Compile what helpers do, once [-]."""
     _compile(attend, _CELLS, types.int64)
-    _compile(collect, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
+    _compile(collect, _CELLS, _NUMBERS, types.uint64, _TABLE, _CELLS, _MAILS)
 
 
 def _flat(a: Array) -> tuple[Array, tuple[int, int]]:

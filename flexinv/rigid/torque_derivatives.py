@@ -11,7 +11,7 @@ from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.derivative_kernel import SUMS, CarriedBodies, Spatial, derivative_samples
+from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
@@ -55,10 +55,11 @@ def torque_derivatives(
     f, samples = prepare(mechanism, passive), len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
     carried, gravity = _bodies(f), np.array(mechanism.gravity, dtype=float)
+    scratch = np.zeros((mechanism.nv, AXIS_CELLS)), np.zeros((len(carried.node), BODY_CELLS))
     for start in range(0, samples if mechanism.nv else 0, AT_ONCE):
         part = slice(start, start + AT_ONCE)
         motion = rigid_motion(f.mesh, *(state[part] for state in states)).frames
-        derivative_samples(carried, gravity, motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
+        derivative_samples(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     law = laws_of(mechanism)
     out.qdd[:, own, own] += law.rotor
@@ -80,9 +81,3 @@ def _bodies(function: TorqueFunction) -> CarriedBodies:
     parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
     at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
     return CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
-
-
-def _scratch(function: TorqueFunction) -> Spatial:
-    nv, bodies = function.mechanism.nv, len(function.bodies.node)
-    shapes = [*4 * [(nv, 6)], *2 * [(bodies, 6)], (bodies, SUMS)]
-    return Spatial._make(np.zeros(shape) for shape in shapes)

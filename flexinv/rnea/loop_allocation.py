@@ -9,7 +9,7 @@ rows B are removed one after the other.
 Six forces along u_i at r_i hold a free body, sum lambda_i (u_i, r_i x u_i) = tau: rows of G of six entries, side by side, go in
 one pass.  The entries of the drives stay as they are: the row operations are applied in reverse to the multipliers.
 
-The order of the row operations is a list of *steps*, the same for every sample (`elimination_order`).  Where a pivot
+The order of the row operations is a list of *steps*, the same for every sample (`loop_plan`).  Where a pivot
 is too small next to its column, or a row that should vanish does not, the block is left to `allocation`.
 
 Limits: phi^2, phi'^2 and phi''^2, over their scales, summed over all rows of a closure.  They are compared with the sums
@@ -26,7 +26,8 @@ import numpy as np
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row, vec_of
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.recursion import ACCELERATION_ROW, SPIN, SPIN_RATE
+from flexinv.rnea.loop_bodies import dot
+from flexinv.rnea.recursion import state_of
 
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
@@ -43,7 +44,6 @@ SOME = np.uint64(4)
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0
 _ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
-_COLUMN, _OWN, _SCRATCH = row(4), row(9), row(layout.SCRATCH_ROWS)
 _NONE, _THREE_ROWS, _SIX = (0.0, 0.0, 0.0), row(3), tuple(row(layout.SIX * i) for i in range(layout.SIX))
 
 
@@ -72,15 +72,6 @@ def coupled(plan, fixed, work, own, lanes, closure, offset):
 
 
 @jit_lanes
-def clear(plan, work, lanes):
-    """Set the entries that are zero at first [-]."""
-    for i in range(plan[layout.FILLS + 1]):
-        empty = work[plan[plan[layout.FILLS] + i] :]
-        for k in range(lanes):
-            empty[k] = 0.0
-
-
-@jit_lanes
 def _sums(plan, work, k, closure, j):
     """|G| |qd|, |G| |qdd| of one row in one lane."""
     speed = size = 0.0
@@ -99,36 +90,45 @@ def _sums_of_sizes(plan, work, k, closure, e):
     about = 1.0 if closure.directions > _ZERO else 0.0
     for j in range(closure.sum_count):
         one = layout.sum_at(plan, closure.first_sum + j)
-        turns, axis = float(one.turns), one.axis + k
+        turns = float(one.turns)
         if e == _ZERO:
             g = math.sqrt(max(work[one.size + k] - turns * about, 0.0))
         else:
-            v = work[e + k], work[e + LANES + k], work[e + _TWO * LANES + k]
-            g = turns * abs(v[0] * work[axis] + v[1] * work[axis + LANES] + v[2] * work[axis + _TWO * LANES])
+            g = turns * abs(dot(vec_of(work, e, k), vec_of(work, one.axis, k)))
         speed += g * abs(work[one.rate + k])
         size += g * abs(work[one.acceleration + k])
     return speed, size
 
 
 @jit_lanes
-def _magnitude(work, first, k):
-    x, y, z = work[first + k], work[first + LANES + k], work[first + _TWO * LANES + k]
-    return math.sqrt(x * x + y * y + z * z)
-
-
-@jit_lanes
-def _acceleration(work, state, k, length):
+def _acceleration(state, k, length):
     """About how large the accelerations of an end are that the recursion has found, gravity among them."""
-    w = _magnitude(work, state + SPIN, k)
-    return _magnitude(work, state + ACCELERATION_ROW, k) + length * (_magnitude(work, state + SPIN_RATE, k) + w * w)
+    w, al, a = state_of(state, k)
+    return math.sqrt(dot(a, a)) + length * (math.sqrt(dot(al, al)) + dot(w, w))
 
 
 @jit_lanes
-def _hold_sums(plan, fixed, work, lanes, closure, limits):
-    """Remember the largest sums of some lanes."""
+def hold(plan, fixed, work, lanes, closure, sums, in_space):
+    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit].
+
+    Of three positions in space the square of phi' is that of d'.
+    """
+    limits, own = work[plan[layout.LIMITS] :], work[closure.own :]
+    if in_space and closure.kind == layout.WHOLE:
+        for k in range(lanes):
+            (a, b, c), d1 = vec_of(own, layout.SQUARES, k), vec_of(own, layout.GAP_RATE, k)
+            x, y, z = vec_of(limits, _ZERO, k)
+            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b + dot(d1, d1)), _more(z, c)))
+    else:
+        for k in range(lanes):
+            (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
+            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+    if not sums:
+        return
     together, of_rows, length = closure.sum_count > _ZERO, closure.positions, fixed[_THREE]
     if closure.kind == layout.WHOLE:
         of_rows = _ONE if together else _TWO
+    largest = limits[layout.LARGEST :]
     for some in range(SOME):
         k = (some * lanes) >> _TWO
         for j in range(of_rows + closure.directions):
@@ -138,35 +138,10 @@ def _hold_sums(plan, fixed, work, lanes, closure, limits):
                 speed, size = _sums_of_sizes(plan, work, k, closure, e)
             else:
                 speed, size = _sums(plan, work, k, closure, j)
-            limits[layout.LARGEST] = max(limits[layout.LARGEST], scale * speed)
-            limits[layout.LARGEST + _ONE] = max(limits[layout.LARGEST + _ONE], scale * size)
+            largest[0], largest[1] = max(largest[0], scale * speed), max(largest[1], scale * size)
         if closure.state_a > _ZERO:
-            both = _acceleration(work, closure.state_a, k, length) + _acceleration(work, closure.state_b, k, length)
-            limits[layout.LARGEST + _TWO] = max(limits[layout.LARGEST + _TWO], both)
-
-
-@jit_lanes
-def hold(plan, fixed, work, lanes, closure, sums, in_space):
-    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit].
-
-    Of three positions in space the square of phi' is that of d'.
-    """
-    limits, own = work[plan[layout.LIMITS] : plan[layout.LIMITS] + _COLUMN], work[closure.own : closure.own + _OWN]
-    if in_space and closure.kind == layout.WHOLE:
-        for k in range(lanes):
-            (a, b, c), d1, (x, y, z) = (
-                vec_of(own, layout.SQUARES, k),
-                vec_of(own, layout.GAP_RATE, k),
-                vec_of(limits, _ZERO, k),
-            )
-            b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
-            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
-    else:
-        for k in range(lanes):
-            (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
-            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
-    if sums:
-        _hold_sums(plan, fixed, work, lanes, closure, limits)
+            one, other = work[closure.state_a :], work[closure.state_b :]
+            largest[2] = max(largest[2], _acceleration(one, k, length) + _acceleration(other, k, length))
 
 
 @jit_lanes
@@ -239,13 +214,6 @@ def _multiply(total, one, other, lanes, weight, first):
         total[k] = keep * total[k] + weight * one[k] * other[k]
 
 
-@jit_lanes
-def _project(scratch, lanes):
-    """The part along a row: the ratio of two sums."""
-    for k in range(lanes):
-        scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
-
-
 @jit_lane
 def _less(v, factor, w):
     """v - factor w of six numbers."""
@@ -263,7 +231,7 @@ def _paired(one, other, last):
 
 
 def _solving(before: Any) -> Any:
-    """Return what gives the multipliers of so many rows of six and whether pivots are large enough, by that of one row fewer.
+    """Return the solution of one row of six more than ``before``: multipliers, True if pivots are large enough.
 
     The first row is combined with all others; when these have theirs, the row operations are undone.
     """
@@ -341,7 +309,11 @@ def _all_six(plan, work, at, first, second, third, lanes):
 @jit_lanes
 def allocate(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
-    scratch = work[plan[layout.SCRATCH] : plan[layout.SCRATCH] + _SCRATCH]
+    scratch = work[plan[layout.SCRATCH] :]
+    for i in range(plan[layout.FILLS + 1]):  # what is zero at first
+        empty = work[plan[plan[layout.FILLS] + i] :]
+        for k in range(lanes):
+            empty[k] = 0.0
     at, doubts, part, least = plan[layout.STEPS], 0, LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
     for _ in range(plan[layout.STEPS + 1]):
         kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
@@ -356,7 +328,8 @@ def allocate(plan, fixed, work, lanes):
         elif kind == layout.CHECK_EMPTY:
             doubts += _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
         elif kind == layout.PROJECT:
-            _project(scratch, lanes)
+            for k in range(lanes):  # the part along a row
+                scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
         elif kind == layout.ALL_SIX:
             doubts += _all_six(plan, work, at, first, second, third, lanes)
             at += _TWO * count
@@ -384,6 +357,6 @@ def unclear(plan, fixed, work, lanes):
         own = work[i, plan[layout.LIMITS] :]
         for k in range(lanes):
             a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
-        speed, size = max(speed, own[layout.LARGEST]), max(size, own[layout.LARGEST + _ONE])
-        rounding = max(rounding, ROUNDED * own[layout.LARGEST + _TWO])
+        largest = own[layout.LARGEST :]
+        speed, size, rounding = max(speed, largest[0]), max(size, largest[1]), max(rounding, ROUNDED * largest[2])
     return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)

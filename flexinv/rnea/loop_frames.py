@@ -53,8 +53,7 @@ class Tables:
     matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
     held: dict[int, int] = field(default_factory=dict)  # free body -> room for its next row
-    constants: dict[tuple[float, ...], list[int]] = field(default_factory=dict)
-    known: dict[int, float] = field(default_factory=dict)  # where such squares stand
+    known: dict[int, float] = field(default_factory=dict)  # where sizes stand that are constant while a loop is closed
 
     def __post_init__(self) -> None:
         most = len(self.bodies.node) * layout.BODY_ROWS + layout.CLOSURE_ROWS + 3 * layout.MOST_ROWS
@@ -74,14 +73,6 @@ class Tables:
         for part in parts:
             self.fixed += np.ravel(part).tolist()
         return at
-
-    def constant_size(self, *squares: float) -> list[int]:
-        """Return the offsets of squared sizes of columns that are constant as long as the closure is closed."""
-        if squares not in self.constants:
-            at = self.constant_rows(12, np.pad(squares, (0, 12 - len(squares))))
-            self.constants[squares] = [at + i * BLOCK for i in range(len(squares))]
-            self.known.update(zip(self.constants[squares], squares, strict=True))
-        return self.constants[squares]
 
     def constant_rows(self, count: int, *parts: Array) -> int:
         """Rows that keep twelve numbers, made once for every call."""

@@ -34,7 +34,7 @@ MOST_COLUMNS = 15
 # Rows of a closure, at most.
 MOST_ROWS = 6
 # Of a whole call: the largest squares of every lane; the largest sums, three numbers.
-WORST, LARGEST, LIMIT_ROWS = row(0), row(3), 4
+LARGEST, LIMIT_ROWS = row(3), 4
 # Where a block works: a multiplier, or the factor by which one row goes from another; a square, or whether they change places.
 LAMBDA, SQUARE, SCRATCH_ROWS = row(0), row(1), 2
 FACTOR, CHANGED = LAMBDA, SQUARE
@@ -58,12 +58,6 @@ class ClosureKind(IntEnum):
     WHOLE, PARTIAL, COUPLED = range(3)
 
 
-class ColumnKind(IntEnum):
-    """Joint of a column of G; FLOATING is of a whole joint."""
-
-    TURNING, SLIDING, FLOATING = range(3)
-
-
 class Operation(IntEnum):
     """Operations of the steps of a plan; the kernels take them as plain numbers."""
 
@@ -73,8 +67,8 @@ class Operation(IntEnum):
 # The same as plain numbers, which compiled code compares fastest.
 ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
-TURNING, SLIDING, FLOATING = (int(kind) for kind in ColumnKind)
 PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = (int(kind) for kind in Operation)
+TURNING, SLIDING, FLOATING = range(3)  # joint of a column of G; FLOATING is of a whole joint
 NO_GROUND, A_STANDS, B_STANDS = range(3)  # whether an end of the closure stands in the world
 
 
@@ -149,7 +143,7 @@ def _reader(record: type[Any], table: int) -> Any:
 
     @jit_lanes
     def record_at(plan, number):
-        return record(*to_fixed_tuple(plan[plan[table] + number * np.uint64(count) :], count))
+        return record(*to_fixed_tuple(plan[plan[table] + number * np.uint64(count) :], count))  # type: ignore[call-arg]
 
     return record_at
 

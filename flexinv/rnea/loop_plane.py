@@ -15,7 +15,7 @@ from __future__ import annotations
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_allocation import clear, coupled, hold
+from flexinv.rnea.loop_allocation import coupled, hold
 from flexinv.rnea.recursion import COS, PLACE, RATE, SIN
 
 _PAIR = row(0)
@@ -150,4 +150,3 @@ def in_plane(plan, fixed, work, lanes, sums):
                 else:
                     _column(to, work[column.joint :], own, lanes, signs[1])
         hold(plan, fixed, work, lanes, closure, sums, False)
-    clear(plan, work, lanes)

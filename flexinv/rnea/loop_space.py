@@ -25,7 +25,7 @@ import numpy as np
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import into, plus, put_vec, times, vec_of
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_allocation import clear, coupled, hold
+from flexinv.rnea.loop_allocation import coupled, hold
 from flexinv.rnea.loop_bodies import axes_of, components, cross, dot, minus, move, square
 from flexinv.rnea.loop_reduce import columns
 from flexinv.rnea.recursion import SPIN, SPIN_RATE, acceleration_at, numbers_at, state_of
@@ -214,5 +214,4 @@ def in_space(plan, fixed, work, lanes, sums):
             for j in range(closure.positions):
                 _position(own[layout.VECTORS + j * layout.VECTOR :], own, lanes, c[_SCALE])
         hold(plan, fixed, work, lanes, closure, sums, True)
-    clear(plan, work, lanes)
     return doubts

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +15,9 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies
-from flexinv.rnea.elimination_order import Step
 from flexinv.rnea.loop_frames import Frame, Tables, frame, root_of, seated, state
-from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
+from flexinv.rnea.loop_layout import ClosureRecord, ColumnRecord, SumRecord
+from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 
 # The limits of `consistency` over those of a closure's squares; rows of a closure that is open by as much as is allowed
@@ -26,35 +25,6 @@ from flexinv.typing import Array
 # Axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
 CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
 _AXES = (int(layout.AXES), int(layout.AXIS_Y), int(layout.AXIS_Z))
-
-
-@dataclass(frozen=True, eq=False)
-class LoopPlan:
-    """Plan of the kernels: ``plan`` of whole numbers, ``fixed`` of others [any unit]; ``size`` of the whole work space [-].
-
-    matrix : (rows, nv) where the entries of G stand, 0 where there are none; sizes : velocity coordinate -> of its columns
-    constant : which of these are; effort : where efforts of the velocity coordinates stand
-    bodies, closures, steps : the records of ``plan``; rows, coordinates : names of equations and of velocity coordinates
-    """
-
-    plan: NDArray[np.uint64]
-    fixed: Array
-    size: int
-    matrix: NDArray[np.int64]
-    sizes: dict[int, list[int]]
-    constant: frozenset[int] = frozenset()
-    effort: tuple[int, ...] = ()
-    bodies: tuple[BodyRecord, ...] = ()
-    closures: tuple[ClosureRecord, ...] = ()
-    steps: tuple[Step, ...] = ()
-    rows: tuple[str, ...] = ()
-    coordinates: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        """Return the plan as text, a line for every step (`plan_listing`)."""
-        from flexinv.rnea.plan_listing import listing
-
-        return listing(self)
 
 
 class _Loop(NamedTuple):
@@ -184,7 +154,8 @@ def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) ->
     states = (0, 0) if tables.plane else (state(tables, a), state(tables, b))
     kind, count = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
     places = kind, first, one.axes, other.axes, one.place, other.place, *states, fixed, count, len(directions)
-    tables.closures.append(ClosureRecord(*places, *tables.spans(before), stride, int(pair is not None), ground))
+    rest = *tables.spans(before), stride, int(pair is not None), ground
+    tables.closures.append(ClosureRecord._make([*places, *rest]))
 
 
 def _from_ground(
@@ -277,7 +248,10 @@ def _row_that_is_left(
             tables.held[body] = tables.rows(6 * len(tables.pairs))
         entry, scale = tables.held[body], 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
-        sizes = tables.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
+        squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
+        at = tables.constant_rows(12, np.pad(squares, (0, 6)))
+        sizes = [at + i * BLOCK for i in range(6)]
+        tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
         axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
         record = record._replace(kind=layout.FLOATING, axis=axes, joint=joint, to=tables.numbers(end[1]), entry=entry)
@@ -298,4 +272,4 @@ def _coupling(tables: Tables, rows: Rows, row: int) -> None:
         tables.columns.append(record)
         _enter(tables, _Column(v, 0, record), to, [(row, record.entry)], False)
     places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
-    tables.closures.append(ClosureRecord(*places, *tables.spans(before), 0, 0, layout.NO_GROUND))
+    tables.closures.append(ClosureRecord._make([*places, *tables.spans(before), 0, 0, layout.NO_GROUND]))

@@ -1,24 +1,67 @@
-"""Listing of a plan of closed loops: its steps as records with names, and as text that a person reads."""
+"""Plan of closed loops: what kernels read of them, its steps as records with names, and as text that a person reads."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.kernels.simd import BLOCK
-from flexinv.rnea.elimination_order import Step
-from flexinv.rnea.loop_layout import PLANE, SIX, BodyKind, ClosureKind, Operation
-from flexinv.rnea.loop_tables import LoopPlan
+from flexinv.rnea.loop_layout import PLANE, SIX, BodyKind, BodyRecord, ClosureKind, ClosureRecord, Operation
+from flexinv.typing import Array
 
 
-def listing(plan: LoopPlan) -> str:
-    """Return a plan as text: bodies, closures, and a line for every step, places by the names of what stands there."""
-    names = _Names(plan)
-    bodies = [BodyKind(body.kind).name.lower().replace("_", " ") for body in plan.bodies]
-    closures = [ClosureKind(closure.kind).name.lower() for closure in plan.closures]
-    head = [
-        f"{'plane' if plan.plan[PLANE] else 'space'}, work space of {plan.size // BLOCK} rows",
-        f"bodies: {', '.join(bodies) or 'none'}",
-        f"closures: {', '.join(closures) or 'none'}",
-    ]
-    return "\n".join([*head, *(f"{k:3d}  {names.line(step)}" for k, step in enumerate(plan.steps, 1))])
+@dataclass(frozen=True)
+class Step:
+    """One step of a plan: what it does; where numbers stand in the work space [-], and pairs of such places."""
+
+    operation: Operation
+    first: int
+    second: int
+    third: int
+    pairs: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def words(self) -> tuple[int, ...]:
+        """Return the step as kernels read it [-]."""
+        places = self.first, self.second, self.third, *(at for pair in self.pairs for at in pair)
+        return self.operation, len(self.pairs), *places
+
+
+@dataclass(frozen=True, eq=False)
+class LoopPlan:
+    """Plan of the kernels: ``plan`` of whole numbers, ``fixed`` of others [any unit]; ``size`` of the whole work space [-].
+
+    matrix : (rows, nv) where the entries of G stand, 0 where there are none; sizes : velocity coordinate -> of its columns
+    constant : which of these are; effort : where efforts of the velocity coordinates stand
+    bodies, closures, steps : the records of ``plan``; rows, coordinates : names of equations and of velocity coordinates
+    """
+
+    plan: NDArray[np.uint64]
+    fixed: Array
+    size: int
+    matrix: NDArray[np.int64]
+    sizes: dict[int, list[int]]
+    constant: frozenset[int] = frozenset()
+    effort: tuple[int, ...] = ()
+    bodies: tuple[BodyRecord, ...] = ()
+    closures: tuple[ClosureRecord, ...] = ()
+    steps: tuple[Step, ...] = ()
+    rows: tuple[str, ...] = ()
+    coordinates: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Return the plan as text: bodies, closures, and a line for every step, places by the names of what stands there."""
+        names = _Names(self)
+        bodies = [BodyKind(body.kind).name.lower().replace("_", " ") for body in self.bodies]
+        closures = [ClosureKind(closure.kind).name.lower() for closure in self.closures]
+        head = [
+            f"{'plane' if self.plan[PLANE] else 'space'}, work space of {self.size // BLOCK} rows",
+            f"bodies: {', '.join(bodies) or 'none'}",
+            f"closures: {', '.join(closures) or 'none'}",
+        ]
+        return "\n".join([*head, *(f"{k:3d}  {names.line(step)}" for k, step in enumerate(self.steps, 1))])
 
 
 class _Names:

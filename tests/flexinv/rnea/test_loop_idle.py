@@ -17,7 +17,7 @@ from flexinv.constraints.continuation import mobility
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.rigid.prepare import prepare
-from flexinv.rnea.elimination_order import Elimination
+from flexinv.rnea.loop_plan import Elimination
 
 Array = NDArray[np.float64]
 ANGLE = 1.1

@@ -15,7 +15,6 @@ import flexinv
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Spring
 from flexinv.rigid.prepare import _prepared, prepare
-from flexinv.rnea import elimination_order as loop_steps
 from flexinv.rnea import loop_plan, loop_tables
 from flexinv.rnea.loop_layout import A_STANDS, B_STANDS, LIMITS, NO_GROUND, SIX_ROWS
 
@@ -136,7 +135,7 @@ def test_six_legs_are_solved_at_once(name: str, monkeypatch: pytest.MonkeyPatch)
         mechanism, state = solved((mechanism, next(iter(load_cases(MODELS / name, mechanism).values()))), 200)
     f = prepare(mechanism, threads=1)
     asked: list[bool] = []
-    monkeypatch.setattr(loop_steps, "_are_six", lambda *_: asked.append(True))
+    monkeypatch.setattr(loop_plan, "_are_six", lambda *_: asked.append(True))
     g = _prepared.__wrapped__(mechanism, True, 1)
     assert asked
     assert len(g.plan.plan) > len(f.plan.plan)

@@ -9,7 +9,7 @@ from loop_examples import Example
 
 import flexinv
 from flexinv.rnea.loop_layout import FILLS, STEPS, Operation
-from flexinv.rnea.loop_tables import LoopPlan
+from flexinv.rnea.plan_listing import LoopPlan
 
 FOUR_BAR = """\
 plane, work space of 181 rows
