@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.analysis.evaluation import FirstStep
-from flexinv.analysis.rigid_loops import coordinates, energy_jumps
+from flexinv.analysis.rigid_loops import energy_jumps
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import Rows, captured, constraint_rows
 from flexinv.constraints.continuation import closed_start
+from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
@@ -35,10 +36,10 @@ def closed_task(task: Task) -> Task:
     Raises InputError unless the motion is that of the drives, ConvergenceError where the loops do not close.
     """
     mesh, start = task.mesh, float(task.steps[0])
-    unknown = coordinates(mesh, task.passive)
+    unknown = stated_of(mesh.mechanism, task.passive)
     _check_drives(mesh, unknown)
     guess = [part[0].tobytes() for part in task.after(task.steps[:1])]
-    masks = unknown, coordinates(mesh, set(task.stated_rates)), phases(mesh.mechanism, task.steps)[0].active
+    masks = unknown, stated_of(mesh.mechanism, set(task.stated_rates)), phases(mesh.mechanism, task.steps)[0].active
     closed = _start(mesh, start, *(mask.tobytes() for mask in masks), *guess)
 
     def started(at: Array) -> Triple:

@@ -14,6 +14,7 @@ from flexinv.constraints.allocation import Shares, share_out
 from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows
 from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion
+from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Stretch, phases
 from flexinv.constraints.reactions import Impact, check_meeting, impact_of, jump_efforts, phased_closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
@@ -34,7 +35,7 @@ def rigid_loops(task: Task) -> FirstStep:
     ConvergenceError at singular configurations and lost branches.
     """
     mesh, time, m = task.mesh, task.time, task.mesh.mechanism
-    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, coordinates(mesh, task.passive))
+    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(mesh.mechanism, task.passive))
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
     acting = applied_forces(mesh, motion, time)
@@ -50,11 +51,6 @@ def rigid_loops(task: Task) -> FirstStep:
         loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)),
         geared=shares.multipliers @ stretches[0].rows.gear,
     )  # fmt: skip
-
-
-def coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
-    """Return a mask (nv,) [-] of the velocity coordinates that belong to the named joints."""
-    return np.array([j.name in names for j in mesh.mechanism.joints for _ in range(j.nv)], dtype=bool)
 
 
 def _phased_motion(
@@ -104,7 +100,7 @@ def _impact(
     """Impulses of drives and closures that change the rates (nv,) at a configuration (nq,) at once."""
     m, rest = mesh.mechanism, np.zeros((1, mesh.mechanism.nv))
     one, two = ((rigid_motion(mesh, q[None], rate[None], rest), rate) for rate in (before, after))
-    acting = stretch.rows.of(stretch.phase.active)
+    acting = stretch.acting
     g, tree = constraint_jacobian(mesh, two[0], acting), jump_efforts(mesh, (one, two))[None]
     shares = share_out(g, tree, m.actuated, m.weights[m.actuated], acting)
     multipliers = np.zeros(len(stretch.rows))
@@ -129,7 +125,7 @@ def _phased_shares(
     """Shares of the drives phase by phase; multipliers of closures that do not act are zero."""
     m, parts = mesh.mechanism, []
     for stretch in stretches:
-        span, pick, acting = stretch.span, stretch.pick, stretch.rows.of(stretch.phase.active)
+        span, pick, acting = stretch.span, stretch.pick, stretch.acting
         g = constraint_jacobian(mesh, motion.samples(span), acting) if jacobian is None else jacobian
         part = share_out(g, tree[span], m.actuated, m.weights[m.actuated], acting)
         if len(stretches) == 1 and pick.all():

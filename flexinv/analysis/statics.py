@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.analysis.evaluation import FirstStep, solution_after
 from flexinv.analysis.flexible_loops import Switching, with_closures
-from flexinv.analysis.rigid_loops import coordinates
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Task, still
 from flexinv.analysis.trajectory import first_step
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.continuation import closed_start
-from flexinv.constraints.loop_starts import closed_at
+from flexinv.constraints.loop_starts import closed_at, stated_of
 from flexinv.constraints.phases import phases
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
@@ -92,7 +91,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     switching.begin(mesh, solver.border.ties)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(switching.phases[0].active)
-        at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, coordinates(mesh, passive), rows)[0]
+        at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mesh.mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")
