@@ -157,7 +157,7 @@ def _phased_shares(
 
 def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
-    m, rows, pick = mesh.mechanism, stretch.rows.of(stretch.phase.active), stretch.pick
+    m, rows, pick = mesh.mechanism, stretch.acting, stretch.pick
     g = constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
     found = share_out(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():

@@ -68,8 +68,7 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
 
 def _write(folder: Path) -> int:
     """Write what was kept of all kernels that Python calls, and return how many there are."""
-    from flexinv.kernels.code_cache import FOLDER, KERNELS
-    from flexinv.kernels.code_stamp import sources
+    from flexinv.kernels.code_cache import FOLDER, KERNELS, sources
     from flexinv.kernels.shipped_code import write_shipped
 
     for module in sources(FOLDER):

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import RowArrays, jacobians, residual_samples
+from flexinv.constraints.equations import RowArrays, closure_samples
 from flexinv.errors import InputError
 from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kinematics.configuration import nodes_of
@@ -173,24 +173,21 @@ def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
     return np.where(fixed, 0.0, motion.x[0, nodes]), np.where(fixed[..., None], np.eye(3), motion.rotation[0, nodes])
 
 
-def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
-    """Return phi [m], [-] and its two time derivatives, (samples, rows) each, for given nodal motion.
+def closed_rows(mesh: Mesh, motion: NodalMotion, rows: Rows) -> tuple[Array, Array]:
+    """Return phi [m], [-] and its two time derivatives, (samples, rows, 3), for given nodal motion, and `constraint_jacobian`.
 
-    phi'' = u''.w + 2 u'.w' + u.w''
+    phi'' = u''.w + 2 u'.w' + u.w''; those of couplings are zero (`coupling_residuals`).
     """
-    phi = np.empty((len(motion.x), len(rows), 3))
-    residual_samples(row_arrays(rows), motion.frames, phi)
-    return phi[:, :, 0], phi[:, :, 1], phi[:, :, 2]
+    samples, count = len(motion.x), len(rows)
+    phi, g = np.zeros((samples, count, 3)), np.zeros((samples, count, mesh.mechanism.nv))
+    if count:
+        closure_samples(nodes_of(mesh), row_arrays(rows), motion.frames, phi, g)
+    return phi, without_rounding(mesh, rows.direction, g)
 
 
 def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     """Return G, (samples, rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
-    samples, count = len(motion.x), len(rows)
-    if count == 0:
-        return np.empty((samples, 0, mesh.mechanism.nv))
-    g = np.zeros((samples, count, mesh.mechanism.nv))
-    jacobians(nodes_of(mesh), row_arrays(rows), motion.frames, np.empty((count, 3)), g)
-    return without_rounding(mesh, rows.direction, g)
+    return closed_rows(mesh, motion, rows)[1]
 
 
 def _pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> NDArray[np.bool_]:
@@ -233,8 +230,5 @@ def row_arrays(rows: Rows) -> RowArrays:
 @kept_with_owner()
 def sizes_of(mesh: Mesh) -> Array:
     """Return the scale of each coordinate, (nq,): the mechanism's length [m] for positions, 1 for all others."""
-    sizes = np.ones(mesh.mechanism.nq)
-    for joint in mesh.mechanism.joints:
-        start = mesh.mechanism.q_slices[joint.name].start
-        sizes[start : start + sum(KINDS[joint.kind].translations)] = mesh.length
-    return sizes
+    kinds = [KINDS[joint.kind] for joint in mesh.mechanism.joints]
+    return np.array([mesh.length if k < sum(one.translations) else 1.0 for one in kinds for k in range(len(one.q))])

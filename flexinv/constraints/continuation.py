@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import (
     Rows,
-    constraint_jacobian,
+    closed_rows,
     constraint_rows,
     coupling_residuals,
     measures,
-    residuals,
     row_arrays,
     sizes_of,
     without_rounding,
@@ -162,9 +161,9 @@ def close_rates(
     """
     scale, sizes = rows.scale, measures(mesh)
     for order in orders:
-        rate, motion = (qd, qdd)[order - 1], rigid_motion(mesh, q[None], qd[None], qdd[None])
-        g = constraint_jacobian(mesh, motion, rows)[0]
-        opening = (residuals(motion, rows)[order] + coupling_residuals(rows, q[None], qd[None], qdd[None])[order])[0]
+        rate, state = (qd, qdd)[order - 1], (q[None], qd[None], qdd[None])
+        phi, (g,) = closed_rows(mesh, rigid_motion(mesh, *state), rows)
+        opening = phi[0, :, order] + coupling_residuals(rows, *state)[order][0]
         bar = CLOSED_RATE * ((np.abs(g) @ np.abs(rate) + np.abs(opening)) / scale).max(initial=0.0)
         for free in sets:  # by least squares, lengths and slides over the mechanism's length
             a, step = (g * sizes / scale[:, None])[:, free], np.zeros(len(rate))
@@ -221,7 +220,8 @@ class Follower:
         """
         mesh, rows, unknown = self.mesh, self.rows, self.unknown
         sizes = measures(mesh)[unknown]
-        g = constraint_jacobian(mesh, rigid_motion(mesh, q, qd, qdd), rows)[:, :, unknown] * sizes / rows.scale[:, None]
+        _, g = closed_rows(mesh, rigid_motion(mesh, q, qd, qdd), rows)
+        g = g[:, :, unknown] * sizes / rows.scale[:, None]
         inverse = sizes[:, None] * np.linalg.pinv(g, rcond=REDUNDANT) / rows.scale
         condition = np.linalg.cond(g) if unknown.any() else np.zeros(len(g))
         worst = int(np.argmax(condition))
@@ -232,9 +232,8 @@ class Follower:
                 "keep the motion away from this position (a dead point)"
             )
         for order, rate in ((1, qd), (2, qdd)):
-            opening = (
-                residuals(rigid_motion(mesh, q, qd, qdd), rows)[order] + coupling_residuals(rows, q, qd, qdd)[order]
-            )
+            phi, _ = closed_rows(mesh, rigid_motion(mesh, q, qd, qdd), rows)
+            opening = phi[:, :, order] + coupling_residuals(rows, q, qd, qdd)[order]
             rate[:, unknown] = -np.einsum("sur,sr->su", inverse, opening)
         return qd, qdd
 

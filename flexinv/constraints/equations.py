@@ -198,17 +198,10 @@ def closure_rows(nodes, rows, frames, phi, g):
 
 
 @jit
-def jacobians(nodes, rows, frames, phi, g):
-    """Set G of every sample (samples, rows, nv) [m/rad], [-], zero on entry, from the nodes' motion; phi (rows, 3) : scratch."""
+def closure_samples(nodes, rows, frames, phi, g):
+    """Set phi (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `closure_rows` from the nodes' motion [m], [-]."""
     for s in range(g.shape[0]):
-        closure_rows(nodes, rows, frames_at(frames, s), phi, g[s])
-
-
-@jit
-def residual_samples(rows, frames, phi):
-    """Set phi [m], [-], phi' and phi'', (samples, rows, 3), of every sample from the motion of the nodes."""
-    for s in range(phi.shape[0]):
-        closure_residuals(rows, frames_at(frames, s), phi[s])
+        closure_rows(nodes, rows, frames_at(frames, s), phi[s], g[s])
 
 
 @by_address

@@ -39,6 +39,11 @@ class Stretch:
         return slice(self.phase.first, self.phase.last)
 
     @property
+    def acting(self) -> Rows:
+        """Constraints that act [m], [-]."""
+        return self.rows.of(self.phase.active)
+
+    @property
     def pick(self) -> NDArray[np.bool_]:
         """(rows,) which constraints act."""
         return self.phase.active[self.rows.closure]

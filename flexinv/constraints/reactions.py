@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.closures import Rows, residuals, row_arrays
+from flexinv.constraints.closures import Rows, closed_rows, row_arrays
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.constraints.phases import Stretch
 from flexinv.errors import InputError
@@ -100,7 +100,7 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: NDArray[n
     """
     m = mesh.mechanism
     scale = np.where(rows.direction, 1.0, mesh.length)
-    apart, rate = (np.abs(part[0]) / scale for part in residuals(motion, rows)[:2])
+    apart, rate = np.abs(closed_rows(mesh, motion, rows)[0][0, :, :2].T) / scale
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):
         closure, own = m.closures[int(index)], rows.closure == index

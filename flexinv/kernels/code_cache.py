@@ -4,14 +4,20 @@ Numba ends the program where no folder can be written to, where the disk is full
 machine that lost its power have left.  All of that only costs the time of compiling once more.  Code is looked for in what the
 package brings along (`shipped_code`), then in what was kept on this machine; one process compiles what is in neither
 (`compile_lock`), and others wait for it.
+
+Numba asks only whether the file of the function itself is the same, but its code holds that of all functions it calls.  So code
+bears the stamp of a module's family, which is itself and what it imports; it is discarded when any of these sources changes.
 """
 
 from __future__ import annotations
 
 import gc
+import re
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -20,7 +26,6 @@ from numba import njit, types
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime.nrt import rtsys
 
-from flexinv.kernels.code_stamp import source_stamp
 from flexinv.kernels.compile_lock import CompileLock
 from flexinv.kernels.kernel_compiler import InnerCompiler, OuterCompiler
 from flexinv.kernels.records import argument_type
@@ -31,6 +36,10 @@ UNREADABLE = AttributeError, ImportError, EOFError, UnpicklingError
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
 # The kernels that Python calls, in the order of their definition.
 KERNELS: list[Any] = []
+# What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.
+_HAS_KERNELS = re.compile(r"^from flexinv\.kernels\.(jit|records) import", re.MULTILINE)
+ALSO = "kernels.jit", "kernels.kernel_compiler", "kernels.records", "kernels.threads.atomics", "model.joint_kinds"
+_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (\w*)", re.MULTILINE)
 
 
 def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -122,8 +131,8 @@ def _tell() -> None:
 
 def _keep(kernel: Any) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
-    cache, module = kernel._cache, kernel.py_func.__module__
-    file, save = cache._cache_file, cache.save_overload
+    kept, module = kernel._cache, kernel.py_func.__module__
+    file, save = kept._cache_file, kept.save_overload
     stamp = source_stamp(FOLDER, module.removeprefix("flexinv."))
     file._source_stamp = (file._source_stamp, stamp)
     file._load_index = forgiving(file._load_index, {})
@@ -133,15 +142,15 @@ def _keep(kernel: Any) -> None:
     KERNELS.append(kernel)
 
     def load(signature: Any, target: Any) -> Any:
-        with cache._guard_against_spurious_io_errors():
-            return cache._load_overload(signature, target)
+        with kept._guard_against_spurious_io_errors():
+            return kept._load_overload(signature, target)
 
     def loaded(signature: Any, target: Any) -> Any:
         # Machine code needs the memory for arrays and no more: Numba's own load reads all tables of its compiler (half a second).
         rtsys.initialize(target)
         brought = shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
         if brought is not None:
-            return cache._impl.rebuild(target, brought)
+            return kept._impl.rebuild(target, brought)
         found = load(signature, target)
         if found is None:
             lock.take()
@@ -152,7 +161,7 @@ def _keep(kernel: Any) -> None:
         with suppress(OSError):  # a disk that is full: the next process compiles again
             save(*result)
 
-    cache.load_overload, cache.save_overload = loaded, saved
+    kept.load_overload, kept.save_overload = loaded, saved
 
 
 def forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]:
@@ -165,3 +174,42 @@ def forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]:
             return nothing
 
     return loaded
+
+
+# ------------------------------------------------------------------------------------------------- stamps of sources
+
+
+def sources(folder: Path) -> tuple[str, ...]:
+    """Return the modules [-], as they are called in the package, whose text or constants are in machine code."""
+    every = (path.relative_to(folder).with_suffix("").parts for path in sorted(folder.rglob("*.py")))
+    return tuple(module for module in map(".".join, every) if _is_source(folder, module))
+
+
+def family(module: str, folder: Path) -> tuple[str, ...]:
+    """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
+    if not _is_source(folder, module):
+        return sources(folder)
+    found, ahead = {module}, [module]
+    while ahead:
+        imports = _IMPORT.findall(_text(folder, ahead.pop()))
+        names = {name for package, one in imports for name in (package, f"{package}.{one}".rstrip("."))}
+        ahead += [name for name in names - found if _is_source(folder, name)]
+        found.update(ahead)
+    return tuple(sorted(found))
+
+
+@cache
+def source_stamp(folder: Path, module: str) -> str:
+    """Return a digest [-] of the sources in the package's ``folder`` that are in the kernels of a module."""
+    return sha256("".join(_text(folder, name) for name in family(module, folder)).encode()).hexdigest()
+
+
+def _is_source(folder: Path, module: str) -> bool:
+    return module in ALSO or _HAS_KERNELS.search(_text(folder, module)) is not None
+
+
+@cache
+def _text(folder: Path, module: str) -> str:
+    """The text of a module, nothing where there is none."""
+    path = folder.joinpath(*module.split(".")).with_suffix(".py")
+    return path.read_text(encoding="utf-8") if path.is_file() else ""

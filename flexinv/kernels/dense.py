@@ -129,15 +129,10 @@ def _sweep_three(a, k, size):
         three[c] = r[0] * x + r[1] * y + r[2] * z
     for i in range(size):
         if i < k or i > k + 2:
-            factors = vec_at(a[i], k)
+            x, y, z = vec_at(a[i], k)
             put(a[i], k, (0.0, 0.0, 0.0))
-            _subtract_three(a[i], factors, one, two, three, size)
-
-
-@jit_inner
-def _subtract_three(row, factors, one, two, three, size):
-    for c in range(size):
-        row[c] -= factors[0] * one[c] + factors[1] * two[c] + factors[2] * three[c]
+            for c in range(size):
+                a[i, c] -= x * one[c] + y * two[c] + z * three[c]
 
 
 @jit_inner

@@ -5,7 +5,7 @@ nothing themselves.  So arrays need no reference counting in there (`_nrt`): tha
 Division by zero gives infinity, which Newton's loop finds.  Machine code is made only of kernels of `jit`, with all that they
 call linked in once (`inner_library`); a kernel of `jit_inner` called from Python raises a TypeError: call it from a kernel.
 
-Machine code is kept on disk until a source of its family changes (`code_stamp`, `code_cache`).
+Machine code is kept on disk until a source of its family changes (`code_cache`).
 """
 
 from __future__ import annotations

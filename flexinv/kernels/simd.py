@@ -62,26 +62,14 @@ def plus_out_of(a, m, v):
 
 
 @jit_lanes
-def turned_back(c, s, v):
-    """Return R_z^T v of a turn about z with cosine c and sine s [any unit]."""
-    return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
-
-
-@jit_lanes
 def turned(c, s, v):
-    """Return R_z v of a turn about z with cosine c and sine s [any unit]."""
+    """Return R_z v of a turn about z with cosine c and sine s [any unit]; with -s back, R_z^T v."""
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 
 @jit_lanes
-def tilted_back(c, s, v):
-    """Return R_x^T v of a turn about x with cosine c and sine s [any unit]."""
-    return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
-
-
-@jit_lanes
 def tilted(c, s, v):
-    """Return R_x v of a turn about x with cosine c and sine s [any unit]."""
+    """Return R_x v of a turn about x with cosine c and sine s [any unit]; with -s back, R_x^T v."""
     return v[0], c * v[1] - s * v[2], s * v[1] + c * v[2]
 
 

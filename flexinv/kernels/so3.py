@@ -184,10 +184,6 @@ def from_quaternion(q: Array) -> Array:
     R = I + 2 w skew(u) + 2 skew(u)^2 with the quaternion normalised first.
     """
     q = np.asarray(q, dtype=float)
-    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)  # (..., row, column)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    skew = np.cross(np.eye(3), q[..., None, :3])  # (..., row, column)
+    return np.asarray(np.eye(3) + 2.0 * (q[..., 3, None, None] * skew + skew @ skew))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_blocks, jit_lanes
 from flexinv.kernels.simd import LANES
-from flexinv.kernels.threads.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
+from flexinv.kernels.threads.atomics import address, fetch, put, reals, take, wholes
 from flexinv.kernels.threads.worker_pool import (
     ANSWER,
     DONE,
@@ -185,13 +185,13 @@ def attend(mail, patience):
     """Take blocks for whoever offers, until no offer comes for so many looks [-]; the mail then says that its helper sleeps."""
     while awaited(mail, patience):
         word = mail[WORDS:]
-        tree = wholes_table(word[0], word[1] // TREE, TREE)
-        numbers = reals_table(word[2], word[3] // NUMBERS, NUMBERS)
-        columns = wholes(word[4], word[5])
-        q, qd, qdd = reals(word[6], word[7]), reals(word[8], word[9]), reals(word[10], word[11])
-        tau, strides = reals(word[12], word[13]), wholes_table(word[14], 4, 2)
-        work, counter, samples = reals(word[16], word[17]), wholes(word[18], word[19]), word[20]
-        plan, fixed = wholes(word[22], word[23]), reals(word[24], word[25])
+        tree = wholes(word[0], (word[1] // TREE, TREE))
+        numbers = reals(word[2], (word[3] // NUMBERS, NUMBERS))
+        columns = wholes(word[4], (word[5],))
+        q, qd, qdd = reals(word[6], (word[7],)), reals(word[8], (word[9],)), reals(word[10], (word[11],))
+        tau, strides = reals(word[12], (word[13],)), wholes(word[14], (4, 2))
+        work, counter, samples = reals(word[16], (word[17],)), wholes(word[18], (word[19],)), word[20]
+        plan, fixed = wholes(word[22], (word[23],)), reals(word[24], (word[25],))
         system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
         mail[ANSWER] = _blocks(system, series, work, counter)
         put(mail, STATE, DONE)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import Rows, measures, residuals
+from flexinv.constraints.closures import Rows, closed_rows, measures
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import rigid_motion
@@ -131,8 +131,8 @@ def _constant(mesh: Mesh, rows: Rows) -> Array:
     """phi (rows,) over its scale [-], where the joints stand anywhere."""
     m = mesh.mechanism
     rest = np.zeros((1, m.nv))
-    phi: Array = residuals(rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0]
-    return phi / rows.scale
+    phi, _ = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)
+    return np.asarray(phi[0, :, 0] / rows.scale)
 
 
 def _is_plane(plan: LoopPlan, most: float) -> bool:

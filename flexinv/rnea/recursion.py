@@ -37,10 +37,8 @@ from flexinv.kernels.simd import (
     put_vec,
     row,
     tilted,
-    tilted_back,
     times,
     turned,
-    turned_back,
     vec_of,
 )
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
@@ -148,9 +146,9 @@ def _turn_outboard(state, rows, lanes, body):
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
         c, s = c0 * rows[COS + k] - s0 * rows[SIN + k], s0 * rows[COS + k] + c0 * rows[SIN + k]
         rows[COS + k], rows[SIN + k] = c, s
-        w = turned_back(c, s, tilted_back(ct, st, w))
-        al = turned_back(c, s, tilted_back(ct, st, al))
-        a = turned_back(c, s, tilted_back(ct, st, a))
+        w = turned(c, -s, tilted(ct, -st, w))
+        al = turned(c, -s, tilted(ct, -st, al))
+        a = turned(c, -s, tilted(ct, -st, a))
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
         w = (w[0], w[1], w[2] + rate)
         _leave(state, rows, k, w, al, a, leaving)

@@ -11,7 +11,7 @@ from rigid_trees import TREE, tree, unit
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.constraints.closures import constraint_jacobian, constraint_rows, residuals
+from flexinv.constraints.closures import closed_rows, constraint_jacobian, constraint_rows
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Mechanism, Placement
@@ -97,7 +97,7 @@ def driven(
     rank = int((values > 1e-10 * values[0]).sum())
     qd = random.normal(size=(150, closed.nv - rank)) @ right[rank:]
     states = np.repeat(q, 150, axis=0)
-    turning = residuals(rigid_motion(mesh, states, qd, 0 * qd), rows)[2]
+    turning = closed_rows(mesh, rigid_motion(mesh, states, qd, 0 * qd), rows)[0][:, :, 2]
     qdd = random.normal(size=qd.shape) @ right[rank:].T @ right[rank:] - turning @ np.linalg.pinv(g, rcond=1e-10).T
     passive: list[str] = []
     for joint in random.permutation(

@@ -43,14 +43,10 @@ def granted() -> float:
     More threads than that are stopped, all of them, for most of every tenth of a second.  Source: cgroup-v2.rst and
     sched-bwc.rst of Linux, "cpu.max" and "cpu.cfs_quota_us".
     """
-    with suppress(OSError, ValueError):
-        quota, period = (GROUP / "cpu.max").read_text(encoding="ascii").split()
-        return math.inf if quota == "max" else int(quota) / int(period)
-    with suppress(OSError, ValueError):
-        quota, period = (
-            (GROUP / "cpu" / f"cpu.cfs_{word}_us").read_text(encoding="ascii") for word in ("quota", "period")
-        )
-        return int(quota) / int(period) if int(quota) > 0 else math.inf
+    for files in (["cpu.max"], ["cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us"]):
+        with suppress(OSError, ValueError):
+            quota, period = " ".join((GROUP / name).read_text(encoding="ascii") for name in files).split()
+            return math.inf if quota in ("max", "-1") else int(quota) / int(period)
     return math.inf
 
 

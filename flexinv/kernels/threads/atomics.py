@@ -125,37 +125,25 @@ def address(typing_context: Any, values: Any) -> Any:
 
 
 def _array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """The array that begins at an address, the first argument, with the shape of the others."""
-    kind = signature.return_type
+    """The array that begins at an address, the first argument, with the shape that is the second."""
+    kind, sizes = signature.return_type, cgutils.unpack_tuple(builder, arguments[1])
     array = context.make_array(kind)(context, builder)
     item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     strides = [context.get_constant(types.intp, item)]
-    for size in arguments[:1:-1]:
+    for size in sizes[:0:-1]:
         strides.insert(0, builder.mul(size, strides[0]))
     data = builder.inttoptr(arguments[0], context.get_value_type(kind.dtype).as_pointer())
-    populate_array(array, data, list(arguments[1:]), strides, context.get_constant(types.intp, item), None)
+    populate_array(array, data, sizes, strides, context.get_constant(types.intp, item), None)
     return array._getvalue()
 
 
 @_instruction()
-def reals(typing_context: Any, where: Any, size: Any) -> Any:
-    """Return the array (size,) of numbers at an address."""
-    return types.Array(types.float64, 1, "C")(where, size), _array
+def reals(typing_context: Any, where: Any, shape: Any) -> Any:
+    """Return the array of numbers at an address."""
+    return types.Array(types.float64, len(shape), "C")(where, shape), _array
 
 
 @_instruction()
-def wholes(typing_context: Any, where: Any, size: Any) -> Any:
-    """Return the array (size,) of whole numbers at an address."""
-    return types.Array(types.uint64, 1, "C")(where, size), _array
-
-
-@_instruction()
-def reals_table(typing_context: Any, where: Any, rows: Any, columns: Any) -> Any:
-    """Return the array (rows, columns) of numbers at an address."""
-    return types.Array(types.float64, 2, "C")(where, rows, columns), _array
-
-
-@_instruction()
-def wholes_table(typing_context: Any, where: Any, rows: Any, columns: Any) -> Any:
-    """Return the array (rows, columns) of whole numbers at an address."""
-    return types.Array(types.uint64, 2, "C")(where, rows, columns), _array
+def wholes(typing_context: Any, where: Any, shape: Any) -> Any:
+    """Return the array of whole numbers at an address."""
+    return types.Array(types.uint64, len(shape), "C")(where, shape), _array

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.kernels.code_stamp import family, source_stamp, sources
+from flexinv.kernels.code_cache import family, source_stamp, sources
 
 FOLDER = Path(__file__).resolve().parents[3] / "flexinv"
 SOURCES = sources(FOLDER)
