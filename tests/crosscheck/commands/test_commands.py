@@ -219,7 +219,8 @@ def test_studies_belong_to_a_folder_of_models(root: Path, models: Path) -> None:
 def test_the_benches_are_found_where_they_were_installed(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    computed = re.findall(r'(?:_solve\(folder, |_solve, model=)"(\w+)"', (root / "flexinv" / "cli" / "warm.py").read_text())
+    tasks = (root / "flexinv" / "cli" / "warm.py").read_text()
+    computed = re.findall(r'(?:_solve\(folder, |_solve, model=)"(\w+)"', tasks)
     names = {bench.mechanism for bench in BENCHES} | set(computed)  # `crosscheck selftest` and `flexinv warm`
     assert "four_bar_flexible" in names
     files = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["data-files"]
