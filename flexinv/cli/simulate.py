@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from flexinv.analysis.simulate import simulate
-from flexinv.analysis.solution import effort_units
+from flexinv.analysis.solution import effort_labels
 from flexinv.cli.follow import ACCURACY, OVERWRITE, check_outputs
 from flexinv.cli.output import check_out, write
 from flexinv.errors import InputError
@@ -83,13 +83,7 @@ def simulate_file(
 
 def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
-    drives = [
-        f"{'force' if unit == 'N' else 'torque'} {name} [{unit}]"
-        for name, unit, driven in zip(
-            mechanism.velocity_names, effort_units(mechanism), mechanism.actuated, strict=True
-        )
-        if driven
-    ]
+    drives = [label for label, driven in zip(effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
     if file is None or not drives:
