@@ -9,14 +9,7 @@ import numpy as np
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import GivenLoops
 from flexinv.constraints.reactions import closing
-from flexinv.inverse.inverse_dynamics import (
-    NodalForces,
-    applied_forces,
-    inverse_dynamics,
-    joint_springs,
-    nodal_forces,
-    own_wrenches,
-)
+from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, inverse_dynamics, joint_springs
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
@@ -52,15 +45,12 @@ def nodal_result(mesh: Mesh, loops: GivenLoops | None, passive: bool, q: Array, 
     m, motion = mesh.mechanism, rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, np.zeros(len(q)))
     second = inverse_dynamics(mesh, motion, qd, qdd, acting, passive)
-    torque, forces, wrenches = second.torque, second.forces, second.wrenches
-    if passive:
-        torque = torque + joint_springs(m, q, history=False)
+    torque = second.torque + joint_springs(m, q, history=False) if passive else second.torque
     reaction: dict[str, Array] = {}
     if loops is not None:
         rows, shares = constraint_rows(mesh), loops.shares(q, qd, qdd, torque)
         pushed, reaction = closing(mesh, motion, rows, shares.multipliers)
-        forces = nodal_forces(mesh, motion, pushed + acting)
-        wrenches, torque = own_wrenches(mesh, motion, forces), shares.tau
-    wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
+        second, torque = inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, passive), shares.tau
+    wrench = {name: second.wrenches[node] for name, node in mesh.joint_node.items()}
     node = {joint.child: mesh.joint_node[joint.name] for joint in m.joints}
-    return NodalResult(torque, motion, forces, wrench, reaction, node, dict(mesh.body_node))
+    return NodalResult(torque, motion, second.forces, wrench, reaction, node, dict(mesh.body_node))
