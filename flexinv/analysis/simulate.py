@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,6 +61,20 @@ def simulate(
         )
     function("progress", progress, "a function of the number of samples done since its last call")
     table = _table(mechanism, time, torque)
+    settles = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
+    began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
+
+    def released(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+        mesh, moves = build(meshed), {j.name for j in meshed.joints if j.nv}
+        stated = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), settles)
+        state = stated.q, stated.qd, stated.qdd
+        if meshed.closures:
+            first = float(steps[0])
+            state = begin(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
+        began.append((stated, state[0], state[1]))
+        history, jumps, efforts = still(*state), tuple(_jumps(table[0])), _efforts(meshed, table, own.step)
+        return Task(mesh, steps, history, history, moves, own, jumps, efforts=efforts, progress=progress)
+
     if accuracy is None and step is not None:
         step = number("step", step, "a positive number of seconds, for example step=1e-3")
         span = table[0][-1] - table[0][0]
@@ -71,63 +84,32 @@ def simulate(
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
         if count > MOST_SAMPLES:
             raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
-        released = _Release(table, start, start_rate, progress)
-        task = released.task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
-        (first,) = first_step(task)
-        solution = solution_after(task.mesh, first, settings)
+        task = released(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
+        (one,) = first_step(task)
+        solution = solution_after(task.mesh, one, settings)
     else:
         from flexinv.accuracy.accurate import accurate, check_accuracy, simulate_problem
 
         asked, settings = check_accuracy(accuracy, step), checked(1.0, spectral_radius, EXACT, initial)
-        released = _Release(table, start, start_rate, progress)
-        solution = accurate(simulate_problem(mechanism, table[0], asked, settings, released.task))
-    released.check(solution)
+        solution = accurate(simulate_problem(mechanism, table[0], asked, settings, released))
+    if settles:  # an equilibrium may leave what was stated of the start
+        check_settled(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
     return solution
 
 
-@dataclass
-class _Release:
-    """Efforts that move a mechanism and its stated start, of which tasks on any steps are made.
+def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], settles: bool) -> Stated:
+    """The known values of the start.
 
-    began : what was stated for the last task, and the start that its loops close with (q, qd)
+    settles : passive joints may be stated where beams are bent, and the loops are closed unbent first
     """
-
-    table: tuple[Array, Array]
-    start: Mapping[str, ArrayLike] | None
-    start_rate: Mapping[str, ArrayLike] | None
-    progress: Progress | None
-    began: tuple[Stated, Array, Array] | None = None
-
-    def task(self, mechanism: Mechanism, steps: Array, settings: Settings) -> Task:
-        """Return the task of the instants ``steps`` [s]."""
-        m, mesh, moves = mechanism, build(mechanism), {j.name for j in mechanism.joints if j.nv}
-        first, (places, rates) = float(steps[0]), start_coordinates(m, moves, self.start, self.start_rate)
-        q, qd = m.neutral, np.zeros(m.nv)
-        for name, value in places.items():
-            q[m.q_slices[name]] = value
-        for name, value in rates.items():
-            qd[m.v_slices[name]] = value
-        # passive joints may be stated where beams are bent, and the loops are closed unbent first
-        bars = {"place": FAR, "rate": SAGGED} if _settles(m, settings.initial) else {}
-        passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
-        stated = Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
-        state = stated.q, stated.qd, stated.qdd
-        if mechanism.closures:
-            state = begin(mesh, stated, constraint_rows(mesh).of(acting(mechanism, first)), first)
-        self.began = stated, state[0], state[1]
-        history, efforts = still(*state), _efforts(mechanism, self.table, settings.step)
-        jumps = tuple(_jumps(self.table[0]))
-        return Task(mesh, steps, history, history, moves, settings, jumps, efforts=efforts, progress=self.progress)
-
-    def check(self, solution: Solution) -> None:
-        """Raise an error where an equilibrium has left what was stated of the start."""
-        if self.began is not None and _settles(solution.mechanism, str(solution.settings["initial"])):
-            stated, q, qd = self.began
-            check_settled(solution.mesh, stated, q, qd, solution.q[0], solution.qd[0], float(solution.time[0]))
-
-
-def _settles(mechanism: Mechanism, initial: str) -> bool:
-    return bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
+    m, q, qd = mechanism, mechanism.neutral, np.zeros(mechanism.nv)
+    for name, value in places.items():
+        q[m.q_slices[name]] = value
+    for name, value in rates.items():
+        qd[m.v_slices[name]] = value
+    bars = {"place": FAR, "rate": SAGGED} if settles else {}
+    passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
+    return Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
 
 
 def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:

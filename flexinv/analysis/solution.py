@@ -213,17 +213,13 @@ class Solution:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
         m = self.mechanism
         columns: dict[str, Array] = {}
-        for label, values, derivative in (
-            ("position", self._scalar_q(), 0),
-            ("rate", self.qd, 1),
-            ("acceleration", self.qdd, 2),
-        ):
-            units = ((unit + ("", "/s", "/s^2")[derivative]) for j in m.joints for unit in KINDS[j.kind].units)
+        series = ("position", "", self._scalar_q()), ("rate", "/s", self.qd), ("acceleration", "/s^2", self.qdd)
+        for label, per, values in series:
+            units = (unit for joint in m.joints for unit in KINDS[joint.kind].units)
             for name, unit, column in zip(m.velocity_names, units, values.T, strict=True):
                 if np.isfinite(column).all():
-                    columns[f"{label} {name} [{unit}]"] = column
-        for name, unit, column in zip(m.velocity_names, effort_units(m), self.torque_all.T, strict=True):
-            columns[f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]"] = column
+                    columns[f"{label} {name} [{unit}{per}]"] = column
+        columns |= dict(zip(effort_labels(m), self.torque_all.T, strict=True))
         return _framed(columns, self.time)
 
     def _scalar_q(self) -> Array:
@@ -255,11 +251,10 @@ class Solution:
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""
-        units = dict(zip(self.mechanism.velocity_names, effort_units(self.mechanism), strict=True))
-        bars: dict[str, Array] = {}
+        m, bars = self.mechanism, dict[str, Array]()
         if self.torque_error is not None:
-            for name, column in zip(self.torque_names, self.torque_error.T, strict=True):
-                bars[f"error of {'torque' if units[name] == 'N m' else 'force'} {name} [{units[name]}]"] = column
+            labels = (label for label, driven in zip(effort_labels(m), m.actuated, strict=True) if driven)
+            bars = {f"error of {label}": column for label, column in zip(labels, self.torque_error.T, strict=True)}
         bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
         import pandas
 
@@ -307,6 +302,12 @@ def _framed(
 def effort_units(mechanism: Mechanism) -> list[str]:
     """Return "N" or "N m" for every velocity coordinate, the unit of its effort [N], [N m]."""
     return ["N" if force else "N m" for joint in mechanism.joints for force in KINDS[joint.kind].translations]
+
+
+def effort_labels(mechanism: Mechanism) -> list[str]:
+    """Return "torque NAME [N m]" or "force NAME [N]" for every velocity coordinate, the column of its effort [N m], [N]."""
+    units = zip(mechanism.velocity_names, effort_units(mechanism), strict=True)
+    return [f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]" for name, unit in units]
 
 
 def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:

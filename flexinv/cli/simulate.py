@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from flexinv.analysis.simulate import simulate
-from flexinv.analysis.solution import effort_units
+from flexinv.analysis.solution import effort_labels, effort_units
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, show, write
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
@@ -81,8 +81,7 @@ def _numbers(text: str) -> list[float]:
 
 def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
-    columns = zip(mechanism.velocity_names, effort_units(mechanism), mechanism.actuated, strict=True)
-    drives = [f"{'force' if unit == 'N' else 'torque'} {name} [{unit}]" for name, unit, driven in columns if driven]
+    drives = [label for label, driven in zip(effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
     if file is None or not drives:

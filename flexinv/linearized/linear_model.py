@@ -101,7 +101,7 @@ def linear_model(
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
     basis, given = _basis(motion, coordinates[joints], modes)
-    mass, damping, stiffness = (basis.T @ part @ basis for part in (motion.mass, motion.damping, motion.stiffness))
+    mass, damping, stiffness = (basis.T @ part @ basis for part in motion.matrices)
     driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
     efforts = basis.T @ coordinates[driven].T
     a, b = _first_order(mass, damping, stiffness, efforts, given)
@@ -126,7 +126,7 @@ def linear_model(
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:
     """T (unknowns, given + modes), and how many of its columns are given joints."""
-    k, m = motion.stiffness, motion.mass
+    k, m = motion.matrices.stiffness, motion.matrices.mass
     own = accelerated.any(axis=0)
     if not own.any():
         _, shapes = undamped(k, m, allowed_motions(motion.solver))

@@ -327,15 +327,12 @@ def damped(mechanism: Mechanism) -> Mechanism:
     return replace(made, modal_damping=computed, notes=(*made.notes, note))
 
 
-def with_ratio(
-    mechanism: Mechanism, ratio: float, mode: int = 1, q: ArrayLike | None = None
-) -> tuple[Mechanism, float, Modes]:
+def with_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tuple[Mechanism, float, Modes]:
     """Return the mechanism with all beams so damped that one natural mode has a given ratio [-], the time [s], and the modes.
 
     eta = ratio / (ratio of that mode at eta = 1 s)
 
-    ratio : of critical damping, 0 to 1; mode : its number, 1 the lowest, all joints held at ``q`` (nq,)
-        [rad], [m], zero by default
+    ratio : of critical damping, 0 to 1; mode : its number, 1 the lowest, all joints held at zero [rad], [m]
 
     Raises InputError for a ratio outside 0 to 1, without beams, and for a mode that does not oscillate or strain them.
     """
@@ -345,7 +342,7 @@ def with_ratio(
         )
     if not 0.0 <= ratio < 1.0:
         raise InputError(f"damping ratio {ratio:g}: expected 0 to 1 [-], for example 0.01")
-    found = natural_modes(with_retardation(mechanism, 1.0), q)
+    found = natural_modes(with_retardation(mechanism, 1.0))
     if not 1 <= mode <= len(found.squared):
         raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(found.squared)}, the modes that the mesh has")
     own = float(found.ratio[mode - 1])

@@ -81,14 +81,12 @@ class Turning:
 class Steady:
     """The linearisation M y'' + C y' + K y = effort about a steady motion, in the unknowns of the march.
 
-    solver : at the motion; mass, damping, stiffness : (unknowns, unknowns), in metres and radians; residual : (unknowns,) that
-        outside efforts hold in free joints [N], [N m]
+    solver : at the motion; matrices : M, C, K, in metres and radians
+    residual : (unknowns,) that outside efforts hold in free joints [N], [N m]
     """
 
     solver: Solver
-    mass: Array
-    damping: Array
-    stiffness: Array
+    matrices: Matrices
     residual: Array
 
 
@@ -124,7 +122,7 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
     found = _matrices(tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
-    return Steady(solver, *found, solver.work.residual[0].copy())
+    return Steady(solver, found, solver.work.residual[0].copy())
 
 
 def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
@@ -323,7 +321,7 @@ def steady_modes(
     mesh, at, names = chosen(mechanism, q, free, count)
     motion = steady_motion(mesh, at, rates, set(names))
     n = allowed_motions(motion.solver)
-    root, shapes = roots(*(n.T @ part @ n for part in (motion.mass, motion.damping, motion.stiffness)))
+    root, shapes = roots(*(n.T @ part @ n for part in motion.matrices))
     last = len(root) if count is None else count
     moves: Complex = nodal_shapes(motion.solver, n @ shapes[:, :last])
     moves = _unit(moves, mesh.length)

@@ -163,18 +163,16 @@ class TorqueFunction:
         motion = rigid_motion(mesh, q, qd, qdd)
         acting = applied_forces(mesh, motion, np.zeros(len(q)))
         second = nodal_dynamics.inverse_dynamics(mesh, motion, qd, qdd, acting, self.passive)
-        torque, forces, wrenches = second.torque, second.forces, second.wrenches
-        if self.passive:
-            torque = torque + joint_springs(m, q, history=False)
+        torque = second.torque + joint_springs(m, q, history=False) if self.passive else second.torque
         reaction: dict[str, Array] = {}
         if self.loops is not None:
             shares = self.loops.shares(q, qd, qdd, torque)
             pushed, reaction = closing(mesh, motion, constraint_rows(mesh), shares.multipliers)
-            forces = nodal_dynamics.nodal_forces(mesh, motion, pushed + acting)
-            wrenches, torque = nodal_dynamics.own_wrenches(mesh, motion, forces), shares.tau
-        wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
+            second = nodal_dynamics.inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
+            torque = shares.tau
+        wrench = {name: second.wrenches[node] for name, node in mesh.joint_node.items()}
         node = {joint.child: mesh.joint_node[joint.name] for joint in m.joints}
-        return NodalResult(torque, motion, forces, wrench, reaction, node, dict(mesh.body_node))
+        return NodalResult(torque, motion, second.forces, wrench, reaction, node, dict(mesh.body_node))
 
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
         """Write the efforts of one sample into ``out`` (nv,) [N m] or [N] and return it: for a controller's cycle.

@@ -250,7 +250,7 @@ def _row_that_is_left(
         tables.held[body] += 6 * BLOCK
         squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
         at = tables.constant_rows(12, np.pad(squares, (0, 6)))
-        sizes = [at + i * BLOCK for i in range(6)]
+        sizes = [int(at) + i * BLOCK for i in range(6)]
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
         axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
