@@ -15,8 +15,6 @@ from flexinv.kernels.simd import row
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
 AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
 BODY_ROWS = 15
-# Along a chain those of a body begin where x of its parent stood, which nobody else asks for: z and places of joints are left.
-CHAINED = row(6)
 # In the plane its motion, and its joint's acceleration, too.
 SPEED, SPIN, SPIN_RATE, PLANE_ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
 PLANE_ROWS = 22
@@ -49,7 +47,7 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, F
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = range(7)
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW = range(6)
 
 
 class ClosureKind(IntEnum):
@@ -65,7 +63,7 @@ class Operation(IntEnum):
 
 
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
 PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = (int(kind) for kind in Operation)
 TURNING, SLIDING, FLOATING = range(3)  # joint of a column of G; FLOATING is of a whole joint

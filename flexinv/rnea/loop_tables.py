@@ -249,8 +249,8 @@ def _row_that_is_left(
         entry, scale = tables.held[body], 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
         squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
-        at = tables.constant_rows(12, np.pad(squares, (0, 6)))
-        sizes = [at + i * BLOCK for i in range(6)]
+        known = tables.constant_rows(12, np.pad(squares, (0, 6)))
+        sizes = [known + i * BLOCK for i in range(6)]
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
         axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
