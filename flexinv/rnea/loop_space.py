@@ -50,42 +50,40 @@ def _in_root(axes, k, turned, v):
     return into(axes_of(axes, k), into(turned, v))
 
 
-@jit_lanes
-def _whole(end_a, end_b, own, lanes, c):
-    """Three positions: the point of B, the squares of phi and phi''."""
-    (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
-    at_a, at_b, scale = numbers_at(c, _AT_A), numbers_at(c, _AT_B), c[_SCALE]
-    arm_a, arm_b, turned_a, turned_b = (
-        numbers_at(c, _ARM_A),
-        numbers_at(c, _ARM_B),
-        matrix_at(c, _TURNED_A),
-        matrix_at(c, _TURNED_B),
-    )
-    for k in range(lanes):
-        point = _point(b, place_b, k, at_b)
-        d = minus(point, _point(a, place_a, k, at_a))
-        one, other = acceleration_at(*state_of(state_a, k), arm_a), acceleration_at(*state_of(state_b, k), arm_b)
-        second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
-        put_vec(own, layout.POINT, k, point)
-        put_vec(own, layout.GAP_RATE, k, _NONE)
-        put_vec(own, layout.SQUARES, k, (scale * dot(d, d), 0.0, dot(second, second)))
+def _moving(whole: bool) -> Any:
+    """Return the kernel of two ends that move: the point of B; of three positions the squares of phi and phi''.
+
+    Of fewer the gap and its second rate: A's acceleration is that of its body at the point of B, also where that is open.
+    """
+
+    @jit_lanes
+    def ends(end_a, end_b, own, lanes, c):
+        (a, place_a, state_a), (b, place_b, state_b), scale = end_a, end_b, c[_SCALE]
+        at_a, at_b, arm_b, turned_b = (
+            numbers_at(c, _AT_A),
+            numbers_at(c, _AT_B),
+            numbers_at(c, _ARM_B),
+            matrix_at(c, _TURNED_B),
+        )
+        arm, turned_a = numbers_at(c, _ARM_A), matrix_at(c, _TURNED_A)
+        for k in range(lanes):
+            point = _point(b, place_b, k, at_b)
+            gap = minus(point, _point(a, place_a, k, at_a))
+            if not whole:
+                arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
+            one, other = acceleration_at(*state_of(state_a, k), arm), acceleration_at(*state_of(state_b, k), arm_b)
+            second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
+            put_vec(own, layout.POINT, k, point)
+            put_vec(own, layout.GAP_RATE, k, _NONE)
+            put_vec(own, layout.SQUARES, k, (scale * dot(gap, gap), 0.0, dot(second, second)) if whole else _NONE)
+            if not whole:
+                put_vec(own, layout.GAP, k, gap)
+                put_vec(own, layout.SECOND, k, second)
+
+    return ends
 
 
-@jit_lanes
-def _partial(end_a, end_b, own, lanes, c):
-    """Fewer positions, or none: the gap and its second rate, A's acceleration being that of its body at the point of B."""
-    (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
-    at_a, at_b, arm_b = numbers_at(c, _AT_A), numbers_at(c, _AT_B), numbers_at(c, _ARM_B)
-    turned_a, turned_b = matrix_at(c, _TURNED_A), matrix_at(c, _TURNED_B)
-    for k in range(lanes):
-        point = _point(b, place_b, k, at_b)
-        arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
-        one, other = acceleration_at(*state_of(state_a, k), arm), acceleration_at(*state_of(state_b, k), arm_b)
-        put_vec(own, layout.POINT, k, point)
-        put_vec(own, layout.GAP, k, minus(point, _point(a, place_a, k, at_a)))
-        put_vec(own, layout.SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
-        put_vec(own, layout.GAP_RATE, k, _NONE)
-        put_vec(own, layout.SQUARES, k, _NONE)
+_whole, _partial = _moving(True), _moving(False)
 
 
 @jit_lanes
