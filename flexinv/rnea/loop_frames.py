@@ -11,7 +11,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING, Bodies, carriers
-from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord
 from flexinv.typing import Array
 
 
@@ -49,7 +49,6 @@ class Tables:
     moved: list[BodyRecord] = field(default_factory=list)
     closures: list[ClosureRecord] = field(default_factory=list)
     columns: list[ColumnRecord] = field(default_factory=list)
-    sums: list[SumRecord] = field(default_factory=list)
     matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
     held: dict[int, int] = field(default_factory=dict)  # free body -> room for its next row
@@ -81,8 +80,8 @@ class Tables:
         return at
 
     def spans(self, before: list[int] | None = None) -> list[int]:
-        """The numbers of columns, sums and bodies so far; with those ``before`` of each the first since then, and how many."""
-        counts = [len(self.columns), len(self.sums), len(self.moved)]
+        """The numbers of columns and bodies so far; with those ``before`` of each the first since then, and how many."""
+        counts = [len(self.columns), len(self.moved)]
         return (
             counts if before is None else [n for old, new in zip(before, counts, strict=True) for n in (old, new - old)]
         )

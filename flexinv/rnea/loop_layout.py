@@ -39,8 +39,8 @@ FACTOR, CHANGED = LAMBDA, SQUARE
 # Six forces on a free body: their multipliers, and limits of the pivots in the last row.
 SIX, SIX_ROWS = 6, 7
 # The plan: a header of where its tables begin and how long they are, then the tables.
-LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
-    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
+LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
+    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 19, 20
 )  # fmt: skip
 
 
@@ -102,8 +102,6 @@ class ClosureRecord(NamedTuple):
     directions: int
     first: int
     columns: int
-    first_sum: int
-    sum_count: int
     first_body: int
     body_count: int
     stride: int
@@ -125,16 +123,6 @@ class ColumnRecord(NamedTuple):
     entry: int
 
 
-class SumRecord(NamedTuple):
-    """Column in the sums of a closure: offsets of its size, rate, acceleration and axis; whether it turns."""
-
-    size: int
-    rate: int
-    acceleration: int
-    axis: int
-    turns: int
-
-
 def _reader(record: type[Any], table: int) -> Any:
     """The kernel that gives a record by its number in a table of the plan."""
     count = len(record._fields)
@@ -146,8 +134,11 @@ def _reader(record: type[Any], table: int) -> Any:
     return record_at
 
 
-body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURES)
-column_at, sum_at = _reader(ColumnRecord, COLUMNS), _reader(SumRecord, SUMS)
+body_at, closure_at, column_at = (
+    _reader(BodyRecord, BODIES),
+    _reader(ClosureRecord, CLOSURES),
+    _reader(ColumnRecord, COLUMNS),
+)
 
 
 def one_of_four(make: Callable[[int], Any], first: int) -> Any:

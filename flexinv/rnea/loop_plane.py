@@ -106,7 +106,10 @@ def _close(a, b, own, lanes, c):
 
 @jit_lanes
 def _column(to, axis, at, own, lanes, along, about):
-    """Write the velocity of the point of B per unit rate of a joint, along its direction or about its place, and its square."""
+    """Write the velocity of the point of B per unit rate of a joint, along a direction or about its place, and its square.
+
+    What turns has no direction: rows of zeros.
+    """
     for k in range(lanes):
         point, place, d = _pair(own, layout.POINT, k), _pair(at, _PAIR, k), _pair(axis, _PAIR, k)
         x, y = along * d[0] + about * (place[1] - point[1]), along * d[1] + about * (point[0] - place[0])
