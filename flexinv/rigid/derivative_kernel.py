@@ -75,7 +75,7 @@ class CarriedBodies(NamedTuple):
 # the sums m, h, p, f, J and A of itself and of all that it carries; its velocity and acceleration.
 AXIS, RATE, SECOND, SLOPE, AXIS_CELLS = 0, 6, 12, 18, 24
 MASS, FIRST, MOMENTUM, FORCE, INERTIA, COUPLING, SUMS = 0, 1, 4, 7, 13, 22, 31
-VELOCITY, ACCELERATION, BODY_CELLS = 31, 37, 43
+VELOCITY, VELOCITY_RATE, BODY_CELLS = 31, 37, 43
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -146,7 +146,7 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
     v = _pair(body, VELOCITY)
     (w, u), (n, p) = v, _times_inertia(body, v)
     put(body, MOMENTUM, p)
-    _put_pair(body, FORCE, _plus(_times_inertia(body, _pair(body, ACCELERATION)), force_cross(v, (n, p))))
+    _put_pair(body, FORCE, _plus(_times_inertia(body, _pair(body, VELOCITY_RATE)), force_cross(v, (n, p))))
     for k in range(3):
         e = UNIT[k]
         column = sub(cross(w, about[k]), apply(about, cross(w, e)))
@@ -187,7 +187,7 @@ def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_q
     axes : (nv, AXIS_CELLS), bodies : (bodies, BODY_CELLS) zero for the world, scratch of one sample
     """
     g = vec(gravity)
-    put(bodies[0], ACCELERATION + 3, scale(-1.0, g))
+    put(bodies[0], VELOCITY_RATE + 3, scale(-1.0, g))
     for s in range(motion.x.shape[0]):
         c = vec(motion.x[s, carried.node[1]])
         for b in range(1, len(carried.node)):
@@ -196,9 +196,9 @@ def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_q
             w, al, v = apply(r, vec(motion.w[s, n])), apply(r, vec(motion.al[s, n])), vec(motion.v[s, n])
             a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)  # of c, free of gravity
             _put_pair(body, VELOCITY, (w, sub(v, cross(w, arm))))
-            _put_pair(body, ACCELERATION, (al, a))
+            _put_pair(body, VELOCITY_RATE, (al, a))
             _set_body(body, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
-            up, up_rate = _pair(above, VELOCITY), _pair(above, ACCELERATION)
+            up, up_rate = _pair(above, VELOCITY), _pair(above, VELOCITY_RATE)
             for i in range(carried.freedoms[b]):
                 t, own = apply(r, vec(carried.turn[b, i])), axes[carried.first[b] + i]
                 axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))

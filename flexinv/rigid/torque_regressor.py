@@ -11,6 +11,7 @@ stiffness and stiffness times rest.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -121,23 +122,20 @@ def torque_regressor(
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
     regressor_samples(nodes_of(mesh), nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
-    names = tuple(f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL)
-    units = INERTIAL_UNITS * len(mechanism.links)
+    names = [f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL]
     values = np.concatenate([link_parameters(link) for link in mechanism.links])
-    if not drives:
-        return Regressor(matrix, names, units, values)
-    own = [_drive(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
+    parts = [(matrix, names, INERTIAL_UNITS * len(mechanism.links), values)]
+    if drives:
+        parts += [_drive(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
+    columns, named, units, numbers = zip(*parts, strict=True)
     return Regressor(
-        np.concatenate([matrix, *(part[0] for part in own)], axis=2),
-        (*names, *(name for part in own for name in part[1])),
-        (*units, *(unit for part in own for unit in part[2])),
-        np.concatenate([values, *(part[3] for part in own)]),
+        np.concatenate(columns, axis=2), tuple(chain(*named)), tuple(chain(*units)), np.concatenate(numbers)
     )
 
 
 def _drive(
     mechanism: Mechanism, joint: Joint, q: Array, qd: Array, qdd: Array
-) -> tuple[Array, list[str], list[str], list[float]]:
+) -> tuple[Array, list[str], tuple[str, ...], Array]:
     """Columns, names, units and values of what a joint's drive takes."""
     rows, turns = mechanism.v_slices[joint.name], KINDS[joint.kind].units != ("m",)
     place = np.zeros_like(qd[:, rows])
@@ -145,8 +143,10 @@ def _drive(
         place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
     columns = law_columns(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
     keys = ["rotor_inertia", "damping", "friction", "stiffness", "stiffness_rest"]
-    units = ["kg m^2", "N m s", "N m", "N m/rad", "N m"] if turns else ["kg", "N s/m", "N", "N/m", "N"]
-    values = [joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.stiffness * joint.rest]
+    units = ("kg m^2", "N m s", "N m", "N m/rad", "N m") if turns else ("kg", "N s/m", "N", "N/m", "N")
+    values = np.array(
+        [joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.stiffness * joint.rest]
+    )
     count = 5 if joint.nv == 1 else 3  # springs stand in joints of one coordinate
     matrix = np.zeros((len(q), mechanism.nv, count))
     for k, column in enumerate(columns[:count]):

@@ -94,7 +94,9 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
         numbers[parent, 31:34] = numbers[child, 9:12] if parent else 0.0
     numbers[1:, 34:37] = numbers[1:, 9:12] - numbers[parents[1:], 31:34]
     _add_masses(mesh, numbers, [number[int(c)] for c in carrier], axes, turn, place)
-    _add_drives(mesh, numbers, moving, passive)
+    numbers[1:, 37] = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
+    count = 5 if passive else 1  # of rotor inertia, damping, friction, stiffness and rest
+    numbers[1:, 22 : 22 + count] = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
     tree, size = _layout(kinds, parents, last)
     return Bodies(tree, numbers, _columns(mesh, tree, moving), size, node, np.array(axes))
 
@@ -166,13 +168,6 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         numbers[i, 12] += mesh.mass[n]
         numbers[i, 13:16] += mesh.mass[n] * x
         numbers[i, 16:22] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-
-
-def _add_drives(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
-    """Write rotor inertia and the way of a screw, and with ``passive`` damping, friction, stiffness and rest of each joint."""
-    numbers[1:, 37] = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
-    count = 5 if passive else 1
-    numbers[1:, 22 : 22 + count] = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
 
 
 def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:

@@ -88,11 +88,11 @@ def _sums_of_sizes(plan, work, k, closure, e):
     """The same of three positions together, or of the direction beside them whose vector stands at e."""
     speed = size = 0.0
     about = 1.0 if closure.directions > _ZERO else 0.0
-    for j in range(closure.sum_count):
-        one = layout.sum_at(plan, closure.first_sum + j)
-        turns = float(one.turns)
+    for j in range(closure.columns):
+        one = layout.column_at(plan, closure.first + j)
+        turns = 1.0 if one.kind == layout.TURNING else 0.0
         if e == _ZERO:
-            g = math.sqrt(max(work[one.size + k] - turns * about, 0.0))
+            g = math.sqrt(max(work[one.to + k] - turns * about, 0.0))
         else:
             g = turns * abs(dot(vec_of(work, e, k), vec_of(work, one.axis, k)))
         speed += g * abs(work[one.rate + k])
@@ -113,8 +113,8 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
 
     Of three positions in space the square of phi' is that of d'.
     """
-    limits, own = work[plan[layout.LIMITS] :], work[closure.own :]
-    if in_space and closure.kind == layout.WHOLE:
+    limits, own, together = work[plan[layout.LIMITS] :], work[closure.own :], in_space and closure.kind == layout.WHOLE
+    if together:
         for k in range(lanes):
             (a, b, c), d1 = vec_of(own, layout.SQUARES, k), vec_of(own, layout.GAP_RATE, k)
             x, y, z = vec_of(limits, _ZERO, k)
@@ -125,7 +125,7 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
             put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
     if not sums:
         return
-    together, of_rows, length = closure.sum_count > _ZERO, closure.positions, fixed[_THREE]
+    of_rows, length = closure.positions, fixed[_THREE]
     if closure.kind == layout.WHOLE:
         of_rows = _ONE if together else _TWO
     largest = limits[layout.LARGEST :]

@@ -17,7 +17,7 @@ import numpy as np
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, numbers_at, orientation
+from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, matrix_at, numbers_at, orientation
 
 _NONE, _ONE, _TWO, _THREE = (0.0, 0.0, 0.0), np.uint64(1), np.uint64(2), np.uint64(3)
 _BODY, _JOINT, _VEC = row(layout.BODY_ROWS), row(FREE_ROWS), np.uint64(0)
@@ -62,27 +62,28 @@ def square(own, k, phi, rate, second):
 
 
 @jit_lane
-def _put_turned(own, first, k, rows, axes, place):
+def _put_turned(own, k, rows, axes, place):
     """The place, and the axes of a body that turns about the third one, from those where its coordinate is zero."""
     cosine, sine, (x, y, z) = rows[COS + k], rows[SIN + k], axes
-    put_vec(own, first + layout.AXIS_Z, k, z)
-    put_vec(own, first + layout.AT, k, place)
-    put_vec(own, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
-    put_vec(own, first + layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
+    put_vec(own, layout.AXIS_Z, k, z)
+    put_vec(own, layout.AT, k, place)
+    put_vec(own, layout.AXES, k, plus(times(cosine, x), times(sine, y)))
+    put_vec(own, layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
 
 
 @jit_lane
 def _seat(axes, c):
     """The axes at a joint's zero, c : R_parent,body by columns."""
-    return into(axes, numbers_at(c, 0)), into(axes, numbers_at(c, 3)), into(axes, numbers_at(c, 6))
+    x, y, z = matrix_at(c, 0)
+    return into(axes, x), into(axes, y), into(axes, z)
 
 
 @jit_lanes
 def _root_turn(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
-    axes, place = (numbers_at(c, 0), numbers_at(c, 3), numbers_at(c, 6)), numbers_at(c, 9)
+    axes, place = matrix_at(c, 0), numbers_at(c, 9)
     for k in range(lanes):
-        _put_turned(own, _VEC, k, rows, axes, place)
+        _put_turned(own, k, rows, axes, place)
 
 
 @jit_lanes
@@ -91,29 +92,18 @@ def _turn(own, above, parent, rows, lanes, c):
     p = numbers_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        _put_turned(own, _VEC, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
-
-
-@jit_lane
-def _put_tilted(own, first, k, rows, axes, above, c):
-    """The same of a body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
-    cosine, sine, (x, y, z) = c[4], c[5], axes
-    tilted = x, plus(times(cosine, y), times(sine, z)), plus(times(cosine, z), times(-sine, y))
-    _put_turned(own, first, k, rows, tilted, plus(above, into(axes, numbers_at(c, 9))))
+        _put_turned(own, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lanes
 def _tilt(own, above, parent, rows, lanes, c):
-    """Such a body."""
+    """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
+    cosine, sine, p = c[4], c[5], numbers_at(c, 9)
     for k in range(lanes):
-        _put_tilted(own, _VEC, k, rows, axes_of(parent, k), vec_of(above, _VEC, k), c)
-
-
-@jit_lanes
-def _chain(frame, rows, lanes, c):
-    """Such a body along a chain, where the axes x and y of the parent stand."""
-    for k in range(lanes):
-        _put_tilted(frame, layout.CHAINED, k, rows, axes_of(frame, k), vec_of(frame, layout.AT, k), c)
+        axes = axes_of(parent, k)
+        x, y, z = axes
+        tilted = x, plus(times(cosine, y), times(sine, z)), plus(times(cosine, z), times(-sine, y))
+        _put_turned(own, k, rows, tilted, plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lanes
@@ -187,8 +177,6 @@ def move(plan, fixed, work, first_body, count, lanes):
             _turn(own, origin, parent, rows, lanes, c)
         elif kind == layout.TILT:
             _tilt(own, origin, parent, rows, lanes, c)
-        elif kind == layout.CHAIN:
-            _chain(parent, rows, lanes, c)
         elif kind == layout.SLIDE:
             _slide(own, origin, parent, rows, lanes, c)
         elif kind == layout.SCREW:

@@ -8,10 +8,10 @@ import numpy as np
 
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING, Bodies, carriers
-from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord
 from flexinv.typing import Array
 
 
@@ -49,7 +49,6 @@ class Tables:
     moved: list[BodyRecord] = field(default_factory=list)
     closures: list[ClosureRecord] = field(default_factory=list)
     columns: list[ColumnRecord] = field(default_factory=list)
-    sums: list[SumRecord] = field(default_factory=list)
     matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
     held: dict[int, int] = field(default_factory=dict)  # free body -> room for its next row
@@ -81,8 +80,8 @@ class Tables:
         return at
 
     def spans(self, before: list[int] | None = None) -> list[int]:
-        """The numbers of columns, sums and bodies so far; with those ``before`` of each the first since then, and how many."""
-        counts = [len(self.columns), len(self.sums), len(self.moved)]
+        """The numbers of columns and bodies so far; with those ``before`` of each the first since then, and how many."""
+        counts = [len(self.columns), len(self.moved)]
         return (
             counts if before is None else [n for old, new in zip(before, counts, strict=True) for n in (old, new - old)]
         )
@@ -137,32 +136,14 @@ def frame(tables: Tables, root: int, body: int) -> Frame:
     r, p = (above.turned @ x for x in _seat(tables.bodies, body))
     is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
     turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
-    turns = all(int(tables.bodies.tree[i, 0]) in TURNING for i in (parent, body))
-    if turn == layout.TILT and turns and not {(root, parent), (root, body)} & tables.shared:
-        turn, own = (
-            layout.CHAIN,
-            above.axes + int(layout.CHAINED),
-        )  # behind the parent's rows, which were the last ones taken
-        tables.rows(int(layout.CHAINED) // BLOCK, True)
-    else:
-        own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
-    how = {
-        REVOLUTE: turn,
-        CONTINUOUS: turn,
-        PRISMATIC: layout.SLIDE,
-        HELICAL: layout.SCREW,
-        SPHERICAL: layout.FLOAT,
-        FREE: layout.FLOAT,
-    }[kind]
+    own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
+    known = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
+    how = turn if kind in TURNING else known[kind]
     numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, 37])
     tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     slides = how == layout.SLIDE
-    made = Frame(
-        above.axes if slides and not tables.plane else own,
-        own + int(layout.AT),
-        own + int(layout.DIRECTION) if slides else 0,
-        r if slides else np.eye(3),
-    )
+    axes, turned = above.axes if slides and not tables.plane else own, r if slides else np.eye(3)
+    made = Frame(axes, own + int(layout.AT), own + int(layout.DIRECTION), turned)
     tables.frames[root, body] = made
     return made
 

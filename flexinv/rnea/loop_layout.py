@@ -15,8 +15,6 @@ from flexinv.kernels.simd import row
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
 AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
 BODY_ROWS = 15
-# Along a chain those of a body begin where x of its parent stood, which nobody else asks for: z and places of joints are left.
-CHAINED = row(6)
 # In the plane its motion, and its joint's acceleration, too.
 SPEED, SPIN, SPIN_RATE, PLANE_ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
 PLANE_ROWS = 22
@@ -41,15 +39,15 @@ FACTOR, CHANGED = LAMBDA, SQUARE
 # Six forces on a free body: their multipliers, and limits of the pivots in the last row.
 SIX, SIX_ROWS = 6, 7
 # The plan: a header of where its tables begin and how long they are, then the tables.
-LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
-    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
+LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
+    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 19, 20
 )  # fmt: skip
 
 
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = range(7)
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW = range(6)
 
 
 class ClosureKind(IntEnum):
@@ -65,7 +63,7 @@ class Operation(IntEnum):
 
 
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
 PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = (int(kind) for kind in Operation)
 TURNING, SLIDING, FLOATING = range(3)  # joint of a column of G; FLOATING is of a whole joint
@@ -104,8 +102,6 @@ class ClosureRecord(NamedTuple):
     directions: int
     first: int
     columns: int
-    first_sum: int
-    sum_count: int
     first_body: int
     body_count: int
     stride: int
@@ -127,16 +123,6 @@ class ColumnRecord(NamedTuple):
     entry: int
 
 
-class SumRecord(NamedTuple):
-    """Column in the sums of a closure: offsets of its size, rate, acceleration and axis; whether it turns."""
-
-    size: int
-    rate: int
-    acceleration: int
-    axis: int
-    turns: int
-
-
 def _reader(record: type[Any], table: int) -> Any:
     """The kernel that gives a record by its number in a table of the plan."""
     count = len(record._fields)
@@ -148,8 +134,11 @@ def _reader(record: type[Any], table: int) -> Any:
     return record_at
 
 
-body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURES)
-column_at, sum_at = _reader(ColumnRecord, COLUMNS), _reader(SumRecord, SUMS)
+body_at, closure_at, column_at = (
+    _reader(BodyRecord, BODIES),
+    _reader(ClosureRecord, CLOSURES),
+    _reader(ColumnRecord, COLUMNS),
+)
 
 
 def one_of_four(make: Callable[[int], Any], first: int) -> Any:

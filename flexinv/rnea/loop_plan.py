@@ -64,7 +64,9 @@ def planned(
     if rank < len(passive) or not drives:
         return None
     unmoved = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2)))
-    if np.abs(_constant(mesh, rows)[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
+    rest = np.zeros((1, m.nv))
+    phi = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
+    if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
     kept = np.asarray(g.any(axis=(0, 2)))
     flat = all(body.kind not in (layout.FLOAT, layout.SCREW) for body in first.bodies)
@@ -125,14 +127,6 @@ def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, i
                 if g[:, own][:, :, both].any(axis=(0, 1)).all() and not g[:, ~own][:, :, both].any():
                     out[int(closure)] = (one, one + 1)
     return out
-
-
-def _constant(mesh: Mesh, rows: Rows) -> Array:
-    """phi (rows,) over its scale [-], where the joints stand anywhere."""
-    m = mesh.mechanism
-    rest = np.zeros((1, m.nv))
-    phi, _ = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)
-    return np.asarray(phi[0, :, 0] / rows.scale)
 
 
 def _is_plane(plan: LoopPlan, most: float) -> bool:

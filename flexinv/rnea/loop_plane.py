@@ -105,22 +105,16 @@ def _close(a, b, own, lanes, c):
 
 
 @jit_lanes
-def _column(to, at, own, lanes, sign):
-    """Write the velocity of the point of B per unit rate of a joint, and its square."""
+def _column(to, axis, at, own, lanes, along, about):
+    """Write the velocity of the point of B per unit rate of a joint, along a direction or about its place, and its square.
+
+    What turns has no direction: rows of zeros.
+    """
     for k in range(lanes):
-        point, place = _pair(own, layout.POINT, k), _pair(at, _PAIR, k)
-        x, y = sign * (place[1] - point[1]), sign * (point[0] - place[0])
+        point, place, d = _pair(own, layout.POINT, k), _pair(at, _PAIR, k), _pair(axis, _PAIR, k)
+        x, y = along * d[0] + about * (place[1] - point[1]), along * d[1] + about * (point[0] - place[0])
         to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = x, y
         to[k] = x * x + y * y
-
-
-@jit_lanes
-def _column_of_slide(to, direction, lanes, sign):
-    """The same of a slide: its direction, whose square is 1."""
-    for k in range(lanes):
-        x, y = _pair(direction, _PAIR, k)
-        to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = sign * x, sign * y
-        to[k] = sign * sign
 
 
 @jit_lanes
@@ -145,8 +139,5 @@ def in_plane(plan, fixed, work, lanes, sums):
             for j in range(closure.columns):
                 column = layout.column_at(plan, closure.first + j)
                 to, signs = work[column.to :], fixed[column.signs :]
-                if column.kind == layout.SLIDING:
-                    _column_of_slide(to, work[column.axis :], lanes, signs[0])
-                else:
-                    _column(to, work[column.joint :], own, lanes, signs[1])
+                _column(to, work[column.axis :], work[column.joint :], own, lanes, signs[0], signs[1])
         hold(plan, fixed, work, lanes, closure, sums, False)

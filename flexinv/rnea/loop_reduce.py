@@ -157,9 +157,9 @@ def _single(work, column, own, lanes, numbers):
 
 
 @jit_lanes
-def _floating(entries, body, own, rows, lanes, signs, r):
+def _floating(entries, body, own, rows, lanes, signs):
     """The six columns of a free body that holds the point, r in its axes: u and f with their moments about its origin."""
-    scale, sign = signs[0], signs[0] * signs[3]
+    scale, sign, r = signs[0], signs[0] * signs[3], (signs[4], signs[5], signs[6])
     for k in range(lanes):
         axes = axes_of(body, k)
         along = times(scale, components(axes, vec_of(own, layout.UNIT, k)))
@@ -183,9 +183,9 @@ def columns(plan, fixed, work, closure, own, lanes):
         column = layout.column_at(plan, closure.first + j)
         axis, at, signs = work[column.axis :], work[column.joint :], fixed[column.signs :]
         if column.kind == layout.FLOATING:
-            r = fixed[column.to], fixed[column.to + 1], fixed[column.to + 2]
-            _floating(work[column.entry :], axis, own, at, lanes, signs, r)
-        elif closure.reduced > _VEC:
+            _floating(work[column.entry :], axis, own, at, lanes, signs)
+            break  # the records of the other axes are there for their sums
+        if closure.reduced > _VEC:
             _single(work, column, own, lanes, signs)
         elif closure.kind == layout.WHOLE:
             _moving(closure.directions, work[column.to :], own, axis, at, work[column.rate :], lanes, signs)

@@ -28,19 +28,14 @@ from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import coupled, hold
 from flexinv.rnea.loop_bodies import axes_of, components, cross, dot, minus, move, square
 from flexinv.rnea.loop_reduce import columns
-from flexinv.rnea.recursion import SPIN, SPIN_RATE, acceleration_at, numbers_at, state_of
+from flexinv.rnea.recursion import SPIN, SPIN_RATE, acceleration_at, matrix_at, numbers_at, state_of
 
 _NONE, _VEC, _THREE, _SIX = (0.0, 0.0, 0.0), np.uint64(0), np.uint64(3), np.uint64(6)
-# Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
+# Constants of a closure: places of the ends in axes of the loop, the scale; arms of both in those of the recursion, and R of a
+# body's axes as the loop takes them and as the recursion does, by columns.
 _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
 # Those of one to the ground: the points of E and of the end that stands; the scale; -g; whether E is B; m, f of directions.
 _AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3, 6, 7, 10, 11))
-
-
-@jit_lanes
-def _turned(c, first):
-    """R of a body's axes as the loop takes them and as the recursion does, by columns."""
-    return numbers_at(c, first), numbers_at(c, first + np.uint64(3)), numbers_at(c, first + _SIX)
 
 
 @jit_lane
@@ -55,48 +50,46 @@ def _in_root(axes, k, turned, v):
     return into(axes_of(axes, k), into(turned, v))
 
 
-@jit_lanes
-def _whole(end_a, end_b, own, lanes, c):
-    """Three positions: the point of B, the squares of phi and phi''."""
-    (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
-    at_a, at_b, scale = numbers_at(c, _AT_A), numbers_at(c, _AT_B), c[_SCALE]
-    arm_a, arm_b, turned_a, turned_b = (
-        numbers_at(c, _ARM_A),
-        numbers_at(c, _ARM_B),
-        _turned(c, _TURNED_A),
-        _turned(c, _TURNED_B),
-    )
-    for k in range(lanes):
-        point = _point(b, place_b, k, at_b)
-        d = minus(point, _point(a, place_a, k, at_a))
-        one, other = acceleration_at(*state_of(state_a, k), arm_a), acceleration_at(*state_of(state_b, k), arm_b)
-        second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
-        put_vec(own, layout.POINT, k, point)
-        put_vec(own, layout.GAP_RATE, k, _NONE)
-        put_vec(own, layout.SQUARES, k, (scale * dot(d, d), 0.0, dot(second, second)))
+def _moving(whole: bool) -> Any:
+    """Return the kernel of two ends that move: the point of B; of three positions the squares of phi and phi''.
+
+    Of fewer the gap and its second rate: A's acceleration is that of its body at the point of B, also where that is open.
+    """
+
+    @jit_lanes
+    def ends(end_a, end_b, own, lanes, c):
+        (a, place_a, state_a), (b, place_b, state_b), scale = end_a, end_b, c[_SCALE]
+        at_a, at_b, arm_b, turned_b = (
+            numbers_at(c, _AT_A),
+            numbers_at(c, _AT_B),
+            numbers_at(c, _ARM_B),
+            matrix_at(c, _TURNED_B),
+        )
+        arm, turned_a = numbers_at(c, _ARM_A), matrix_at(c, _TURNED_A)
+        for k in range(lanes):
+            point = _point(b, place_b, k, at_b)
+            gap = minus(point, _point(a, place_a, k, at_a))
+            if not whole:
+                arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
+            one, other = acceleration_at(*state_of(state_a, k), arm), acceleration_at(*state_of(state_b, k), arm_b)
+            second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
+            put_vec(own, layout.POINT, k, point)
+            put_vec(own, layout.GAP_RATE, k, _NONE)
+            put_vec(own, layout.SQUARES, k, (scale * dot(gap, gap), 0.0, dot(second, second)) if whole else _NONE)
+            if not whole:
+                put_vec(own, layout.GAP, k, gap)
+                put_vec(own, layout.SECOND, k, second)
+
+    return ends
 
 
-@jit_lanes
-def _partial(end_a, end_b, own, lanes, c):
-    """Fewer positions, or none: the gap and its second rate, A's acceleration being that of its body at the point of B."""
-    (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
-    at_a, at_b, arm_b = numbers_at(c, _AT_A), numbers_at(c, _AT_B), numbers_at(c, _ARM_B)
-    turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
-    for k in range(lanes):
-        point = _point(b, place_b, k, at_b)
-        arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
-        one, other = acceleration_at(*state_of(state_a, k), arm), acceleration_at(*state_of(state_b, k), arm_b)
-        put_vec(own, layout.POINT, k, point)
-        put_vec(own, layout.GAP, k, minus(point, _point(a, place_a, k, at_a)))
-        put_vec(own, layout.SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
-        put_vec(own, layout.GAP_RATE, k, _NONE)
-        put_vec(own, layout.SQUARES, k, _NONE)
+_whole, _partial = _moving(True), _moving(False)
 
 
 @jit_lanes
 def _spins(a, state_a, b, state_b, own, lanes, c):
     """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
-    turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
+    turned_a, turned_b = matrix_at(c, _TURNED_A), matrix_at(c, _TURNED_B)
     for k in range(lanes):
         put_vec(own, layout.SPIN_A, k, _in_root(a, k, turned_a, vec_of(state_a, SPIN, k)))
         put_vec(own, layout.SPIN_B, k, _in_root(b, k, turned_b, vec_of(state_b, SPIN, k)))

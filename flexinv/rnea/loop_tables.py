@@ -16,7 +16,7 @@ from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies
 from flexinv.rnea.loop_frames import Frame, Tables, frame, root_of, seated, state
-from flexinv.rnea.loop_layout import ClosureRecord, ColumnRecord, SumRecord
+from flexinv.rnea.loop_layout import ClosureRecord, ColumnRecord
 from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 
@@ -113,7 +113,6 @@ def _packed(tables: Tables, header: dict[int, int]) -> NDArray[np.uint64]:
         layout.ROOTS: tables.roots,
         layout.BODIES: tables.moved,
         layout.COLUMNS: tables.columns,
-        layout.SUMS: tables.sums,
         layout.CLOSURES: tables.closures,
     }
     for at, records in lists.items():
@@ -202,15 +201,13 @@ def _columns_of(tables: Tables, root: int, body: int, sign: float) -> list[_Colu
     return out
 
 
-def _enter(tables: Tables, column: _Column, size: int, entries: list[tuple[int, int]], summed: bool = True) -> None:
-    """Note where size and entries of a column stand, and write what sums of positions and directions together take of it."""
-    v, _, record = column
-    tables.sizes.setdefault(v, []).append(size)
-    if summed:
-        turns = int(record.kind == layout.TURNING)
-        tables.sums.append(SumRecord(size, record.rate, record.acceleration, record.axis, turns))
-    for row, at in entries:
-        tables.matrix[row, v] = at
+def _enter(tables: Tables, column: _Column, rows: list[int], stride: int = 0, **where: int) -> None:
+    """Write a column with what is known of it now, and note where its size and its entries in these rows stand."""
+    record = column.record._replace(**where)
+    tables.columns.append(record)
+    tables.sizes.setdefault(column.v, []).append(record.to)
+    for j, row in enumerate(rows):
+        tables.matrix[row, column.v] = record.entry + j * stride
 
 
 def _rows_of(tables: Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
@@ -218,14 +215,11 @@ def _rows_of(tables: Tables, columns: list[_Column], whole: bool, rows: list[int
 
     In the plane a column's entries are behind its size; in space columns stand side by side, of three positions their sizes, too.
     """
-    together = whole and not tables.plane
     stride = BLOCK if tables.plane else BLOCK * (layout.MOST_COLUMNS if whole else len(columns))
     base = 0 if tables.plane else tables.rows((1 + len(rows)) * stride // BLOCK)
     for i, column in enumerate(columns):
         first = tables.rows(4) if tables.plane else base + i * BLOCK
-        to = first if whole else tables.rows(4)
-        tables.columns.append(column.record._replace(to=to, entry=first + stride))
-        _enter(tables, column, to, [(row, first + (1 + j) * stride) for j, row in enumerate(rows)], together)
+        _enter(tables, column, rows, stride, to=first if whole else tables.rows(4), entry=first + stride)
     return stride
 
 
@@ -235,29 +229,26 @@ def _row_that_is_left(
     """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
     for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
         column = next(c for c in columns if c.v == v)
-        tables.columns.append(column.record)
-        _enter(tables, column, own + int(at), [])
+        _enter(tables, column, [], to=own + int(at))
     body, (x, y, z) = end
     free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, 0]) == FREE else []
     for column in (c for c in columns if c.v not in pair and c not in free):
-        to, entry = tables.rows(4), tables.rows(1)
-        tables.columns.append(column.record._replace(to=to, entry=entry))
-        _enter(tables, column, to, [(row, entry)])
+        _enter(tables, column, [row], to=tables.rows(4), entry=tables.rows(1))
     if free:
         if body not in tables.held:
             tables.held[body] = tables.rows(6 * len(tables.pairs))
         entry, scale = tables.held[body], 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
         squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
-        at = tables.constant_rows(12, np.pad(squares, (0, 6)))
-        sizes = [int(at) + i * BLOCK for i in range(6)]
+        known = tables.constant_rows(12, np.pad(squares, (0, 6)))
+        sizes = [int(known) + i * BLOCK for i in range(6)]
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
+        signs = tables.numbers(*tables.fixed[record.signs : record.signs + 4], end[1])
         axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
-        record = record._replace(kind=layout.FLOATING, axis=axes, joint=joint, to=tables.numbers(end[1]), entry=entry)
-        tables.columns.append(record)
+        free[0] = free[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
         for j, (column, size) in enumerate(zip(free, sizes, strict=True)):
-            _enter(tables, column, size, [(row, entry + j * BLOCK)])
+            _enter(tables, column, [row], to=size, entry=entry + j * BLOCK)
     return 0
 
 
@@ -269,7 +260,6 @@ def _coupling(tables: Tables, rows: Rows, row: int) -> None:
         to, kept, gear = tables.rows(2), tables.rows(1), tables.numbers(rows.gear[row, v])
         tables.keeps.append((second, kept))
         record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
-        tables.columns.append(record)
-        _enter(tables, _Column(v, 0, record), to, [(row, record.entry)], False)
+        _enter(tables, _Column(v, 0, record), [row])
     places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
     tables.closures.append(ClosureRecord._make([*places, *tables.spans(before), 0, 0, layout.NO_GROUND]))

@@ -74,9 +74,9 @@ def numbers_at(numbers, first):
 
 
 @jit_lanes
-def _placement(body):
-    """R (rows) before tilt and joint, and p of the joint, in the parent's frame."""
-    return (numbers_at(body, 0), numbers_at(body, 3), numbers_at(body, 6)), numbers_at(body, 9)
+def matrix_at(numbers, first):
+    """Return three times three numbers [any unit] from the ``first`` on."""
+    return numbers_at(numbers, first), numbers_at(numbers, first + 3), numbers_at(numbers, first + 6)
 
 
 @jit_lanes
@@ -281,7 +281,7 @@ def _float_inboard(rows, lanes):
 @jit_pass
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
-    r, p = _placement(body)
+    r, p = matrix_at(body, 0), numbers_at(body, 9)
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
@@ -311,7 +311,7 @@ def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
     if how == ON:
         return
-    r, d = _placement(body)[0], numbers_at(body, 34)
+    r, d = matrix_at(body, 0), numbers_at(body, 34)
     if how == FROM_WORLD:
         a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
