@@ -60,7 +60,6 @@ ALONE = {
     "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
     "flexinv.model.drive": DATA,
-    "flexinv.constraints.allocation_kernel": KERNEL,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.nodal_result": "a record that callers get, apart from the function that is prepared",
     "flexinv.rigid.regressor_kernel": KERNEL,

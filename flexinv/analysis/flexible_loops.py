@@ -13,7 +13,7 @@ from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import Rows, captured, constraint_rows
 from flexinv.constraints.continuation import closed_start
-from flexinv.constraints.loop_starts import stated_of
+from flexinv.constraints.loop_starts import Mask, stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
@@ -38,9 +38,9 @@ def closed_task(task: Task) -> Task:
     mesh, start = task.mesh, float(task.steps[0])
     unknown = stated_of(mesh.mechanism, task.passive)
     _check_drives(mesh, unknown)
-    guess = [part[0].tobytes() for part in task.after(task.steps[:1])]
+    q, qd, qdd = (part[0] for part in task.after(task.steps[:1]))
     masks = unknown, stated_of(mesh.mechanism, set(task.stated_rates)), phases(mesh.mechanism, task.steps)[0].active
-    closed = _start(mesh, start, *(mask.tobytes() for mask in masks), *guess)
+    closed = _start(mesh, start, *masks, q, qd, qdd)
 
     def started(at: Array) -> Triple:
         if len(at) == 1 and at[0] == start:
@@ -56,13 +56,10 @@ def closed_task(task: Task) -> Task:
 
 @kept_with_owner()
 def _start(
-    mesh: Mesh, time: float, unknown: bytes, stated: bytes, active: bytes, q: bytes, qd: bytes, qdd: bytes
+    mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> tuple[Array, Array, Array]:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
-    free, kept, acts = (np.frombuffer(mask, dtype=bool) for mask in (unknown, stated, active))
-    rows = constraint_rows(mesh).of(acts)
-    guess = np.frombuffer(q), np.frombuffer(qd), np.frombuffer(qdd)
-    found = closed_start(mesh, guess, time, free, rows, kept)
+    found = closed_start(mesh, (q, qd, qdd), time, unknown, constraint_rows(mesh).of(active), stated)
     for part in found:
         part.flags.writeable = False
     return found[0][None], found[1][None], found[2][None]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
-from flexinv.constraints.allocation import Shares, share_out
+from flexinv.constraints.allocation import GivenLoops, check_carried, share_out
+from flexinv.constraints.allocation_kernel import Shares
 from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows
-from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Stretch, phases
@@ -132,10 +130,10 @@ def _phased_shares(
             return part
         multipliers = np.zeros((len(part.tau), len(stretch.rows)))
         multipliers[:, pick] = part.multipliers
-        parts.append(replace(part, multipliers=multipliers))
+        parts.append(part._replace(multipliers=multipliers))
     width = max(part.preload.shape[2] for part in parts)
     parts = [
-        replace(part, preload=np.pad(part.preload, ((0, 0), (0, 0), (0, width - part.preload.shape[2]))))
+        part._replace(preload=np.pad(part.preload, ((0, 0), (0, 0), (0, width - part.preload.shape[2]))))
         for part in parts
     ]
-    return Shares(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Shares)))
+    return Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))

@@ -103,7 +103,8 @@ def _on_branch(
 ) -> Mapping[str, ArrayLike]:
     """The start from which the loops close where it says, or nearest to that."""
     m = mesh.mechanism
-    q = picked_start(mesh, history, time, stated_of(m, passive), stated_of(m, start))
+    now = (part[0] for part in history(np.array([time])))
+    q = picked_start(mesh, time, stated_of(m, passive), stated_of(m, start), *now)
     return start if q is None else {name: q[m.q_slices[name]] for name in passive}
 
 

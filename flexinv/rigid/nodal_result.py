@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexinv.constraints.allocation import GivenLoops
 from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.consistency import GivenLoops
 from flexinv.constraints.reactions import closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import NodalForces, inverse_dynamics, nodal_forces, own_wrenches

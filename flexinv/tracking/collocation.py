@@ -21,7 +21,7 @@ from flexinv.dynamics.dofs import ElementArrays
 from flexinv.dynamics.initial_state import instant
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, by_unknown
-from flexinv.kernels.block_tridiagonal import solve_tridiagonal
+from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh, build
