@@ -98,7 +98,9 @@ def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], roo
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
     rank, few = ranks(values), values.shape[1]
-    motions = np.where((np.arange(nv) < rank[:, None])[:, :, None], 0.0, right)  # N^T, zero for what cannot move
+    first = int(rank.min(initial=nv))
+    # N^T, zero for what cannot move (sample, freedom, nv)
+    motions = np.where((np.arange(first, nv) < rank[:, None])[:, :, None], 0.0, right[:, first:])
     u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
     driving, most = ranks(s), s.shape[1]
     tau = np.zeros((samples, nv))
