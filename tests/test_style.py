@@ -55,7 +55,6 @@ ALONE = {
     "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
     "flexinv.planar.index1": "the same file names for the same parts as in dynamics",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
-    "flexinv.constraints.allocation_kernel": KERNEL,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.regressor_kernel": KERNEL,
     "crosscheck.bench.cores": "pins threads to processors, apart from the clock",

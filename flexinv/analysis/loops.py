@@ -5,7 +5,7 @@ Of rigid links the loops are closed at every sample; with beams the march keeps 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
-from flexinv.constraints.allocation import Shares, share_out
+from flexinv.constraints.allocation import GivenLoops, check_carried, share_out
+from flexinv.constraints.allocation_kernel import Shares
 from flexinv.constraints.closures import (
     captured,
     constraint_jacobian,
     constraint_rows,
 )
-from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion, closed_start
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
@@ -151,8 +151,8 @@ def _phased_shares(
     width = max(part.preload.shape[2] for part in parts)
     for k, part in enumerate(parts):
         missing = (0, 0), (0, 0), (0, width - part.preload.shape[2])
-        parts[k] = replace(part, preload=np.pad(part.preload, missing))
-    return Shares(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Shares)))
+        parts[k] = part._replace(preload=np.pad(part.preload, missing))
+    return Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
 
 
 def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
@@ -164,7 +164,7 @@ def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jaco
         return found
     multipliers = np.zeros((len(tree), len(pick)))
     multipliers[:, pick] = found.multipliers
-    return replace(found, multipliers=multipliers)
+    return found._replace(multipliers=multipliers)
 
 
 # --------------------------------------------------------------------------------------------------- with beams
@@ -185,9 +185,9 @@ def closed_task(task: Task) -> Task:
         if wrong.any():
             name = m.velocity_names[int(np.argmax(wrong))]
             raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
-    guess = [part[0].tobytes() for part in task.after(task.steps[:1])]
+    guess = [part[0] for part in task.after(task.steps[:1])]
     masks = unknown, stated_of(m, task.stated_rates), phases(m, task.steps)[0].active
-    closed = _start(mesh, start, *(mask.tobytes() for mask in masks), *guess)
+    closed = _start(mesh, start, *masks, *guess)
 
     def started(at: Array) -> Triple:
         if len(at) == 1 and at[0] == start:
@@ -203,13 +203,10 @@ def closed_task(task: Task) -> Task:
 
 @kept_with_owner()
 def _start(
-    mesh: Mesh, time: float, unknown: bytes, stated: bytes, active: bytes, q: bytes, qd: bytes, qdd: bytes
+    mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
-    free, kept, acts = (np.frombuffer(mask, dtype=bool) for mask in (unknown, stated, active))
-    rows = constraint_rows(mesh).of(acts)
-    guess = np.frombuffer(q), np.frombuffer(qd), np.frombuffer(qdd)
-    found = closed_start(mesh, guess, time, free, rows, kept)
+    found = closed_start(mesh, (q, qd, qdd), time, unknown, constraint_rows(mesh).of(active), stated)
     for part in found:
         part.flags.writeable = False
     return found[0][None], found[1][None], found[2][None]

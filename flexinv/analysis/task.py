@@ -125,7 +125,8 @@ def prescribe(
     stated = start_coordinates(mechanism, passive, start, start_rate)
     before, after = joint_histories(motion, mechanism, stated, settings, time)
     if mechanism.closures and start and passive:
-        q = picked_start(mesh, after, float(time[0]), stated_of(mechanism, passive), stated_of(mechanism, start))
+        now = (part[0] for part in after(time[:1]))
+        q = picked_start(mesh, float(time[0]), stated_of(mechanism, passive), stated_of(mechanism, start), *now)
         if q is not None:  # from which the loops close where the start says, or nearest to that
             start = {name: q[mechanism.q_slices[name]] for name in passive}
             stated = start_coordinates(mechanism, passive, start, start_rate)

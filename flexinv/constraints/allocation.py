@@ -1,4 +1,4 @@
-"""Rigid closed loops: torques of the cut tree shared out to the actuators and the closures.
+"""Rigid closed loops: torques of the cut tree shared out to the actuators and the closures, and motions held against these.
 
 Torques: the cut tree needs tau_tree = L T P; closures give G^T lambda, actuators S tau_a:
 
@@ -7,41 +7,52 @@ Torques: the cut tree needs tau_tree = L T P; closures give G^T lambda, actuator
 With N a basis of the motions that the closures allow (G N = 0): N^T S tau_a = N^T tau_tree, the null space of N^T S is internal
 preload, and lambda follows (of least norm where constraints are redundant).  `allocation_kernel` does so in
 compiled code; samples where it finds a rank in doubt, near singular positions, are solved here by singular values.
+
+A consistent motion keeps  phi(q) = 0,  phi' = G qd = 0  and  phi'' = G qdd + G' qd = 0.  Where a whole motion is given, rates and
+accelerations are compared with the sums of the joints' contributions, |G| |qd| and |G| |qdd| + |G' qd|, the largest of it all.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation_kernel import Efforts, places, share
-from flexinv.constraints.closures import Rows
+from flexinv.constraints.allocation_kernel import Shares, places, share
+from flexinv.constraints.closures import Rows, constraint_rows, row_arrays, without_rounding
+from flexinv.constraints.continuation_kernel import Chain, closing
+from flexinv.errors import InputError
 from flexinv.kernels.fronts import fronts_of
 from flexinv.kernels.memory import plain
+from flexinv.kinematics.configuration import nodes_of
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 # A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
 REDUNDANT = 1e-10
-
-
-@dataclass(frozen=True)
-class Shares:
-    """Torques of a closed mechanism.
-
-    tau : (samples, nv) effort of the drives [N m], [N], zero on passive coordinates
-    multipliers : (samples, rows) [N], [N m]; left : (samples, nv) what neither drives nor closures carry (rounding)
-    preload : (samples, nv, k) null space of the drives: efforts that only stress the mechanism [-]
-    condition : (samples,) of N^T S [-]: 1 over its smallest singular value, as its largest is at most 1 (N has norm 1)
-    """
-
-    tau: Array
-    multipliers: Array
-    left: Array
-    preload: Array
-    condition: Array
+# How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
+# it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
+OPEN, RATE, ACCELERATION_OPEN = 1e-6, 1e-4, 1e-3
+# What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
+# were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
+STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
+# What neither drives nor closures carry, over the largest force or effort in the mechanism: beyond this (rounding of 1e-16,
+# enlarged by the condition of the closures) it is an effort that no drive can give.
+LEFT_OVER = 1e-9
+# Samples whose rows G are in memory at once, where only the motion is looked at.
+SAMPLES_AT_ONCE = 4096
+# What is held against the closures, how far it may be off, what of it counts as rest, and how it is measured.
+_KINDS = (
+    ("q", OPEN, 0.0, "|phi| (lengths over the mechanism's length)"),
+    ("qd", RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
+    ("qdd", ACCELERATION_OPEN, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
+)
 
 
 def share_out(
@@ -66,8 +77,7 @@ def share_out(
     made = Shares(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
     g, width = g / scale[:, None], np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
-        efforts = Efforts(made.tau, made.multipliers, made.left, made.preload, made.condition, width)
-        share(places(fronts, rows, drives, root), plain(g), plain(tau_tree), efforts)
+        share(places(fronts, rows, drives, root), plain(g), plain(tau_tree), made, width)
     doubtful = np.flatnonzero(width < 0)
     if len(doubtful) == samples:
         made = by_singular_values(g, tau_tree, driven, root)
@@ -75,12 +85,12 @@ def share_out(
         others = by_singular_values(g[doubtful], tau_tree[doubtful], driven, root) if len(doubtful) else None
         width[doubtful] = others.preload.shape[2] if others else 0
         least = int(width.min())
-        made = replace(made, preload=made.preload[:, :, :least])
+        made = made._replace(preload=made.preload[:, :, :least])
         if others is not None:
-            others = replace(others, preload=others.preload[:, :, :least])
-            for part, other in zip(vars(made).values(), vars(others).values(), strict=True):
+            others = others._replace(preload=others.preload[:, :, :least])
+            for part, other in zip(made, others, strict=True):
                 part[doubtful] = other
-    return replace(made, multipliers=made.multipliers / scale)
+    return made._replace(multipliers=made.multipliers / scale)
 
 
 def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], root: Array) -> Shares:
@@ -88,7 +98,9 @@ def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], roo
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
     rank, few = ranks(values), values.shape[1]
-    motions = np.where((np.arange(nv) < rank[:, None])[:, :, None], 0.0, right)  # N^T, zero for what cannot move
+    first = int(rank.min(initial=nv))
+    # N^T, zero for what cannot move (sample, freedom, nv)
+    motions = np.where((np.arange(first, nv) < rank[:, None])[:, :, None], 0.0, right[:, first:])
     u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
     driving, most = ranks(s), s.shape[1]
     tau = np.zeros((samples, nv))
@@ -120,3 +132,93 @@ def ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
     A Jacobian that is rounding as a whole is zero already (`closures.without_rounding`).
     """
     return np.asarray((values > REDUNDANT * values.max(axis=-1, initial=0.0)[..., None]).sum(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLoops:
+    """The closures of a mechanism, held against motions that are given."""
+
+    mesh: Mesh
+
+    @property
+    def rows(self) -> Rows:
+        """Constraints of the closures [m], [-]."""
+        return constraint_rows(self.mesh)
+
+    def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
+        """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
+
+        motion : of the nodes, which is set, where it is wanted [m, rad, s]
+        Raises InputError for a motion that the closures do not allow.
+        """
+        g, worst, at = self._closing(q, qd, qdd, motion)
+        self._hold(worst, at)
+        return g
+
+    def check(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Raise InputError for a motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s] that the closures do not allow."""
+        worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        for start in range(0, len(q), SAMPLES_AT_ONCE):
+            part = slice(start, start + SAMPLES_AT_ONCE)
+            _, found, where = self._closing(q[part], qd[part], qdd[part])
+            more = ~(found[:, 0] <= worst[:, 0])  # a NaN is the largest
+            worst[more, 0], at[more] = found[more, 0], where[more] + [start, 0]
+            worst[:, 1] = np.maximum(worst[:, 1], found[:, 1])
+        self._hold(worst, at)
+
+    def _closing(
+        self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
+        """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
+        g, worst = np.zeros((len(q), len(self.rows), qd.shape[1])), np.zeros((3, 2))
+        at = np.zeros((3, 2), dtype=np.int64)
+        frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
+        chain = Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
+        closing(chain, self.rows.scale, frames, (plain(q), plain(qd), plain(qdd)), g, worst, at)
+        return without_rounding(self.mesh, self.rows.direction, g), worst, at
+
+    def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
+        """Raise InputError where the motion is further from closed than is allowed."""
+        for found, (sample, row), (label, most, floor, measure) in zip(worst, at, _KINDS, strict=True):
+            if found[0] > most * found[1] + floor or np.isnan(found[0]):
+                name = self.mesh.mechanism.closures[int(self.rows.closure[row])].name
+                raise InputError(
+                    f"mechanism '{self.mesh.mechanism.name}': {label} violates closure '{name}' at sample {sample}: "
+                    f"{measure} = {found[0] / found[1]:.2g}, expected at most {most:g}; give consistent q, qd, qdd "
+                    "of all joints as flexinv.solve returns them, or call flexinv.solve with the independent joints only"
+                )
+
+    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
+        """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): `share_out`.
+
+        q : (samples, nq), qd, qdd : (samples, nv) of all joints [rad or m, s]
+        Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
+        """
+        return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
+
+    def share_some(self, which: NDArray[np.bool_], q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+        """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
+        samples = np.flatnonzero(which)
+        g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])
+        tau[samples] = self._shared(g, tau[samples], samples).tau
+
+    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
+        m = self.mesh.mechanism
+        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.rows)
+        largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))
+        check_carried(m, shares.left, largest, lambda sample: f"sample {samples[sample]}")
+        return shares
+
+
+def check_carried(mechanism: Mechanism, left: Array, largest: float, when: Callable[[int], str]) -> None:
+    """Raise InputError where neither drives nor closures carry an effort (samples, nv) [N m], [N] that is ``left``.
+
+    largest : force or effort in the mechanism, of which rounding leaves LEFT_OVER; when : names a sample by its number
+    """
+    if np.abs(left).max(initial=0.0) > LEFT_OVER * largest:
+        sample, column = np.unravel_index(int(np.argmax(np.abs(left))), left.shape)
+        raise InputError(
+            f"mechanism '{mechanism.name}', {when(int(sample))}: the actuated joints cannot give this motion "
+            f"({np.abs(left).max():.3g} N m or N is left at '{mechanism.velocity_names[column]}'): "
+            "write actuated = true for as many independent joints as the mechanism has freedoms"
+        )

@@ -29,15 +29,20 @@ _TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
 
 
 @by_address
-class Efforts(NamedTuple):
-    """Results of `share`: see `allocation.Shares`; width : (samples,) of preload, -1 where a rank is in doubt."""
+class Shares(NamedTuple):
+    """Torques of a closed mechanism.
+
+    tau : (samples, nv) effort of the drives [N m], [N], zero on passive coordinates
+    multipliers : (samples, rows) [N], [N m]; left : (samples, nv) what neither drives nor closures carry (rounding)
+    preload : (samples, nv, k) null space of the drives: efforts that only stress the mechanism [-]
+    condition : (samples,) of N^T S [-]: 1 over its smallest singular value, as its largest is at most 1 (N has norm 1)
+    """
 
     tau: Array
     multipliers: Array
     left: Array
     preload: Array
     condition: Array
-    width: NDArray[np.int64]
 
 
 @by_address
@@ -214,16 +219,16 @@ def _set_matrix(place, s, g):
 
 
 @jit
-def share(place, g, tree, out):
+def share(place, g, tree, out, width):
     """Share out the efforts ``tree`` (samples, nv) [N m], [N].
 
-    g : (samples, rows, nv); out : `Efforts`, tau zero on entry; as `allocation.share_out`.
-    Lanes beyond the last sample repeat it.
+    g : (samples, rows, nv); out : `Shares`, tau zero on entry; as `allocation.share_out`
+    width : (samples,) of preload [-], -1 where a rank is in doubt.  Lanes beyond the last sample repeat it.
     """
     samples, nv, drives = tree.shape[0], tree.shape[1], place.drives.shape[0]
     for s in range(0, samples, SAMPLES_AT_ONCE):
         end = min(s + SAMPLES_AT_ONCE, samples)
-        out.width[s:end] = -1
+        width[s:end] = -1
         _set_matrix(place, s, g)
         rank = sparse_qr.factorise(place.fronts, place.closing)
         freedoms = nv - rank
@@ -232,7 +237,7 @@ def share(place, g, tree, out):
         _allowed(place)
         if not _driving(place, freedoms):
             continue
-        out.width[s:end] = drives - freedoms
+        width[s:end] = drives - freedoms
         _drive(place, freedoms, s, tree, out.tau, out.preload)
         for k in range(s, end):
             for i in range(nv):
@@ -242,4 +247,4 @@ def share(place, g, tree, out):
         for k in range(s, end):
             out.condition[k] = place.y[0, k - s]
             if not out.condition[k] * SURE_PIVOT < 1.0:
-                out.width[k] = -1
+                width[k] = -1

@@ -83,7 +83,7 @@ class Rows:
 
 @kept_with_owner()
 def constraint_rows(mesh: Mesh) -> Rows:
-    """Return the constraints of a mesh's closures [m], [-]."""
+    """Return the constraints of a mesh's closures [m], [-]; raises InputError for a coupling of joints that it cannot tie."""
     m, table = mesh.mechanism, list[tuple[Any, ...]]()
     for index, closure in enumerate(m.closures):
         a, b, gear = attachment_node(mesh, closure.first), attachment_node(mesh, closure.second), np.zeros(m.nv)
@@ -93,8 +93,16 @@ def constraint_rows(mesh: Mesh) -> Rows:
             table.append((index, direction, a, b, *vectors, gear, 0.0))
         if closure.kind == "coupling":
             for name, factor in closure.factors:
-                check_coupled(m, closure, name)
+                if name not in m.joint_of or m.joint_of[name].kind not in COUPLED:
+                    known = ", ".join(j.name for j in m.joints if j.kind in COUPLED) or "none"
+                    raise InputError(
+                        f"closure '{closure.name}': a coupling ties {COUPLED_JOINTS} ({known}), not {name!r}"
+                    )
                 gear[m.v_slices[name].start] = factor
+            if closure.active:
+                raise InputError(
+                    f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out"
+                )
             table.append((index, True, -1, -1, *np.zeros((4, 3)), gear, closure.offset))
     kinds: list[tuple[type, tuple[int, ...]]] = [(kind, ()) for kind in (np.int64, bool, np.int64, np.int64)]
     kinds += [*4 * [(float, (3,))], (float, (m.nv,)), (float, ())]
@@ -110,15 +118,6 @@ def constraint_rows(mesh: Mesh) -> Rows:
             place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
     columns += [_pattern(mesh, of_first, of_second, gears), scale, place]
     return Rows(*columns)
-
-
-def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
-    """Raise InputError unless a coupling can tie the named joint's coordinate [rad], [m]."""
-    if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in COUPLED:
-        known = ", ".join(j.name for j in mechanism.joints if j.kind in COUPLED) or "none"
-        raise InputError(f"closure '{closure.name}': a coupling ties {COUPLED_JOINTS} ({known}), not {name!r}")
-    if closure.active:
-        raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")
 
 
 def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:

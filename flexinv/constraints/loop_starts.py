@@ -12,15 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation import ranks
+from flexinv.constraints.allocation import STILL_RATE, ranks
 from flexinv.constraints.closures import Rows, constraint_rows, measures
-from flexinv.constraints.consistency import STILL_RATE
 from flexinv.constraints.continuation import Follower, close_rates, closed_start, standing
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
@@ -182,30 +180,22 @@ def _held(follower: Follower, q: Array) -> Array:
     return q
 
 
-def picked_start(mesh: Mesh, history: JointHistory, time: float, passive: Mask, stated: Mask) -> Array | None:
+@kept_with_owner()
+def picked_start(mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array, qd: Array, qdd: Array) -> Array | None:
     """Return the closed q (nq,) [rad], [m] on the branch that a start picks, None where Newton finds it from there.
 
-    history : time -> q, qd, qdd of all joints; passive : (nv,) coordinates that no motion gives, at their start if it is stated
+    passive : (nv,) coordinates that no motion gives, at their start if it is stated; q, qd, qdd : of all joints at a time [s]
     """
-    now = [part.tobytes() for part in history(np.array([time]))]
-    return _picked(mesh, time, passive.tobytes(), stated.tobytes(), *now)
-
-
-@kept_with_owner()
-def _picked(mesh: Mesh, time: float, passive: bytes, stated: bytes, *now: bytes) -> Array | None:
-    """The start of `picked_start`: other steps, tolerances and motions often begin at the same."""
-    free, kept = (np.frombuffer(mask, dtype=bool) for mask in (passive, stated))
     rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
-    q, qd, qdd = (np.frombuffer(part) for part in now)
-    given = Stated(q, qd, qdd, places=kept & free, rates=np.zeros_like(kept), passive=free, place=NEAR)
+    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=NEAR)
     try:
-        plain = closed_start(mesh, (q, qd, qdd), time, free, rows)[0]
+        plain = closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
     except ConvergenceError:
-        return _placed(mesh, given, rows, [free])
+        return _placed(mesh, given, rows, [passive])
     near = unwound(mesh.mechanism, q, plain)
     if off_start(mesh, given.places, q, plain).max(initial=0.0) <= NEAR:
         return None if np.allclose(near, plain, rtol=0.0, atol=FAR) else near
-    return _placed(mesh, given, rows, [free])
+    return _placed(mesh, given, rows, [passive])
 
 
 def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:

@@ -72,8 +72,6 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
 
 def acting(mechanism: Mechanism, time: float) -> NDArray[np.bool_]:
     """Return a mask (closures,) of the closures that act at ``time`` [s]."""
-    return np.array([_acts(c.active, time) for c in mechanism.closures], dtype=bool)
-
-
-def _acts(active: tuple[tuple[float, float], ...], t: float) -> bool:
-    return not active or any(start <= t < end for start, end in active)
+    return np.array(
+        [not c.active or any(start <= time < end for start, end in c.active) for c in mechanism.closures], dtype=bool
+    )

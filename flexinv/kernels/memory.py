@@ -27,13 +27,8 @@ KEPT = 1 << 20
 np.empty(KEPT)
 
 
-class _Piece(local):
-    """Unused rest of the present thread's shared piece of memory; None where every call has its own."""
-
-    left: Array | None = None
-
-
-_PIECE = _Piece()
+# Of each thread the unused rest of its shared piece of memory, ``left``; nothing where every call has its own.
+_PIECE = local()
 
 
 def together(*shapes: tuple[int, ...]) -> list[Array]:
@@ -75,7 +70,7 @@ def shared_pieces() -> Iterator[None]:
 
 def _taken(size: int) -> Array:
     """So many numbers of memory."""
-    left = _PIECE.left
+    left: Array | None = getattr(_PIECE, "left", None)
     if left is None or size > PIECE // 2:
         return np.empty(size)
     if size > len(left):

@@ -149,12 +149,6 @@ def _log_many(r, out):
         put(out[i], 0, log(mat(r[i])))
 
 
-@jit
-def _tangent_one(psi, out):
-    one = vec(psi)
-    put_block(out, 0, 0, tangent_with(one, coefficients(dot(one, one))))
-
-
 def exp_so3(psi: Array) -> Array:
     """Return rotation matrices (..., 3, 3) [-] of rotation vectors ``psi`` (..., 3) [rad]."""
     psi = np.array(psi, dtype=float, order="C")
@@ -173,9 +167,9 @@ def log_so3(rotation: Array) -> Array:
 
 def tangent3(psi: Array) -> Array:
     """Return H(psi), (3, 3) [-], of one rotation vector (3,) [rad]: body increment = H dpsi."""
-    out = np.empty((3, 3))
-    _tangent_one(np.array(psi, dtype=float, order="C"), out)
-    return out
+    a, _, _, b, _, _ = coefficients(float(psi @ psi))
+    skew = np.cross(np.eye(3), psi)
+    return np.asarray(np.eye(3) - a * skew + b * skew @ skew)
 
 
 def from_quaternion(q: Array) -> Array:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
+import numpy as np
+
 Owner = TypeVar("Owner")
 Key = ParamSpec("Key")
 Result = TypeVar("Result")
@@ -27,7 +29,9 @@ class _Results(dict[str, dict[Any, Any]]):
 def kept_with_owner(
     most: int = 64, typed: bool = False
 ) -> Callable[[Callable[Concatenate[Owner, Key], Result]], Callable[Concatenate[Owner, Key], Result]]:
-    """Return a decorator: the first argument of a function keeps its last results, by the other arguments, which are hashable.
+    """Return a decorator: the first argument of a function keeps its last results, by the other arguments.
+
+    They are hashable, or arrays [any unit], of which the numbers count.
 
     most : results of one function that an owner keeps [-], the oldest goes first; typed : 2.0 is not 2, nor 1 True
     """
@@ -41,7 +45,10 @@ def kept_with_owner(
             if results is None:
                 results = owner.__dict__.setdefault(ATTRIBUTE, _Results())
             own = results.setdefault(name, {})
-            index = (*key, *map(type, key)) if typed else key
+            index: tuple[Any, ...] = tuple(
+                (one.shape, one.dtype.char, one.tobytes()) if isinstance(one, np.ndarray) else one for one in key
+            )
+            index += tuple(map(type, key)) if typed else ()
             try:
                 return own[index]  # type: ignore[no-any-return]
             except KeyError:

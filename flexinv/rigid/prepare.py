@@ -13,8 +13,8 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.constraints.allocation import ACCELERATION_OPEN, OPEN, RATE, GivenLoops
 from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.consistency import ACCELERATION_OPEN, OPEN, RATE, GivenLoops
 from flexinv.constraints.reactions import closing
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
 from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, joint_springs
@@ -120,7 +120,7 @@ class TorqueFunction:
             (weighted) squares where they are redundant, and passive joints have none.
         out : where the efforts go, in the shape of qd, contiguous in either order; returned.  What lies in the same memory is
             copied before.
-        Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `consistency`).
+        Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `allocation`).
         """
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
         given = joint_arrays.checked_arrays(self.mechanism, (q, qd, qdd), order)

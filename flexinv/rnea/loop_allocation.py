@@ -13,7 +13,7 @@ The order of the row operations is a list of *steps*, the same for every sample 
 is too small next to its column, or a row that should vanish does not, the block is left to `allocation`.
 
 Limits: phi^2, phi'^2 and phi''^2, over their scales, summed over all rows of a closure.  They are compared with the sums
-|G| |qd| and |G| |qdd| of some samples of a block; where that is inconclusive, `consistency` checks all samples.
+|G| |qd| and |G| |qdd| of some samples of a block; where that is inconclusive, `allocation` checks all samples.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from flexinv.rnea.loop_layout import ClosureRecord, ColumnRecord
 from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 
-# The limits of `consistency` over those of a closure's squares; rows of a closure that is open by as much as is allowed
+# The limits of `allocation` over those of a closure's squares; rows of a closure that is open by as much as is allowed
 # differ by less.
 # Axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
 CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
@@ -54,7 +54,7 @@ def tables(
 ) -> LoopPlan:
     """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
 
-    limits : (3,) of `consistency` [-], on phi, phi', phi''; plane : by the formulas of the plane
+    limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_reduce`
     """
     t, axes = Tables(mesh, bodies, plane, pairs or {}), IN_PLANE if plane else IN_SPACE

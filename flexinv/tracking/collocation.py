@@ -26,7 +26,7 @@ from flexinv.dynamics.loads import load_table, set_loads
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.dynamics.stepper import evaluate, record
 from flexinv.dynamics.system import Trajectory
-from flexinv.kernels.block_tridiagonal import solve_tridiagonal
+from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3

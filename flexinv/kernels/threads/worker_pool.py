@@ -1,10 +1,8 @@
 """Threads that help with one call: they take blocks that the calling thread has not taken yet.
 
 After its work a helper watches its mail for a while, so that the next call of a loop has it within a microsecond; then it
-sleeps, and waking it takes some ten times as long.  Nobody waits for a helper that has not begun.
-It leaves the processor of the caller, where it would watch while the caller stands still.
-
-Offers of work go through memory that both watch: a helper begins some hundred nanoseconds later.
+sleeps, and waking it takes some ten times as long.  On the processor of the caller, which it leaves, it would watch while the
+caller stands still.  Offers of work go through memory that both watch: a helper begins some hundred nanoseconds later.
 A *mail* is a row of cells (`atomics`).  Its state goes round:
 
     FREE  -> CLAIMED   a caller is writing an offer

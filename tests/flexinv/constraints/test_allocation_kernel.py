@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation import Shares, by_singular_values, share_out
+from flexinv.constraints.allocation import by_singular_values, share_out
+from flexinv.constraints.allocation_kernel import Shares
 
 Array = NDArray[np.float64]
 
@@ -71,7 +70,7 @@ def test_doubtful_samples_are_left_to_singular_values() -> None:
             assert np.array_equal(one.condition, two.condition)
             assert np.array_equal(one.multipliers, two.multipliers)
         else:
-            bare = (replace(s, preload=s.preload[:, :, :0]) for s in (one, two))
+            bare = (s._replace(preload=s.preload[:, :, :0]) for s in (one, two))
             assert _apart(*bare) < ROUNDING
     assert both[0].preload.shape == both[1].preload.shape
 

@@ -10,7 +10,7 @@ import pytest
 from four_bar_example import START, TURN, four_bar
 
 import flexinv
-from flexinv.constraints.consistency import ACCELERATION_OPEN, OPEN, RATE
+from flexinv.constraints.allocation import ACCELERATION_OPEN, OPEN, RATE
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import Mechanism
 

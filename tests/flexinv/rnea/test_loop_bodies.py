@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
-from flexinv.constraints.consistency import GivenLoops
+from flexinv.constraints.allocation import GivenLoops
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
 from flexinv.rigid.prepare import _prepared, prepare

@@ -12,7 +12,7 @@ from hub_arm import LENGTH, hub_arm, torque_by_frequency
 
 import flexinv
 from flexinv import Mechanism, Path, follow
-from flexinv.kernels.block_tridiagonal import solve_tridiagonal
+from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Link
 from flexinv.tracking.collocation import Horizon, Layout
