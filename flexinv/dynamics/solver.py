@@ -62,9 +62,8 @@ class Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
         t = topology(mesh, frozenset(passive))
         unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
-        series = [np.zeros(unknowns) for _ in range(10)]
-        still = np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1))
-        state = State._make([*still, *series, np.zeros(1, dtype=np.int64)])
+        state = State.of(mesh.size, unknowns)
+        state.r[:] = np.eye(3)
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))

@@ -18,7 +18,7 @@ from flexinv.dynamics.generalized_alpha import (
     DYNAMIC,
     PASSES,
     SQUARED,
-    advance_rates,
+    advance_unknowns,
     is_sudden,
     largest_increment,
     predict,
@@ -34,6 +34,7 @@ from flexinv.dynamics.stepper import (
     SUDDEN_START,
     TURNED_TOO_MUCH,
 )
+from flexinv.dynamics.system import State
 from flexinv.elements.planar_beam import (
     PlanarElements,
     add_forces,
@@ -50,7 +51,6 @@ from flexinv.planar.history import Embedding, record
 from flexinv.planar.index1 import project_accelerations
 from flexinv.planar.tree import (
     PlanarFrames,
-    PlanarState,
     PlanarTree,
     accept,
     forward_pass,
@@ -104,7 +104,7 @@ class PlanarSystem(NamedTuple):
     elements: PlanarElements
     constraints: PlanarTies
     space: Embedding
-    state: PlanarState
+    state: State
     frames: PlanarFrames
     factors: PlanarFactors
     work: PlanarWork
@@ -229,21 +229,6 @@ def slips(tree, elements, scheme, state, frames):
     return -1
 
 
-@jit_inner
-def advance(tree, scheme, state):
-    """Finish a step: its end becomes the start of the next [m, rad, s]."""
-    advance_rates(scheme, state, tree.scale)
-    for n in range(len(tree.parent)):
-        o = tree.offset[tree.block[n]]
-        if tree.independent[n]:
-            for i in range(3):
-                state.start[n, i] += state.d[o + i]
-        elif tree.column[n] >= 0:
-            state.start[n, 0] += state.d[o + tree.column[n]]
-    for k in range(len(state.d)):
-        state.d[k] = 0.0
-
-
 @jit
 def planar_march(system, step, start_at, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
@@ -296,5 +281,5 @@ def planar_march(system, step, start_at, still, given, row, out):
             continue
         if settles:
             restore(constraints)
-        advance(tree, step, state)
+        advance_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
