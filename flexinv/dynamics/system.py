@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.constraint_rows import Layout, Ties
+from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Topology
-from flexinv.dynamics.loads import Loads
-from flexinv.dynamics.spring_rows import Pulls
+from flexinv.dynamics.loads import Loads, Pulls
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
 from flexinv.kernels.memory import cleared, together
@@ -90,7 +89,6 @@ class Border(NamedTuple):
 
     ties: Ties
     pulls: Pulls
-    layout: Layout
 
 
 @by_address

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.dynamics.constraint_rows import layout, touched_parts
+from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties, touched_parts
 from flexinv.dynamics.dofs import Indices, Topology, laid_out, topology
 from flexinv.elements.planar_beam import (
     AXIAL,
@@ -24,15 +24,14 @@ from flexinv.elements.planar_beam import (
     WEIGHT,
     PlanarElements,
 )
-from flexinv.kernels.block_elimination import Pivots
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import Plane, find_plane, seen, tied_in
-from flexinv.planar.history import Embedding
+from flexinv.planar.index1 import BlockMasses
+from flexinv.planar.stepper import Embedding
 from flexinv.planar.tree import PlanarTree
 from flexinv.typing import Array
 
@@ -66,7 +65,7 @@ class PlanarModel:
 
     pick : (planar unknowns, spatial unknowns) components along the plane's axes, turns about its normal
     place : indices of the elements' own unknowns for `planar.solver`
-    joints : the nodes with a joint; constraints : the rows of which each time integration has a copy
+    ties, masses : of which each time integration has a copy; joints : the nodes with a joint
     """
 
     plane: Plane
@@ -76,7 +75,8 @@ class PlanarModel:
     space: Embedding
     pick: Array
     place: tuple[Indices, Indices, Indices]
-    constraints: PlanarTies
+    ties: Ties
+    masses: BlockMasses
     joints: JointNodes
 
 
@@ -85,13 +85,14 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
     plane, t = find_plane(mesh), topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
-    tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
-    pick = _pick(mesh, t, tree, plane, space)
-    tied = _constraints(constraint_rows(mesh), plane, tree, t)
+    rows = constraint_rows(mesh)
+    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
+    tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane, row)
+    pick, tied = _pick(mesh, t, tree, plane, space), _ties(rows, row, plane, tree, t)
     node = np.flatnonzero(mesh.v_index >= 0)
     turns_on, given = mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
-    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, joints)
+    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _masses(tree), joints)
 
 
 def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
@@ -167,7 +168,7 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
     return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(POINTS_AT_ONCE), *flat)
 
 
-def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
+def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
     axes, frames = plane.axes, plane.frames
     upright = np.diag([0.0, 0.0, 1.0])
     side = np.zeros((len(mesh.elements.order), 3))
@@ -176,7 +177,7 @@ def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
     across, along, normal = (
         np.ascontiguousarray(axes @ part @ frames) for part in (np.eye(3) - upright, QUARTER, upright)
     )
-    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side)
+    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side, row)
 
 
 def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
@@ -199,9 +200,18 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
 
 
-def _constraints(rows: Rows, plane: Plane, tree: PlanarTree, topology: Topology) -> PlanarTies:
-    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
-    a, b, count = rows.a[row], rows.b[row], len(tree.size)
+def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree, topology: Topology) -> Ties:
+    a, b = rows.a[row], rows.b[row]
+    vectors = [
+        np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
+        for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
+    ]
+    gear, kind = np.zeros((len(row), len(tree.scale))), np.where(rows.direction[row], DIRECTION, POSITION)
+    return ties(kind, (a, b), vectors, gear, layout(tree.span, touched_parts(topology, a, b, gear), rows.closure[row]))
+
+
+def _masses(tree: PlanarTree) -> BlockMasses:
+    count, widest = len(tree.size), max(int(tree.size.max(initial=0)), 1)
     members = [np.flatnonzero(tree.block == block) for block in range(count)]
     alone = [len(members[k]) == 1 and tree.size[k] == 3 for k in range(count)]
     blocks = [k for k in range(count) if tree.size[k] > 0 and not alone[k]]
@@ -209,19 +219,12 @@ def _constraints(rows: Rows, plane: Plane, tree: PlanarTree, topology: Topology)
     for own, k in zip(member, blocks, strict=True):
         own[: len(members[k])] = members[k]
     single = np.array([members[k][0] for k in range(count) if alone[k]], dtype=np.int64)
-    place_a, place_b, u, w = (
-        np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
-        for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
-    )
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
-    n, widest = len(row), max(int(tree.size.max(initial=0)), 1)
-    touched = touched_parts(topology, a, b, np.zeros((n, len(topology.scale))))
-    return PlanarTies(
-        row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
-        place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n), value=np.zeros(n), give=np.zeros(n),
-        gradient=np.zeros((n, 6)), across=np.zeros((n, len(tree.scale))), border=np.zeros((n, n)), pivots=Pivots.of(n),
-        layout=layout(tree.span, touched, rows.closure[row]), step=np.zeros(n), kept=np.zeros(n), single=single, over=over,
-        block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)), weight=np.zeros(widest),
-        left=np.zeros(widest, dtype=bool), change=np.zeros((len(tree.parent), 3)),
-    )  # fmt: skip
+    scratch = (
+        np.zeros((widest, widest)),
+        np.zeros(widest),
+        np.zeros(widest, dtype=bool),
+        np.zeros((len(tree.parent), 3)),
+    )
+    return BlockMasses(single, over, np.array(blocks, dtype=np.int64), member, *scratch)

@@ -17,8 +17,8 @@ from flexinv.kernels.memory import cleared, on_lines
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import seen
+from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.model import PlanarModel, planar_model
 from flexinv.planar.stepper import PlanarSystem, PlanarWork, planar_march
 from flexinv.planar.tree import PlanarFrames
@@ -40,13 +40,14 @@ class PlanarMarch:
     frames: PlanarFrames
     factors: PlanarFactors
     work: PlanarWork
-    ties: PlanarTies
+    ties: Ties
+    masses: BlockMasses
 
     @classmethod
     def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
         m = planar_model(mesh, frozenset(passive))
-        unknowns, widest, sides = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1), 1 + len(m.constraints.row)
+        unknowns, widest, sides = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1), 1 + len(m.ties.a)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
         count = mesh.elements.nodes.shape[1]
@@ -56,13 +57,15 @@ class PlanarMarch:
             felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
-        return cls(mesh, m, State.of(0, unknowns), frames, _factors(m), work, _ties(m))
+        return cls(mesh, m, State.of(0, unknowns), frames, _factors(m), work, _copied(m.ties), _copied(m.masses))
 
     @property
     def system(self) -> PlanarSystem:
         """Return the arrays as the kernels take them."""
         m = self.model
-        return PlanarSystem(m.tree, m.elements, self.ties, m.space, self.state, self.frames, self.factors, self.work)
+        return PlanarSystem(
+            m.tree, m.elements, self.ties, self.masses, m.space, self.state, self.frames, self.factors, self.work
+        )  # fmt: skip
 
     @classmethod
     def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -74,7 +77,7 @@ class PlanarMarch:
 
     def leave(self, passive: Collection[str]) -> None:
         """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
-        self.ties.multiplier[:], self.ties.over[:] = 0.0, self.model.constraints.over
+        self.ties.multiplier[:], self.masses.over[:] = 0.0, self.model.masses.over
         _left(self.mesh, frozenset(passive)).append(self)
 
     def restart(
@@ -97,16 +100,16 @@ class PlanarMarch:
 
     def take(self, s: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
-        own = self.ties
-        own.acting[:], own.multiplier[:] = ties.acting[own.row], ties.multiplier[own.row]
-        if len(own.row):
+        own, row = self.ties, self.model.space.row
+        own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
+        if len(row):
             for here, node, vectors in (
                 (own.place_a, own.a, ties.place_a),
                 (own.place_b, own.b, ties.place_b),
                 (own.u, own.a, ties.u),
                 (own.w, own.b, ties.w),
             ):
-                here[:] = seen(self.model.plane, node, vectors[own.row])[:, :2]
+                here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
         here, m, (free, at) = self.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(here, name)[:] = m.pick @ getattr(s, name)
@@ -117,7 +120,7 @@ class PlanarMarch:
 
     def give(self, state: State, ties: Ties) -> None:
         """Put the spatial solver where this march has come to [m, rad, s, N]."""
-        ties.multiplier[self.ties.row] = self.ties.multiplier
+        ties.multiplier[self.model.space.row] = self.ties.multiplier
         here, m, (free, at) = self.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(state, name)[:] = m.pick.T @ getattr(here, name)
@@ -174,12 +177,6 @@ class PlanarMarch:
 def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []
-
-
-def _ties(model: PlanarModel) -> PlanarTies:
-    """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
-    rows: Any = model.constraints
-    return PlanarTies._make(_copied(part) for part in rows)
 
 
 def _copied(part: Any) -> Any:
