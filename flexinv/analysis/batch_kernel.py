@@ -19,15 +19,14 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import at, by_address
 from flexinv.kernels.threads.atomics import take
 from flexinv.kinematics.tree import Frames
-from flexinv.planar.history import Embedding
-from flexinv.planar.stepper import PlanarSystem, planar_march
+from flexinv.planar.stepper import Embedding, PlanarSystem, planar_march
 from flexinv.planar.tree import PlanarTree, accept
 from flexinv.typing import Array
 
 
 @by_address
 class Designs(NamedTuple):
-    """Mechanisms of one structure, stacked; over : (designs, single, 3) of `planar.constraint_rows.PlanarTies`."""
+    """Mechanisms of one structure, stacked; over : (designs, single, 3) of `planar.index1.BlockMasses`."""
 
     tree: PlanarTree
     elements: PlanarElements
@@ -87,11 +86,11 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
         if n >= len(tasks.design):
             return done
         d, m, h = tasks.design[n], tasks.motion[n], at(results.histories, n)
-        for i in range(room.constraints.over.shape[0]):
+        for i in range(room.masses.over.shape[0]):
             for j in range(3):
-                room.constraints.over[i, j] = designs.over[d, i, j]
+                room.masses.over[i, j] = designs.over[d, i, j]
         system = PlanarSystem(
-            at(designs.tree, d), at(designs.elements, d), room.constraints, at(designs.space, d),
+            at(designs.tree, d), at(designs.elements, d), room.ties, room.masses, at(designs.space, d),
             room.state, room.frames, room.factors, room.work,
         )  # fmt: skip
         ended = results.ended[n]

@@ -25,7 +25,8 @@ from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
-from flexinv.dynamics.initial_state import accept, consistent_accelerations
+from flexinv.dynamics.generalized_alpha import ACCELERATIONS
+from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
@@ -293,7 +294,7 @@ class Switching:
         before = _rates(solver, qd)
         impulses = solver.collide(joints)
         accept(s)
-        consistent_accelerations(solver, joints, f"at t = {time:g} s")
+        solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
         record_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
             two, after = out.rows(sample, sample + 1).motion, _rates(solver, qd)

@@ -275,7 +275,7 @@ def _structure(mesh: Mesh) -> tuple[Any, ...]:
     """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
     m, k = planar_model(mesh, frozenset()), skeleton(mesh)
     parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
-    parts += [m.constraints.single, m.constraints.block, m.constraints.member, m.joints.given, m.joints.turns_on]
+    parts += [m.masses.single, m.masses.block, m.masses.member, m.joints.given, m.joints.turns_on]
     return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
 
 
@@ -284,7 +284,7 @@ def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
     """The meshes, of which the ``first`` keeps this."""
     models = [planar_model(mesh, frozenset()) for mesh in meshes]
     tree, elements, space = (stacked([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
-    over = np.stack([m.constraints.over for m in models])
+    over = np.stack([m.masses.over for m in models])
     return Designs(tree, elements, space, stacked([skeleton(mesh) for mesh in meshes]), over)
 
 

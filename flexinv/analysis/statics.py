@@ -21,7 +21,6 @@ from flexinv.constraints.phases import phases
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.solver import Solver, record_instant
-from flexinv.dynamics.stepper import CONVERGED
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import applied_forces
@@ -91,9 +90,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")
-    status, count, size = solver.newton(STATICS, joints)
-    if status != CONVERGED:
-        raise solver.complain(status, count, size, "statics")
+    count = solver.solve_instant(STATICS, joints, "statics")
     out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     record_instant(solver, 0, out)
     out.iterations[0] = count

@@ -14,8 +14,8 @@ from flexinv.analysis.task import Task, looked_up
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.phases import phases
 from flexinv.dynamics.dofs import Indices
-from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
-from flexinv.dynamics.initial_state import begin_step, consistent_accelerations, end_early, instant, stand
+from flexinv.dynamics.generalized_alpha import ACCELERATIONS, EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
+from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint, record_instant
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
@@ -283,7 +283,7 @@ class _March:
         s.u[:], s.du[:] = s.u0, s.du0
         self.solver.load_at(float(time[0]), q, qd, qdd)
         joints = instant(self.task.mesh, q, qd, qdd)
-        consistent_accelerations(self.solver, joints, when)
+        self.solver.solve_instant(ACCELERATIONS, joints, when)
         if row[0] >= 0:
             record_instant(self.solver, int(row[0]), self.out)
         self.early = EARLY * begin_step(self.solver, joints, self.scheme, when)

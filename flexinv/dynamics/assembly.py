@@ -8,13 +8,7 @@ accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`ge
 from __future__ import annotations
 
 from flexinv.elements.beam import relative, relative_rates
-from flexinv.elements.beam_element import (
-    damped_gradient,
-    damped_tangent,
-    element_gradient,
-    element_tangent,
-    nodal_forces,
-)
+from flexinv.elements.beam_element import damped_tangent, element_gradient, element_tangent, nodal_forces
 from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
@@ -156,10 +150,10 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
                 put(work.rates.v[i], 0, vec(frames.v[nodes[i]]))
                 put(work.rates.w[i], 0, vec(frames.w[nodes[i]]))
             relative_rates(count, z, work.rates)
-            stored, gone = damped_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
-            energy, lost = energy + stored, lost + gone
+            stored, gone = element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
         else:
-            energy += element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
+            stored, gone = element_gradient(k, count, elements, z, None, work.internal[k], want_tangent)
+        energy, lost = energy + stored, lost + gone
         nodal_forces(count, z)
         for i in range(count):
             n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
@@ -170,7 +164,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             if damped:
                 damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
             else:
-                element_tangent(count, z, work.rates, work.tangent[k])
+                element_tangent(count, z, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
     work.energy[0], work.energy[1], work.energy[2] = energy, power, lost

@@ -16,19 +16,21 @@ A row has to do with the parts of the mechanism (`dynamics.dofs`) that its nodes
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.closures import Rows
+from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.constraints.equations import fixed, gap
 from flexinv.dynamics.dofs import Topology
 from flexinv.kernels.block_elimination import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.typing import Array
 
 POSITION, DIRECTION, PULL, COUPLING = 0, 1, 2, 3
@@ -41,16 +43,36 @@ UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @by_address
+class Layout(NamedTuple):
+    """Parts of the mechanism that the rows of the border have to do with.
+
+    span : (parts + 1,) first unknown of each part; first_part : (rows + 1,) of each row in ``part``
+    first_side : (parts + 1,) of each part in ``side``: right sides of its solve, 0 the residual, then 1 + row
+    blocks : closures and springs, coupled where they share a part; whole : all of them as one
+    """
+
+    span: NDArray[np.int64]
+    first_part: NDArray[np.int64]
+    part: NDArray[np.int64]
+    first_side: NDArray[np.int64]
+    side: NDArray[np.int64]
+    blocks: Blocks
+    whole: Blocks
+
+
+@by_address
 class Ties(NamedTuple):
     """Rows of the border: first the constraints of all closures (see `closures.Rows`), then three for each spring.
 
     kind : (rows,) POSITION, DIRECTION, PULL or COUPLING; acting : (rows,) whether the closure acts
-    a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames
+    a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames; in a plane (rows, 2), in its axes where the
+        nodes stand at zero
     multiplier : (rows,) [N], [N m]; value : (rows,) phi, or phi'' when accelerations are solved for
     give : (rows,) what the row's own multiplier adds to its equation: 1 where it is a spring's force, else 0
-    gradient : (rows, 12) by the motion of a (world, own frame) and of b
+    gradient : (rows, 12) by the motion of a (world, own frame) and of b; in a plane (rows, 6)
     gear : (rows, unknowns) factors of couplings; given : (rows, 3) what joints with a motion add to their equation, and its rates
     sides, across : (rows, unknowns) -C and -A; border : (rows, rows) A K^-1 C + e, pivots : its factors; step, kept : (rows,)
+    layout : parts of the mechanism that rows have to do with
     """
 
     kind: NDArray[np.int64]
@@ -73,24 +95,7 @@ class Ties(NamedTuple):
     pivots: Pivots
     step: Array
     kept: Array
-
-
-@by_address
-class Layout(NamedTuple):
-    """Parts of the mechanism that the rows of the border have to do with.
-
-    span : (parts + 1,) first unknown of each part; first_part : (rows + 1,) of each row in ``part``
-    first_side : (parts + 1,) of each part in ``side``: right sides of its solve, 0 the residual, then 1 + row
-    blocks : closures and springs, coupled where they share a part; whole : all of them as one
-    """
-
-    span: NDArray[np.int64]
-    first_part: NDArray[np.int64]
-    part: NDArray[np.int64]
-    first_side: NDArray[np.int64]
-    side: NDArray[np.int64]
-    blocks: Blocks
-    whole: Blocks
+    layout: Layout
 
 
 def layout(span: NDArray[np.int64], touched: NDArray[np.bool_], group: NDArray[np.int64]) -> Layout:
@@ -129,25 +134,36 @@ def _ends(counts: Any) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def ties(rows: Rows, pulls: int, by_unknown: Array) -> Ties:
-    """Return the border's rows: the constraints ``rows`` of closures [m], [-], then those of as many ``pulls`` (springs).
+def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
+    """Return the border's rows of a mesh: the constraints of its closures [m], [-], then three for each spring [N].
 
     by_unknown : (nv, unknowns) 1 where an unknown of the march is a joint coordinate
     """
-    unknowns, more = by_unknown.shape[1], 3 * pulls
-    n = len(rows) + more
+    rows, springs = constraint_rows(mesh), mesh.mechanism.springs
+    kind = np.where(rows.gear.any(axis=1), COUPLING, np.where(rows.direction, DIRECTION, POSITION))
+    ends = [spring.first for spring in springs], [spring.second for spring in springs]
+    nodes = [np.array([attachment_node(mesh, end) for end in one], dtype=np.int64).repeat(3) for one in ends]
+    places = [np.array([end.placement.position for end in one]).reshape(-1, 3).repeat(3, axis=0) for one in ends]
+    group = rows.closure.max(initial=-1) + 1 + np.arange(len(springs)).repeat(3)
+    of_closures = kind, rows.a, rows.b, rows.place_a, rows.place_b, rows.u, rows.w, rows.gear @ by_unknown, rows.closure
+    of_springs = PULL, *nodes, *places, 0.0, 0.0, 0.0, group
+    kind, a, b, *vectors, gear, group = (
+        np.concatenate([one, np.broadcast_to(other, (3 * len(springs), *one.shape[1:]))])
+        for one, other in zip(of_closures, of_springs, strict=True)
+    )
+    return ties(kind, (a, b), vectors, gear, layout(topology.span, touched_parts(topology, a, b, gear), group))
 
-    def padded(values: NDArray[Any], fill: float) -> NDArray[Any]:
-        return np.concatenate([values, np.full((more, *values.shape[1:]), fill, dtype=values.dtype)])
 
+def ties(
+    kind: NDArray[np.int64], nodes: Sequence[NDArray[np.int64]], vectors: Sequence[Array], gear: Array, layout: Layout
+) -> Ties:
+    """Return rows of the border that all act, without force [m], [-], [N]; vectors : place_a, place_b, u, w."""
+    n, size = vectors[0].shape
     return Ties(
-        kind=padded(np.where(rows.gear.any(axis=1), COUPLING, np.where(rows.direction, DIRECTION, POSITION)), PULL),
-        acting=np.ones(n, dtype=bool), a=padded(rows.a, -1), b=padded(rows.b, -1),
-        place_a=padded(rows.place_a, 0.0), place_b=padded(rows.place_b, 0.0),
-        u=padded(rows.u, 0.0), w=padded(rows.w, 0.0), multiplier=np.zeros(n), value=np.zeros(n),
-        give=padded(np.zeros(len(rows)), 1.0), gradient=np.zeros((n, 12)), gear=padded(rows.gear @ by_unknown, 0.0),
-        given=np.zeros((n, 3)), sides=np.zeros((n, unknowns)), across=np.zeros((n, unknowns)),
-        border=np.zeros((n, n)), pivots=Pivots.of(n), step=np.zeros(n), kept=np.zeros(n),
+        kind, np.ones(n, dtype=bool), *nodes, *vectors, multiplier=np.zeros(n), value=np.zeros(n),
+        give=np.where(kind == PULL, 1.0, 0.0), gradient=np.zeros((n, 12 if size == 3 else 6)), gear=gear, given=np.zeros((n, 3)),
+        sides=np.zeros(gear.shape), across=np.zeros(gear.shape), border=np.zeros((n, n)), pivots=Pivots.of(n),
+        step=np.zeros(n), kept=np.zeros(n), layout=layout,
     )  # fmt: skip
 
 
@@ -246,8 +262,9 @@ def add_gears(constraints, residual):
 
 
 @jit_inner
-def tie_sides(topology, constraints, plan, variation, residual):
+def tie_sides(topology, constraints, variation, residual):
     """Put -C, by unknowns, into the right sides 1.. of the solve [N], [N m] per unit multiplier; A = C^T for constraints."""
+    plan = constraints.layout
     for k in range(len(constraints.a)):
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
             for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
@@ -299,23 +316,24 @@ REDUNDANT_PIVOT = 1e-10
 
 
 @jit_inner
-def factorise_border(constraints, plan, blocks, y):
-    """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the plan."""
+def factorise_border(constraints, blocks, y):
+    """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the layout."""
     for e in range(blocks.entry.shape[0]):
         i, j = blocks.entry[e, 0], blocks.entry[e, 1]
-        constraints.border[i, j] = -_along(constraints, plan, i, y[1 + j]) - (constraints.give[i] if i == j else 0.0)
+        constraints.border[i, j] = -_along(constraints, i, y[1 + j]) - (constraints.give[i] if i == j else 0.0)
     factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 
 @jit_inner
-def solve_border(constraints, plan, blocks, unit, y):
+def solve_border(constraints, blocks, unit, y):
     """Find the increments of the border's unknowns and add what they do to y[0] [m], [rad].
 
     y : (1 + rows, unknowns), y_0 and then K^-1 C, of the factors at hand; ``unit`` scales the equations of constraints
     """
+    plan = constraints.layout
     for k in range(len(constraints.a)):
         given = constraints.value[k] / (unit if constraints.give[k] == 0.0 else 1.0)
-        constraints.value[k] = _along(constraints, plan, k, y[0]) - given
+        constraints.value[k] = _along(constraints, k, y[0]) - given
     solve_blocks(constraints.border, blocks, constraints.pivots, constraints.value, constraints.step)
     for k in range(len(constraints.a)):
         constraints.multiplier[k] += constraints.step[k]
@@ -325,9 +343,9 @@ def solve_border(constraints, plan, blocks, unit, y):
 
 
 @jit_inner
-def _along(constraints, plan, k, y):
+def _along(constraints, k, y):
     """-A y of row k: only the parts of its nodes have to do with it."""
-    total, across = 0.0, constraints.across[k]
+    total, across, plan = 0.0, constraints.across[k], constraints.layout
     for n in range(plan.first_part[k], plan.first_part[k + 1]):
         for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
             total += across[i] * y[i]

@@ -181,13 +181,13 @@ def correct(topology, scheme, state, y):
 
 
 @jit_inner
-def advance_rates(scheme, state, scale):
-    """Let rates and accelerations at the end of a step start the next [m, rad, s], with the order that would have predicted it.
+def advance_unknowns(scheme, state, scale):
+    """Let the unknowns at the end of a step start the next [m, rad, s], with the order that would have predicted it.
 
     scale : (unknowns,) [m], [-], over which predictions are compared
     """
     still, line, parabola = 0.0, 0.0, 0.0
-    for k in range(len(state.d)):
+    for k in range(len(state.d) if scheme.mode == DYNAMIC else 0):
         pseudo = pseudo_acceleration(scheme, state, k)
         trend = pseudo - state.pseudo[k]
         bend = trend - state.trend[k]
@@ -195,14 +195,16 @@ def advance_rates(scheme, state, scale):
         parabola += abs(bend - state.bend[k]) / scale[k]
         state.trend[k], state.bend[k] = trend, bend
         state.pseudo[k], state.u0[k], state.du0[k] = pseudo, state.u[k], state.du[k]
-    state.order[0] = 0 if still < line else 1 if line < parabola else 2
+    if scheme.mode == DYNAMIC:
+        state.order[0] = 0 if still < line else 1 if line < parabola else 2
+    for k in range(len(state.d)):
+        state.place[k] += state.d[k]
+        state.d[k] = 0.0
 
 
 @jit_inner
 def advance(topology, scheme, state):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
-    if scheme.mode == DYNAMIC:
-        advance_rates(scheme, state, topology.scale)
     for n in range(len(topology.parent)):
         o = topology.offset[topology.block[n]]
         if topology.independent[n]:
@@ -213,9 +215,7 @@ def advance(topology, scheme, state):
             for k in range(topology.freedoms[n]):
                 add_to(state.x[n], 0, scale(state.d[first + k], vec(topology.slide[n, k])))
             put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(passive_psi(n, topology, state, first))))
-    for k in range(len(state.d)):
-        state.place[k] += state.d[k]
-        state.d[k] = 0.0
+    advance_unknowns(scheme, state, topology.scale)
 
 
 @jit_inner

@@ -31,30 +31,37 @@ def project_accelerations(system, joints, y):
     """
     topology, ties, state, frames = system.topology, system.border.ties, system.state, system.frames
     work, variation, level = system.work, system.variation, system.loads.level[0]
-    full, change, plan = work.settled[0], work.settled[1], system.border.layout
+    full, change = work.settled[0], work.settled[1]
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
-    _copy(work.wrench, full)
+    for n in range(len(topology.parent)):
+        for i in range(6):
+            full[n, i] = work.wrench[n, i]
     node_wrenches(topology, frames, variation, level, work, False)
-    _negative(work.wrench, change)
+    for n in range(len(topology.parent)):
+        for i in range(6):
+            change[n, i] = -work.wrench[n, i]
     tie_rows(ties, state, frames, RATED)
-    tie_sides(topology, ties, plan, variation, work.residual)
+    tie_sides(topology, ties, variation, work.residual)
     for k in range(len(ties.a)):  # springs keep their forces
         if ties.kind[k] == PULL:
             ties.value[k] = 0.0
     solve_masses(system, y)
-    factorise_border(ties, plan, plan.blocks, y)
-    solve_border(ties, plan, plan.blocks, 1.0, y)
+    factorise_border(ties, ties.layout.blocks, y)
+    solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.du[i] += y[0, i]
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
     node_wrenches(topology, frames, variation, level, work, False)
-    _add(work.wrench, change)
+    for n in range(len(topology.parent)):
+        for i in range(6):
+            change[n, i] += work.wrench[n, i]
     add_ties(ties, ties.step, change)  # those of springs are zero
     for n in range(len(topology.parent) - 1, -1, -1):
         if topology.parent[n] >= 0 and not topology.independent[n]:
             bring_back(n, topology.parent[n], frames, joints, change)
-    _copy(full, work.wrench)
-    _add(change, work.wrench)
+    for n in range(len(topology.parent)):
+        for i in range(6):
+            work.wrench[n, i] = full[n, i] + change[n, i]
 
 
 @jit_inner
@@ -70,7 +77,7 @@ def solve_masses(system, y):
                 ties.across[k, i] = 0.0
     _set_masses(system.topology, system.variation, system.work.diagonal)
     weigh_massless(system.topology, system.work.diagonal)
-    topology, plan = system.topology, system.border.layout
+    topology, plan = system.topology, ties.layout
     for b in range(len(topology.size)):
         part = topology.part[b]
         solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
@@ -112,24 +119,3 @@ def weigh_massless(topology, diagonal):
             unit = topology.scale[topology.offset[b] + k] ** 2
             if abs(diagonal[b, k, k]) * unit < MASSLESS * largest:
                 diagonal[b, k, k] = largest / unit
-
-
-@jit_inner
-def _copy(a, b):
-    for n in range(a.shape[0]):
-        for i in range(6):
-            b[n, i] = a[n, i]
-
-
-@jit_inner
-def _negative(a, b):
-    for n in range(a.shape[0]):
-        for i in range(6):
-            b[n, i] = -a[n, i]
-
-
-@jit_inner
-def _add(a, b):
-    for n in range(a.shape[0]):
-        for i in range(6):
-            b[n, i] += a[n, i]

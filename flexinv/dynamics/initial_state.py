@@ -18,16 +18,18 @@ from flexinv.dynamics.generalized_alpha import (
     generalized_alpha,
     is_sudden,
 )
-from flexinv.dynamics.solver import Solver
+from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
 from flexinv.errors import ModelWarning
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, relative_motion, rigid_motion
-from flexinv.kinematics.tree import Frames, Joints, carry_samples
+from flexinv.kinematics.tree import Joints, carry_samples
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
+
+Failure = tuple[int, int, float]  # what `Solver.newton` returns
 
 CERTAIN = 30.0  # times what the last digit of places does: accelerations beyond that are no rounding
 
@@ -50,43 +52,24 @@ def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
 
 
 def _start(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
-    t, s = solver.topology, solver.state
-    for n in range(solver.mesh.size):
-        o = t.offset[t.block[n]]
-        if t.independent[n]:
-            s.x[n], s.r[n] = motion.x[0, n], motion.rotation[0, n]
-            s.u[o : o + 6] = np.concatenate([motion.v[0, n], motion.omega[0, n]])
-            s.du[o : o + 6] = np.concatenate([motion.a[0, n], motion.alpha[0, n]])
-        elif t.freedoms[n]:
-            s.x[n], s.r[n] = joints.p[n], joints.r[n]
-            own = slice(o + t.column[n], o + t.column[n] + t.freedoms[n])
-            v = int(solver.mesh.v_index[n])
-            s.u[own], s.du[own] = _passive_rates(
-                solver, n, joints, qd[v : v + t.freedoms[n]], qdd[v : v + t.freedoms[n]]
-            )
+    t, s, moved = solver.topology, solver.state, by_unknown(solver.mesh, solver.topology)
+    free, held = np.flatnonzero(t.independent), t.freedoms > 0
+    at = t.offset[t.block[free], None] + np.arange(6)
+    s.x[free], s.r[free] = motion.x[0, free], motion.rotation[0, free]
+    s.x[held], s.r[held] = joints.p[held], joints.r[held]
+    s.u[:], s.du[:] = qd @ moved, qdd @ moved
+    s.u[at] = np.concatenate([motion.v[0, free], motion.omega[0, free]], axis=1)
+    s.du[at] = np.concatenate([motion.a[0, free], motion.alpha[0, free]], axis=1)
+    for n in np.flatnonzero(t.triple == 3):  # of a free joint the march takes p' in the joint frame
+        own = t.offset[t.block[n]] + t.column[n] + np.arange(3)
+        s.u[own], s.du[own] = joints.dp[n] @ solver.mesh.rotation[n], joints.ddp[n] @ solver.mesh.rotation[n]
     accept(s)
-
-
-def _passive_rates(solver: Solver, n: int, joints: Joints, qd: Array, qdd: Array) -> tuple[Array, Array]:
-    """Rates of a passive joint in the march's own coordinates: a free joint's p' is taken in the joint frame."""
-    t = solver.topology
-    if t.triple[n] != 3:
-        return qd, qdd
-    placed = solver.mesh.rotation[n]
-    return np.concatenate([placed.T @ joints.dp[n], qd[3:]]), np.concatenate([placed.T @ joints.ddp[n], qdd[3:]])
 
 
 def accept(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
     state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
-
-
-def consistent_accelerations(solver: Solver, joints: Joints, when: str) -> None:
-    """Find the accelerations [m/s^2], [rad/s^2] that the present state of motion has; `begin_step` starts the integrator."""
-    status, count, size = solver.newton(ACCELERATIONS, joints)
-    if status != CONVERGED:
-        raise solver.complain(status, count, size, when)
 
 
 def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> bool:
@@ -103,14 +86,10 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > ROUNDING:
         s.du[:] = s.du0
         for _ in range(PASSES):
-            status, count, size = solver.newton(scheme._replace(mode=RESOLVED), joints)
-            if status != CONVERGED:
-                raise solver.complain(status, count, size, when)
+            solver.solve_instant(scheme._replace(mode=RESOLVED), joints, when)
         sudden = is_sudden(scheme, scale, found, s.du)
-        if sudden and np.abs((found - s.du) / scale).max() <= CERTAIN * _accelerations_of_rounding(
-            solver, joints, found
-        ):
-            sudden = False
+        left = np.abs((found - s.du) / scale).max()
+        sudden = sudden and not left <= CERTAIN * _accelerations_of_rounding(solver, joints, found)
     if not sudden:
         s.du[:], multiplier[:] = found, forces
     accept(s)
@@ -220,9 +199,7 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     raise solver.complain(NOT_CONVERGED, MOST_STEPS, moved or 0.0, f"{when}, on the way down to a rest position")
 
 
-def _moved(
-    solver: Solver, joints: Joints, scheme: Scheme, farthest: float
-) -> tuple[float | None, tuple[int, int, float]]:
+def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> tuple[float | None, Failure]:
     """Make one step from rest; return how far it went [-], None (and why) where it failed, went too far or climbed."""
     s, multiplier = solver.state, solver.border.ties.multiplier
     s.u[:], s.du[:] = 0.0, 0.0
@@ -260,14 +237,10 @@ def settle(solver: Solver, q: Array, when: str) -> None:
     mesh, free = solver.mesh, solver.topology.freedoms
     names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
     count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)} of its stiffness"
-    choice = (
-        f"write a start beside it for {names}, from which the mechanism sinks to another"
-        if names
-        else "write a smaller load"
-    )
+    beside = f"write a start beside it for {names}, from which the mechanism sinks to another"
     warnings.warn(
         f"mechanism '{mesh.mechanism.name}', {when}: the rest position in which it begins is unstable ({count}), and is "
-        f"not the only one; {choice}, or initial = 'consistent'",
+        f"not the only one; {beside if names else 'write a smaller load'}, or initial = 'consistent'",
         ModelWarning,
         stacklevel=2,
     )
@@ -308,17 +281,13 @@ def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
 def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None:
     """Give the deformed mechanism the velocities [m/s] it has when it moves on without changing its deformation."""
     mesh, frames, t = solver.mesh, solver.frames, solver.topology
-    shape = Joints(*(part.copy() for part in joints))
-    for n in range(mesh.size):
-        m = mesh.parent[n]
-        if t.independent[n]:
-            shape.p[n] = frames.r[m].T @ (frames.x[n] - frames.x[m])
-            shape.r[n] = frames.r[m].T @ frames.r[n]
-        elif t.freedoms[n]:
-            shape.p[n], shape.r[n] = solver.state.x[n], solver.state.r[n]
+    shape, free, held = Joints(*(part.copy() for part in joints)), np.flatnonzero(t.independent), t.freedoms > 0
+    parent, back = mesh.parent[free], frames.r[mesh.parent[free]].transpose(0, 2, 1)
+    shape.p[free] = (back @ (frames.x[free] - frames.x[parent])[:, :, None])[:, :, 0]
+    shape.r[free] = back @ frames.r[free]
+    shape.p[held], shape.r[held] = solver.state.x[held], solver.state.r[held]
     moving = NodalMotion.empty(1, mesh.size)
-    world = Frames(moving.x, moving.rotation, moving.v, moving.omega, moving.a, moving.alpha)
-    carry_samples(mesh.parent, world, Joints(*(part[None] for part in shape)))
+    carry_samples(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
     _start(solver, moving, shape, qd, qdd)
 
 
@@ -336,5 +305,5 @@ def stand(solver: Solver, motion: Sequence[Array], time: float, initial: str, wh
             settle(solver, q, when)
         if settled:
             move_as_rigid(solver, joints, qd, qdd)
-    consistent_accelerations(solver, joints, when)
+    solver.solve_instant(ACCELERATIONS, joints, when)
     return joints

@@ -1,23 +1,56 @@
-"""Given forces and moments on points of nodes, as the march takes them (compiled).
+"""Forces on points of nodes in the march: given ones, and springs and dampers as rows of the border (compiled).
 
 A dead load keeps its direction in the world, a follower in the node's frame; at a lever arm p (node's frame) it is
 
     dead      force F, moment about the node (own frame)  R^T M + p x R^T F
     follower  force R F, moment  M + p x F
+
+A spring between two points is three rows of the border.  The unknown of a row is a component of the force f on the second point
+(world axes), its equation the law of the spring:
+
+    F - f = 0,    F = -(p + c l') n,   p = k (l - l0),   n = d / l,   l' = n . d',   d the vector between the points
+
+(p by `model.attachments` where the spring has a law)
+so that springs between any two nodes, however stiff, leave the tree's elimination as it is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.constraints.equations import gap
+from flexinv.dynamics.constraint_rows import UNIT, Ties
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import add, add_to, apply, cross, mat, scale, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    dot,
+    madd,
+    mat,
+    mscale,
+    msub,
+    outer,
+    put,
+    put_block,
+    scale,
+    tapply,
+    vec,
+    vec_at,
+)
 from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array
+
+TINY = float(np.finfo(float).tiny)
+LINEAR, GAS, TABLE = 0, 1, 2
 
 
 @by_address
@@ -86,3 +119,145 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
                 add_to(work.dwrench[n, c], 0, apply(r, cross(own, theta)))
             else:  # d(R^T F) = R^T F x theta
                 add_to(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, own))))
+
+
+# -------------------------------------------------------------------------------------- springs
+
+
+@by_address
+class Pulls(NamedTuple):
+    """Springs, one row each.
+
+    row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
+    stiffness [N/m], rest [m], damping [N s/m] : (springs,)
+    law : (springs,) `LINEAR`, `GAS` or `TABLE` [-]; gas : (springs, 3) force [N], travel [m], exponent [-]
+    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.pieces` [m], [N/m^3] ... [N]
+    slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
+    """
+
+    row: NDArray[np.int64]
+    stiffness: Array
+    rest: Array
+    damping: Array
+    law: NDArray[np.int64]
+    gas: Array
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    pieces: Array
+    slope: Array
+
+
+def pulls(mesh: Mesh, constraints: Ties) -> Pulls:
+    """Return the springs of a mechanism [N/m], [m], [N s/m], whose rows are the last of ``constraints``."""
+    springs = mesh.mechanism.springs
+    values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
+    rows = np.arange(len(constraints.a) - 3 * len(springs), len(constraints.a), 3, dtype=np.int64)
+    stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
+    return Pulls(rows, stiffness, rest, damping, *_laws(springs), np.zeros((len(springs), 3, 6)))
+
+
+def _laws(springs: Sequence[Spring]) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
+    laws = [spring.law for spring in springs]
+    kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
+    gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
+    tables = [x.pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
+    ends = np.cumsum([0, *(len(table) for table in tables)]).astype(np.int64)
+    return kind, np.array(gas).reshape(-1, 3), ends[:-1].copy(), ends[1:].copy(), np.vstack([np.zeros((0, 5)), *tables])
+
+
+@jit_inner
+def pull_law(springs, k, length):
+    """Return the pull [N] of a spring at a length [m], and its slope [N/m]."""
+    if springs.law[k] == GAS:
+        force, travel, exponent = springs.gas[k, 0], springs.gas[k, 1], springs.gas[k, 2]
+        left = 1.0 - (length - springs.rest[k]) / travel
+        pull = force * left**-exponent
+        return pull, pull * exponent / (travel * left)
+    if springs.law[k] == TABLE:
+        n = springs.first[k]
+        while n + 1 < springs.last[k] and springs.pieces[n + 1, 0] <= length:
+            n += 1
+        c = springs.pieces[n]
+        x = length - (springs.pieces[n + 1, 0] if n == springs.first[k] else c[0])
+        return ((c[1] * x + c[2]) * x + c[3]) * x + c[4], (3.0 * c[1] * x + 2.0 * c[2]) * x + c[3]
+    return springs.stiffness[k] * (length - springs.rest[k]), springs.stiffness[k]
+
+
+@jit_inner
+def pull_rows(springs, constraints, frames, level):
+    """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
+    for k in range(len(springs.row)):
+        row = springs.row[k]
+        a, place_a = constraints.a[row], vec(constraints.place_a[row])
+        b, place_b = constraints.b[row], vec(constraints.place_b[row])
+        d, rate, _ = gap(frames, a, b, place_a, place_b)
+        length = max(np.sqrt(dot(d, d)), TINY)
+        n = scale(1.0 / length, d)
+        lengthening = dot(n, rate)
+        pull, stiffness = pull_law(springs, k, length)
+        pull, stiffness, damping = level * pull, level * stiffness, level * springs.damping[k]
+        # pull / l, finite for a linear spring of no rest length at l = 0
+        ratio = pull / length + damping * lengthening / length
+        if springs.law[k] == LINEAR:
+            ratio = stiffness - stiffness * springs.rest[k] / length + damping * lengthening / length
+        law = scale(-ratio, d)
+        # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
+        by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
+        across = msub(mscale(ratio, UNIT), mscale(ratio, outer(n, n)))
+        put_block(springs.slope[k], 0, 0, mscale(-1.0, madd(outer(n, by_gap), across)))
+        put_block(springs.slope[k], 0, 3, mscale(-damping, outer(n, n)))
+        ra = mat(frames.r[a]) if a >= 0 else UNIT
+        rb = mat(frames.r[b]) if b >= 0 else UNIT
+        for i in range(3):
+            constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
+            put(constraints.gradient[row + i], 0, scale(-1.0, UNIT[i]))
+            put(constraints.gradient[row + i], 3, scale(-1.0, cross(place_a, tapply(ra, UNIT[i]))))
+            put(constraints.gradient[row + i], 6, UNIT[i])
+            put(constraints.gradient[row + i], 9, cross(place_b, tapply(rb, UNIT[i])))
+
+
+@jit_inner
+def pull_sides(topology, springs, constraints, frames, variation):
+    """Set the equations of all springs by the unknowns [N] per unit, with the rates that go with them."""
+    plan = constraints.layout
+    for k in range(len(springs.row)):
+        for i in range(3):
+            row = springs.row[k] + i
+            for n in range(plan.first_part[row], plan.first_part[row + 1]):
+                for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                    constraints.across[row, j] = 0.0
+            for n, place, sign in (
+                (constraints.a[row], constraints.place_a[row], -1.0),
+                (constraints.b[row], constraints.place_b[row], 1.0),
+            ):
+                _add_end(topology, n, sign, vec(place), springs.slope[k, i], frames, variation, constraints.across[row])
+
+
+@jit_inner
+def _add_end(topology, n, sign, place, slope, frames, variation, across):
+    """Subtract sign (by_gap . d(x + R p) + by_rate . d(v + R (w x p))) from the row of one end, slope = (by_gap, by_rate)."""
+    if n < 0:
+        return
+    by_gap, by_rate = vec(slope), vec_at(slope, 3)
+    r, o = mat(frames.r[n]), topology.offset[topology.block[n]]
+    along, rate = tapply(r, by_gap), tapply(r, by_rate)
+    by_turn = add(cross(place, along), cross(cross(vec(frames.w[n]), place), rate))
+    by_spin = cross(place, rate)
+    for k in range(topology.size[topology.block[n]]):
+        moved = dot(by_gap, vec(variation.x[n, k])) + dot(by_turn, vec(variation.t[n, k]))
+        across[o + k] -= sign * (moved + dot(by_rate, vec(variation.v[n, k])) + dot(by_spin, vec(variation.w[n, k])))
+
+
+@jit_inner
+def turn_arms(topology, springs, constraints, frames, variation, dwrench):
+    """Take off dwrench how the moments p x R^T f of the springs' forces turn with their nodes [N m]."""
+    for k in range(len(springs.row)):
+        row = springs.row[k]
+        for n, place, sign in (
+            (constraints.a[row], constraints.place_a[row], -1.0),
+            (constraints.b[row], constraints.place_b[row], 1.0),
+        ):
+            if n >= 0:
+                own = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
+                for c in range(topology.size[topology.block[n]]):
+                    add_to(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), own)))

@@ -10,12 +10,11 @@ import numpy as np
 
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import Layout, layout, ties, touched_parts
+from flexinv.dynamics.constraint_rows import Layout, closing_rows
 from flexinv.dynamics.dofs import Topology, topology
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.dynamics.loads import Loads, load_table, loads_of
-from flexinv.dynamics.spring_rows import pulls
-from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
+from flexinv.dynamics.loads import Loads, load_table, loads_of, pulls
+from flexinv.dynamics.stepper import CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
 from flexinv.dynamics.system import Border, Instants, State, System, Trajectory, Work
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
@@ -34,9 +33,8 @@ def by_unknown(mesh: Mesh, topology: Topology) -> Array:
     """Return (nv, unknowns) [-]: 1 where an unknown of the march is a coordinate of a passive joint."""
     out = np.zeros((mesh.mechanism.nv, len(topology.scale)))
     for n in np.flatnonzero(topology.freedoms):
-        first, v = topology.offset[topology.block[n]] + topology.column[n], mesh.v_index[n]
-        for k in range(topology.freedoms[n]):
-            out[v + k, first + k] = 1.0
+        k = np.arange(topology.freedoms[n])
+        out[mesh.v_index[n] + k, topology.offset[topology.block[n]] + topology.column[n] + k] = 1.0
     return out
 
 
@@ -62,19 +60,15 @@ class Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
         t = topology(mesh, frozenset(passive))
         unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
-        series = [np.zeros(unknowns) for _ in range(10)]
-        still = np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1))
-        state = State._make([*still, *series, np.zeros(1, dtype=np.int64)])
+        state = State.of(mesh.size, unknowns)
+        state.r[:] = np.eye(3)
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
-        loads, rows = loads_of(mesh, unknowns), constraint_rows(mesh)
-        tied = ties(rows, len(mesh.mechanism.springs), by_unknown(mesh, t))
-        springs, sides = pulls(mesh, tied), 1 + len(tied.a)
-        group = np.concatenate([rows.closure, rows.closure.max(initial=-1) + 1 + np.arange(sides - 1 - len(rows)) // 3])
-        border = Border(tied, springs, layout(t.span, touched_parts(t, tied.a, tied.b, tied.gear), group))
-        work = _work(mesh, t, widest, border.layout)
-        increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
+        tied, loads = closing_rows(mesh, t, by_unknown(mesh, t)), loads_of(mesh, unknowns)
+        border, work = Border(tied, pulls(mesh, tied)), _work(mesh, t, widest, tied.layout)
+        instant = Trajectory.empty(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
+        increment = np.zeros((1 + len(tied.a), unknowns))
         return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
 
     @property
@@ -99,6 +93,13 @@ class Solver:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
         status, _, count, size = self.march(scheme, self._now(joints), self.instant)
         return status, count, size
+
+    def solve_instant(self, scheme: Scheme, joints: Joints, when: str) -> int:
+        """Solve one instant under the present loads; return the iterations [-], or raise the ConvergenceError of `complaint`."""
+        status, count, size = self.newton(scheme, joints)
+        if status != CONVERGED:
+            raise self.complain(status, count, size, when)
+        return count
 
     def evaluate(self, scheme: Scheme, joints: Joints) -> int:
         """Evaluate residual [N], [N m] and linearisation at the present unknowns and loads, as ``scheme`` varies them.

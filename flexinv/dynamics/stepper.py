@@ -32,8 +32,7 @@ from flexinv.dynamics.generalized_alpha import (
     predict,
 )
 from flexinv.dynamics.index1 import project_accelerations, solve_masses, weigh_massless
-from flexinv.dynamics.loads import add_loads, set_loads
-from flexinv.dynamics.spring_rows import pull_rows, pull_sides, turn_arms
+from flexinv.dynamics.loads import add_loads, pull_rows, pull_sides, set_loads, turn_arms
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
@@ -83,15 +82,15 @@ def evaluate(system, scheme, joints, want_tangent):
         gather(system, joints, scheme.cv, scheme.ca, want_tangent)
         add_gears(ties, work.residual)
         if want_tangent:
-            tie_sides(topology, ties, system.border.layout, variation, work.residual)
-            pull_sides(topology, pulls, system.border, frames, variation)
+            tie_sides(topology, ties, variation, work.residual)
+            pull_sides(topology, pulls, ties, frames, variation)
     return bad
 
 
 @jit_inner
 def newton(system, scheme, joints, y, most):
     """Solve one instant in at ``most`` so many iterations; return status, iterations or the bad element, last increment [-]."""
-    topology, ties, plan, work = system.topology, system.border.ties, system.border.layout, system.work
+    topology, ties, work = system.topology, system.border.ties, system.work
     size, last = 0.0, False
     for iteration in range(most + 1):
         bad = evaluate(system, scheme, joints, not last)
@@ -108,12 +107,12 @@ def newton(system, scheme, joints, y, most):
                 weigh_massless(topology, work.diagonal)
             elif scheme.mode == STATIC and len(ties.a) > 0:
                 _hold_loose(topology, work.diagonal)
-            solve_tree(topology, system.elements, system.variation, work, plan, stays, y)
+            solve_tree(topology, system.elements, system.variation, work, ties.layout, stays, y)
         # At rest loose joints make it nearly singular, and equilibria need not be stable: pivots are sought among all rows.
-        blocks = plan.whole if scheme.mode == STATIC else plan.blocks
+        blocks = ties.layout.whole if scheme.mode == STATIC else ties.layout.blocks
         if not stays:
-            factorise_border(ties, plan, blocks, y)
-        solve_border(ties, plan, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
+            factorise_border(ties, blocks, y)
+        solve_border(ties, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
         size = largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
@@ -221,7 +220,7 @@ def collide(system, joints, y):
 
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
     """
-    ties, plan, state = system.border.ties, system.border.layout, system.state
+    ties, state = system.border.ties, system.state
     evaluate(system, ACCELERATIONS, joints, True)
     tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
@@ -230,8 +229,8 @@ def collide(system, joints, y):
     for k in range(len(ties.a)):
         ties.value[k] *= 1.0 - ties.give[k]
     solve_masses(system, y)
-    factorise_border(ties, plan, plan.blocks, y)
-    solve_border(ties, plan, plan.blocks, 1.0, y)
+    factorise_border(ties, ties.layout.blocks, y)
+    solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]
     restore(ties)

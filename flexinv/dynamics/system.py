@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.constraint_rows import Layout, Ties
+from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Topology
-from flexinv.dynamics.loads import Loads
-from flexinv.dynamics.spring_rows import Pulls
+from flexinv.dynamics.loads import Loads, Pulls
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
-from flexinv.kernels.memory import together
+from flexinv.kernels.memory import cleared, together
 from flexinv.kernels.records import by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -26,11 +25,13 @@ class State(NamedTuple):
     """Unknowns of a step.
 
     x, r : (nodes, 3), (nodes, 3, 3) pose at the start of the step: of independent nodes in the world, of passive joints
-        in the parent's frame; d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
+        in the parent's frame; in a plane none
+    d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
     pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step; trend, bend : (unknowns,) its first
         and second difference over the steps before; order : (1,) of the prediction that would have been best for the last one
     u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
-    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m]
+    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m];
+        in a plane also the poses of independent nodes, x, y, theta
     """
 
     x: Array
@@ -46,6 +47,12 @@ class State(NamedTuple):
     kept: Array
     place: Array
     order: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, nodes: int, unknowns: int) -> State:
+        """Return unknowns that are zero [m, rad, s], those of a plane with no nodes."""
+        series = [cleared(unknowns) for _ in range(10)]
+        return cls(cleared(nodes, 3), cleared(nodes, 3, 3), *series, order=np.zeros(1, dtype=np.int64))
 
 
 @by_address
@@ -82,7 +89,6 @@ class Border(NamedTuple):
 
     ties: Ties
     pulls: Pulls
-    layout: Layout
 
 
 @by_address

@@ -8,7 +8,7 @@ Without damping the tangent is symmetric, and half of it is enough.  Sources: as
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,68 +71,54 @@ class Elements(NamedTuple):
     link: NDArray[np.int64]
 
 
-def _make_point(damped: bool) -> Any:
-    """Return the kernel that adds a Gauss point of a damped or an undamped element; the other's branches are not compiled."""
-
-    @jit_inner
-    def add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
-        shape, slope, w = elements.shape[k, g], elements.slope[k, g], elements.weight[k, g]
-        stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
-        point = point_of(count, shape, slope, scratch)
-        gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
-        kappa = sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
-        n, m, lost = times(stiffness[0], gamma), times(stiffness[1], kappa), 0.0
-        stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
-        if damped:
-            damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
-            rate = rate_of(count, shape, slope, point, rates)
-            n_lost, m_lost = times(damping[0], rate.gamma), times(damping[1], rate.kappa)
-            n, m = add(n, n_lost), add(m, m_lost)
-            lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
-        put(internal, 0, n)
-        put(internal, 3, m)
-        couple = cross(n, point.stretch)
-        by_du, by_dpsi = scale(w, apply(point.s, n)), scale(w, tapply(point.h, m))  # dE/du', dE/dpsi'
-        by_psi = scale(w, add(tapply(point.h, couple), tapply(point.bend, m)))
-        for i in range(1, count):
-            add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
-            add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
-        if want_tangent:
-            point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
-            if damped:
-                point_hessian(point, (ZERO, ZERO, ZERO), damping, w, rates.parts)
-                rates_by_pose(point, rate, damping, w, scratch.parts)
-                spread(count, shape, slope, rates.parts, rates.drag, damped)
-            spread(count, shape, slope, scratch.parts, scratch.hessian, damped)
-        return stored, lost
-
-    return add_point
-
-
-_add_point, _add_damped_point = _make_point(False), _make_point(True)
+@jit_inner
+def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
+    """Add a Gauss point to the gradient, and its derivatives; return what it stores [J] and loses [W]."""
+    shape, slope, w = elements.shape[k, g], elements.slope[k, g], elements.weight[k, g]
+    stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
+    point = point_of(count, shape, slope, scratch)
+    gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
+    kappa = sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
+    n, m, lost = times(stiffness[0], gamma), times(stiffness[1], kappa), 0.0
+    stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
+    if rates is not None:
+        damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
+        rate = rate_of(count, shape, slope, point, rates)
+        n_lost, m_lost = times(damping[0], rate.gamma), times(damping[1], rate.kappa)
+        n, m = add(n, n_lost), add(m, m_lost)
+        lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
+    put(internal, 0, n)
+    put(internal, 3, m)
+    couple = cross(n, point.stretch)
+    by_du, by_dpsi = scale(w, apply(point.s, n)), scale(w, tapply(point.h, m))  # dE/du', dE/dpsi'
+    by_psi = scale(w, add(tapply(point.h, couple), tapply(point.bend, m)))
+    for i in range(1, count):
+        add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
+        add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
+    if want_tangent:
+        point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
+        if rates is not None:
+            point_hessian(point, (ZERO, ZERO, ZERO), damping, w, rates.parts)
+            rates_by_pose(point, rate, damping, w, scratch.parts)
+            spread(count, shape, slope, rates.parts, rates.drag, True)
+        spread(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
+    return stored, lost
 
 
 @jit_inner
 def element_gradient(k, count, elements, scratch, rates, internal, want_tangent):
-    """Fill dE/d(u_i, psi_i) of element k, scratch.gradient [N], [N m] and, if wanted, its derivatives; return E [J].
+    """Fill dE/d(u_i, psi_i) of element k, scratch.gradient [N], [N m] and, if wanted, its derivatives.
 
     elements : `Elements`; internal : (points, 6) stress resultants in the section frame [N], [N m]
+    rates : `beam.Rates` of a damped element, here and below; None of an undamped one, for which their branches are not compiled
+    Return the elastic energy [J] and the power that is dissipated [W].
     """
-    energy = 0.0
-    _clear(count, scratch.gradient, scratch.hessian, want_tangent)
-    for g in range(count - 1):
-        energy += _add_point(k, g, count, elements, scratch, rates, internal[g], want_tangent)[0]
-    return energy
-
-
-@jit_inner
-def damped_gradient(k, count, elements, scratch, rates, internal, want_tangent):
-    """Compute `element_gradient` with damping; return elastic energy [J] and dissipated power [W] of element k."""
     energy, lost = 0.0, 0.0
     _clear(count, scratch.gradient, scratch.hessian, want_tangent)
-    _clear(count, scratch.gradient, rates.drag, want_tangent)
+    if rates is not None:
+        _clear(count, scratch.gradient, rates.drag, want_tangent)
     for g in range(count - 1):
-        stored, gone = _add_damped_point(k, g, count, elements, scratch, rates, internal[g], want_tangent)
+        stored, gone = _add_point(k, g, count, elements, scratch, rates, internal[g], want_tangent)
         energy, lost = energy + stored, lost + gone
     return energy, lost
 
@@ -167,39 +153,32 @@ def nodal_forces(count, scratch):
     put(scratch.forces[0], 3, moment)
 
 
-def _make_pair(damped: bool) -> Any:
-    """Return the kernel of the forces on node i by node j, both beyond the first.
+@jit_inner
+def _pair(i, j, scratch, rates, tangent):
+    """Set how the forces on node i vary with the motion of node j, both beyond the first.
 
     By poses K = B^T (d2E) B + (dB^T) g with B = diag(1, H_i^-1), symmetric but for (theta_i, theta_i): translations and rotations
     of different nodes commute; with damping  A_i^T (P A_j + V E_j),  and by velocities  A_i^T V A_j.
     """
-
-    @jit_inner
-    def pair(i, j, scratch, rates, tangent):
-        own, other, stiff = mat(scratch.inverse[i]), mat(scratch.inverse[j]), scratch.hessian[i, j]
-        row, column = 6 * i, 6 * j
-        x_x, x_t = part(stiff, 0, 0), mul(part(stiff, 0, 3), other)
-        t_x, t_t = part(stiff, 3, 0), mul(part(stiff, 3, 3), other)
-        if damped:
-            drag, spin, turned = rates.drag[i, j], mat(rates.spin), mat(rates.turned[j])
-            x_x, x_t = msub(x_x, mul(part(drag, 0, 0), spin)), madd(x_t, mul(part(drag, 0, 3), turned))
-            t_x, t_t = msub(t_x, mul(part(drag, 3, 0), spin)), madd(t_t, mul(part(drag, 3, 3), turned))
-        t_x, t_t = tmul(own, t_x), tmul(own, t_t)
-        if i == j:
-            geometric = inverse_tangent_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
-            t_t = madd(t_t, mul(geometric, own))
-        _put_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
-        if damped:
-            x_t, t_x = mul(part(drag, 0, 3), other), tmul(own, part(drag, 3, 0))
-            t_t = tmul(own, mul(part(drag, 3, 3), other))
-            _put_pair(rates.by_velocity, row, column, ((part(drag, 0, 0), x_t), (t_x, t_t)))
-        elif j > i:
-            _mirror(tangent, row, column)
-
-    return pair
-
-
-_pair, _damped_pair = _make_pair(False), _make_pair(True)
+    own, other, stiff = mat(scratch.inverse[i]), mat(scratch.inverse[j]), scratch.hessian[i, j]
+    row, column = 6 * i, 6 * j
+    x_x, x_t = part(stiff, 0, 0), mul(part(stiff, 0, 3), other)
+    t_x, t_t = part(stiff, 3, 0), mul(part(stiff, 3, 3), other)
+    if rates is not None:
+        drag, spin, turned = rates.drag[i, j], mat(rates.spin), mat(rates.turned[j])
+        x_x, x_t = msub(x_x, mul(part(drag, 0, 0), spin)), madd(x_t, mul(part(drag, 0, 3), turned))
+        t_x, t_t = msub(t_x, mul(part(drag, 3, 0), spin)), madd(t_t, mul(part(drag, 3, 3), turned))
+    t_x, t_t = tmul(own, t_x), tmul(own, t_t)
+    if i == j:
+        geometric = inverse_tangent_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
+        t_t = madd(t_t, mul(geometric, own))
+    _put_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
+    if rates is not None:
+        x_t, t_x = mul(part(drag, 0, 3), other), tmul(own, part(drag, 3, 0))
+        t_t = tmul(own, mul(part(drag, 3, 3), other))
+        _put_pair(rates.by_velocity, row, column, ((part(drag, 0, 0), x_t), (t_x, t_t)))
+    elif j > i:
+        _mirror(tangent, row, column)
 
 
 @jit_inner
@@ -220,13 +199,13 @@ def _mirror(a, row, column):
 
 
 @jit_inner
-def element_tangent(count, scratch, rates, tangent):
+def element_tangent(count, scratch, tangent):
     """Fill the exact derivative of the nodal forces by (dx, theta) of all nodes, (6 count, 6 count) [N/m], [N], [N m]."""
     for i in range(1, count):
         for j in range(i, count):
-            _pair(i, j, scratch, rates, tangent)
+            _pair(i, j, scratch, None, tangent)
     for i in range(count - 1, -1, -1):  # node 0 last: its row is the transpose of its column
-        _by_objectivity(i, count, scratch, rates, tangent)
+        _by_objectivity(i, count, scratch, None, tangent)
         if i > 0:
             _mirror(tangent, 6 * i, 0)
 
@@ -240,11 +219,11 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
     """
     for i in range(1, count):
         for j in range(1, count):
-            _damped_pair(i, j, scratch, rates, tangent)
+            _pair(i, j, scratch, rates, tangent)
     for j in range(1, count):
         _first_row(j, count, scratch, rates, tangent)
     for i in range(count):
-        _damped_by_objectivity(i, count, scratch, rates, tangent)
+        _by_objectivity(i, count, scratch, rates, tangent)
     last = tangent.shape[1] - 6
     for row in range(6 * count):
         by = rates.by_velocity[row]
@@ -282,37 +261,30 @@ def _sum_row(j, count, scratch, by_x, by_t, a):
     _put_pair(a, 0, 6 * j, ((x_x, x_t), (mul(back, t_x), mul(back, t_t))))
 
 
-def _make_objectivity(damped: bool) -> Any:
-    """Return the kernel that sets how forces on node i vary with the motion of the first node, from that with all others.
+@jit_inner
+def _by_objectivity(i, count, scratch, rates, tangent):
+    """Set how forces on node i vary with the motion of the first node, from that with all others.
 
     Moved along with the element they do not change, K_(i,x0) = - sum_j K_(i,xj), nor by rigid velocities; turned about
     x_0 by phi, poses and velocities, they turn:
     K_(i,t0) R_0^T phi = (phi x F_i, 0) - sum_j (K_(i,xj) (phi x u_j) + K_(i,tj) R_j^T phi + V_(i,vj) (phi x (v_j - v_0)))
     """
-
-    @jit_inner
-    def by_objectivity(i, count, scratch, rates, tangent):
-        none, r0, row = diagonal(0.0), mat(scratch.r[0]), 6 * i
-        for half in range(0, 6, 3):
-            by_x, by_v, by_w = none, none, none
-            by_t = mscale(-1.0, skew(vec(scratch.forces[i]))) if half == 0 else none
-            for j in range(1, count):
-                arm, turn, column = skew(vec(scratch.u[j])), transpose(mat(scratch.r[j])), 6 * j
-                k_x, k_t = block(tangent, row + half, column), block(tangent, row + half, column + 3)
-                by_x, turned = msub(by_x, k_x), msub(mul(k_x, arm), mul(k_t, turn))
-                if damped:
-                    v_x = block(rates.by_velocity, row + half, column)
-                    v_t = block(rates.by_velocity, row + half, column + 3)
-                    turned = madd(turned, mul(v_x, skew(sub(vec(rates.v[j]), vec(rates.v[0])))))
-                    by_v, by_w = msub(by_v, v_x), madd(by_w, msub(mul(v_x, arm), mul(v_t, turn)))
-                by_t = madd(by_t, turned)
-            put_block(tangent, row + half, 0, by_x)
-            put_block(tangent, row + half, 3, mul(by_t, r0))
-            if damped:
-                put_block(rates.by_velocity, row + half, 0, by_v)
-                put_block(rates.by_velocity, row + half, 3, mul(by_w, r0))
-
-    return by_objectivity
-
-
-_by_objectivity, _damped_by_objectivity = _make_objectivity(False), _make_objectivity(True)
+    none, r0, row = diagonal(0.0), mat(scratch.r[0]), 6 * i
+    for half in range(0, 6, 3):
+        by_x, by_v, by_w = none, none, none
+        by_t = mscale(-1.0, skew(vec(scratch.forces[i]))) if half == 0 else none
+        for j in range(1, count):
+            arm, turn, column = skew(vec(scratch.u[j])), transpose(mat(scratch.r[j])), 6 * j
+            k_x, k_t = block(tangent, row + half, column), block(tangent, row + half, column + 3)
+            by_x, turned = msub(by_x, k_x), msub(mul(k_x, arm), mul(k_t, turn))
+            if rates is not None:
+                v_x = block(rates.by_velocity, row + half, column)
+                v_t = block(rates.by_velocity, row + half, column + 3)
+                turned = madd(turned, mul(v_x, skew(sub(vec(rates.v[j]), vec(rates.v[0])))))
+                by_v, by_w = msub(by_v, v_x), madd(by_w, msub(mul(v_x, arm), mul(v_t, turn)))
+            by_t = madd(by_t, turned)
+        put_block(tangent, row + half, 0, by_x)
+        put_block(tangent, row + half, 3, mul(by_t, r0))
+        if rates is not None:
+            put_block(rates.by_velocity, row + half, 0, by_v)
+            put_block(rates.by_velocity, row + half, 3, mul(by_w, r0))

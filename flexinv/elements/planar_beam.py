@@ -21,7 +21,7 @@ Points of all elements lie in blocks of eight, one quantity beside the other: wh
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,42 +148,35 @@ def point_gradients(elements, p, r):
     """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]; r : their rates, interpolated."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
         if len(elements.damping) > 0:
-            _damped_gradients(elements.lanes, block, elements, p, r)
-        else:
             _gradients(elements.lanes, block, elements, p, r)
+        else:
+            _gradients(elements.lanes, block, elements, p, None)
 
 
-def _make_gradients(damped: bool) -> Any:
-    """Return the kernel of the first derivatives at the points of a block, damped or not."""
-
-    @jit_inner
-    def gradients(lanes, block, elements, p, r):
-        at, own, k = block * POINT_BLOCK, block * CONSTANTS, elements.constants
-        by, d = block * RATES, block * COEFFICIENTS
-        for lane in range(lanes):
-            c, s = cos_sin(p[at + PHI + lane])
-            u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
-            y1, y2 = c * u1 + s * u2, c * u2 - s * u1
-            n1 = k[own + AXIAL + lane] * (y1 - k[own + STRAIN1 + lane])
-            n2 = k[own + SHEAR + lane] * (y2 - k[own + STRAIN2 + lane])
-            m = k[own + BENDING + lane] * (p[at + BEND + lane] - k[own + CURVATURE + lane])
-            if damped:
-                v1, v2, spin = r[by + R1 + lane], r[by + R2 + lane], r[by + SPIN + lane]
-                rate1, rate2 = c * v1 + s * v2 + spin * y2, c * v2 - s * v1 - spin * y1
-                r[by + RATE1 + lane], r[by + RATE2 + lane] = rate1, rate2
-                n1 += elements.damping[d + D_AXIAL + lane] * rate1
-                n2 += elements.damping[d + D_SHEAR + lane] * rate2
-                m += elements.damping[d + D_BENDING + lane] * r[by + BENT + lane]
-            w = k[own + WEIGHT + lane]
-            p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
-            p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
-            p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
-            p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
-
-    return gradients
-
-
-_gradients, _damped_gradients = _make_gradients(False), _make_gradients(True)
+@jit_inner
+def _gradients(lanes, block, elements, p, r):
+    """First derivatives at the points of a block; r : None where no beam is damped, and nothing of damping is compiled."""
+    at, own, k = block * POINT_BLOCK, block * CONSTANTS, elements.constants
+    by, d = block * RATES, block * COEFFICIENTS
+    for lane in range(lanes):
+        c, s = cos_sin(p[at + PHI + lane])
+        u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
+        y1, y2 = c * u1 + s * u2, c * u2 - s * u1
+        n1 = k[own + AXIAL + lane] * (y1 - k[own + STRAIN1 + lane])
+        n2 = k[own + SHEAR + lane] * (y2 - k[own + STRAIN2 + lane])
+        m = k[own + BENDING + lane] * (p[at + BEND + lane] - k[own + CURVATURE + lane])
+        if r is not None:
+            v1, v2, spin = r[by + R1 + lane], r[by + R2 + lane], r[by + SPIN + lane]
+            rate1, rate2 = c * v1 + s * v2 + spin * y2, c * v2 - s * v1 - spin * y1
+            r[by + RATE1 + lane], r[by + RATE2 + lane] = rate1, rate2
+            n1 += elements.damping[d + D_AXIAL + lane] * rate1
+            n2 += elements.damping[d + D_SHEAR + lane] * rate2
+            m += elements.damping[d + D_BENDING + lane] * r[by + BENT + lane]
+        w = k[own + WEIGHT + lane]
+        p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
+        p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
+        p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
+        p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
 
 
 @jit_inner
@@ -194,35 +187,28 @@ def point_hessians(elements, cv, p):
     """
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
         if len(elements.damping) > 0:
-            _damped_hessians(elements.lanes, block, elements, cv, p)
-        else:
             _hessians(elements.lanes, block, elements, cv, p)
+        else:
+            _hessians(elements.lanes, block, elements, None, p)
 
 
-def _make_hessians(damped: bool) -> Any:
-    """Return the kernel of the second derivatives at the points of a block, damped or not."""
-
-    @jit_inner
-    def hessians(lanes, block, elements, cv, p):
-        at, own, d, k = block * POINT_BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
-        for lane in range(lanes):
-            c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
-            n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], k[own + WEIGHT + lane]
-            ea, ga, bending = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
-            if damped:
-                ea += cv * elements.damping[d + D_AXIAL + lane]
-                ga += cv * elements.damping[d + D_SHEAR + lane]
-                bending += cv * elements.damping[d + D_BENDING + lane]
-            b1, b2 = ea * y2 - n2, n1 - ga * y1
-            p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
-            p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * bending
-            p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
-            p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
-
-    return hessians
-
-
-_hessians, _damped_hessians = _make_hessians(False), _make_hessians(True)
+@jit_inner
+def _hessians(lanes, block, elements, cv, p):
+    """Second derivatives at the points of a block; cv : None where no beam is damped."""
+    at, own, d, k = block * POINT_BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
+    for lane in range(lanes):
+        c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
+        n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], k[own + WEIGHT + lane]
+        ea, ga, bending = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
+        if cv is not None:
+            ea += cv * elements.damping[d + D_AXIAL + lane]
+            ga += cv * elements.damping[d + D_SHEAR + lane]
+            bending += cv * elements.damping[d + D_BENDING + lane]
+        b1, b2 = ea * y2 - n2, n1 - ga * y1
+        p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
+        p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * bending
+        p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
+        p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
 
 
 @jit_inner

@@ -29,7 +29,6 @@ from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.linearization import Matrices, matrices
 from flexinv.dynamics.solver import Solver
-from flexinv.dynamics.stepper import CONVERGED
 from flexinv.errors import InputError
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
@@ -177,9 +176,7 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
         start_undeformed(held, q, nothing, nothing)
         held.load_at(0.0, q, nothing, nothing)
     found = equilibrium(held, q, "rest position for modes")
-    status, iterations, size = held.newton(STATICS, found)
-    if status != CONVERGED:
-        raise held.complain(status, iterations, size, "rest position for modes")
+    held.solve_instant(STATICS, found, "rest position for modes")
     sections = solver.topology.independent
     solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
     return joints, held

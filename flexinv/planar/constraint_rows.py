@@ -10,62 +10,11 @@ long as the linearisation of the tree.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from flexinv.dynamics.constraint_rows import Layout, factorise_border
-from flexinv.kernels.block_elimination import Pivots
+from flexinv.dynamics.constraint_rows import DIRECTION, factorise_border
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
 from flexinv.planar.tree_solver import solve_part
-from flexinv.typing import Array
-
-
-@by_address
-class PlanarTies(NamedTuple):
-    """Rows of the border of a mechanism in a plane.
-
-    row : (rows,) among those of `dynamics.constraint_rows.Ties`; direction, acting : (rows,); a, b : (rows,) nodes, -1 the world
-    place_a, place_b [m], u, w : (rows, 2) in the nodes' frames, seen in the plane where the nodes stand at zero
-    multiplier : (rows,) [N], [N m]; value : (rows,) phi or phi''; give : (rows,) zeros; gradient : (rows, 6) by the poses of a, b
-    across : (rows, unknowns) -A, less the gradient by the unknowns; layout : parts of the mechanism that rows have to do with
-    border : (rows, rows) A K^-1 C, pivots : its factors; step, kept : (rows,)
-    single : nodes alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
-    block : (blocks,) the other blocks of unknowns
-    member : (blocks, most) nodes of each, -1 behind the last; mass, weight, left, change (nodes, 3) : scratch
-    """
-
-    row: NDArray[np.int64]
-    direction: NDArray[np.bool_]
-    acting: NDArray[np.bool_]
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
-    place_a: Array
-    place_b: Array
-    u: Array
-    w: Array
-    multiplier: Array
-    value: Array
-    give: Array
-    gradient: Array
-    across: Array
-    border: Array
-    pivots: Pivots
-    layout: Layout
-    step: Array
-    kept: Array
-    single: NDArray[np.int64]
-    over: Array
-    block: NDArray[np.int64]
-    member: NDArray[np.int64]
-    mass: Array
-    weight: Array
-    left: NDArray[np.bool_]
-    change: Array
 
 
 @jit_inner
@@ -123,7 +72,7 @@ def tie_rows(constraints, frames, rated):
         a, b = constraints.a[r], constraints.b[r]
         x, y = _motion(frames, a), _motion(frames, b)
         u = _rates(_turned(on_a, constraints.u[r]), x[1][2], x[2][2])
-        if constraints.direction[r]:
+        if constraints.kind[r] == DIRECTION:
             w = _rates(_turned(on_b, constraints.w[r]), y[1][2], y[2][2])
             across = u[0][0] * w[0][1] - u[0][1] * w[0][0]  # J u . w
             put(constraints.gradient[r], 0, (0.0, 0.0, across))
@@ -159,10 +108,9 @@ def tie_sides(tree, constraints, frames, residual):
 @jit_inner
 def factorise_ties(system):
     """Find K^-1 C, rows 1.. of work.y, and the factors of the border with a new linearisation [m/N], [rad/N]."""
-    constraints, work = system.constraints, system.work
-    plan = constraints.layout
-    tie_sides(system.tree, constraints, system.frames, work.residual)
+    ties, plan, work = system.ties, system.ties.layout, system.work
+    tie_sides(system.tree, ties, system.frames, work.residual)
     for part in range(len(plan.first_side) - 1):
         for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
             solve_part(system.tree, system.elements, system.factors, part, work.residual[side], work.y[side])
-    factorise_border(constraints, plan, plan.blocks, work.y)
+    factorise_border(ties, plan.blocks, work.y)

@@ -6,13 +6,39 @@ has one small matrix for each block of unknowns; Newton's remaining residual r i
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.dynamics.constraint_rows import add_ties, factorise_border, solve_border
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, add_scaled, add_to, put, vec, vec_at
 from flexinv.planar.constraint_rows import tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
+from flexinv.typing import Array
+
+
+@by_address
+class BlockMasses(NamedTuple):
+    """Blocks of unknowns whose mass matrices are inverted.
+
+    single : nodes alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
+    block : (blocks,) the other blocks of unknowns; member : (blocks, most) nodes of each, -1 behind the last
+    mass, weight, left, change (nodes, 3) : scratch
+    """
+
+    single: NDArray[np.int64]
+    over: Array
+    block: NDArray[np.int64]
+    member: NDArray[np.int64]
+    mass: Array
+    weight: Array
+    left: NDArray[np.bool_]
+    change: Array
 
 
 @jit_inner
@@ -22,26 +48,26 @@ def project_accelerations(system):
     What the accelerations of the unknowns change by stays in work.y[0] [m/s^2], [rad/s^2].
     work.residual[0] : what Newton has left [N], [N m]
     """
-    tree, constraints, frames = system.tree, system.constraints, system.frames
-    plan, residual, y = constraints.layout, system.work.residual, system.work.y
+    tree, ties, masses, frames = system.tree, system.ties, system.masses, system.frames
+    plan, residual, y = ties.layout, system.work.residual, system.work.y
     vary_poses(tree, frames)
-    tie_rows(constraints, frames, True)
-    tie_sides(tree, constraints, frames, residual)
-    for n in range(len(constraints.single)):
-        block, over = tree.block[constraints.single[n]], constraints.over[n]
+    tie_rows(ties, frames, True)
+    tie_sides(tree, ties, frames, residual)
+    for n in range(len(masses.single)):
+        block, over = tree.block[masses.single[n]], masses.over[n]
         first, part = tree.offset[block], tree.part[block]
         for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
             for i in range(3):
                 y[side, first + i] = -residual[side, first + i] * over[i]
-    for b in range(len(constraints.block)):
-        _accelerate_block(b, tree, constraints, frames, residual, y)
-    factorise_border(constraints, plan, plan.blocks, y)
-    solve_border(constraints, plan, plan.blocks, 1.0, y)
-    _change(tree, constraints, frames, y[0])
+    for b in range(len(masses.block)):
+        _accelerate_block(b, tree, plan, masses, frames, residual, y)
+    factorise_border(ties, plan.blocks, y)
+    solve_border(ties, plan.blocks, 1.0, y)
+    _change(tree, ties, masses.change, frames, y[0])
 
 
 @jit_inner
-def _change(tree, constraints, frames, by):
+def _change(tree, ties, changes, frames, by):
     """Add to the nodes' accelerations and wrenches what changes of accelerations and multipliers do, both of them linear."""
     for n in range(len(tree.parent)):
         first, change, m = tree.offset[tree.block[n]], ZERO, tree.mass[n]
@@ -51,25 +77,25 @@ def _change(tree, constraints, frames, by):
             for i in range(tree.size[tree.block[n]]):
                 change = add_scaled(change, by[first + i], vec(frames.by_pose[n, i]))
         add_to(frames.acceleration[n], 0, change)
-        put(constraints.change[n], 0, (m * change[0], m * change[1], tree.inertia[n] * change[2]))
-    add_ties(constraints, constraints.step, constraints.change)
+        put(changes[n], 0, (m * change[0], m * change[1], tree.inertia[n] * change[2]))
+    add_ties(ties, ties.step, changes)
     for n in range(len(tree.parent) - 1, -1, -1):
-        f1, f2, mu = vec(constraints.change[n])
+        f1, f2, mu = vec(changes[n])
         add_to(frames.wrench[n], 0, (f1, f2, mu))
         if tree.parent[n] >= 0 and not tree.independent[n]:
             turned = frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1
-            add_to(constraints.change[tree.parent[n]], 0, (f1, f2, mu + turned))
+            add_to(changes[tree.parent[n]], 0, (f1, f2, mu + turned))
 
 
 @jit_inner
-def _accelerate_block(b, tree, constraints, frames, residual, y):
+def _accelerate_block(b, tree, plan, masses, frames, residual, y):
     """Set y = -M^-1 residual of one block: its mass matrix from its nodes and the rotors of its passive joints."""
-    block, largest = constraints.block[b], 0.0
-    columns, first, m = tree.size[block], tree.offset[block], constraints.mass
+    block, largest = masses.block[b], 0.0
+    columns, first, m = tree.size[block], tree.offset[block], masses.mass
     for i in range(columns):
         for j in range(columns):
             m[i, j] = 0.0
-    for n in constraints.member[b]:
+    for n in masses.member[b]:
         if n < 0:
             break
         for i in range(columns):
@@ -85,8 +111,8 @@ def _accelerate_block(b, tree, constraints, frames, residual, y):
         unit = tree.scale[first + i] ** 2
         if m[i, i] * unit <= MASSLESS * largest:  # what has no inertia keeps its acceleration
             m[i, i] = largest / unit
-    invert_scaled(m, columns, 0.0, constraints.weight, constraints.left)
-    plan, part = constraints.layout, tree.part[block]
+    invert_scaled(m, columns, 0.0, masses.weight, masses.left)
+    part = tree.part[block]
     for i in range(columns):
         for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
             total = 0.0

@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.dynamics.constraint_rows import layout, touched_parts
+from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties, touched_parts
 from flexinv.dynamics.dofs import Indices, Topology, laid_out, topology
-from flexinv.elements.planar_beam import (
-    AXIAL,
-    BENDING,
-    CURVATURE,
-    D_AXIAL,
-    D_BENDING,
-    D_SHEAR,
-    POINTS_AT_ONCE,
-    SHEAR,
-    STRAIN1,
-    STRAIN2,
-    WEIGHT,
-    PlanarElements,
-)
-from flexinv.kernels.block_elimination import Pivots
+from flexinv.elements.planar_beam import POINTS_AT_ONCE, PlanarElements
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import Plane, find_plane, seen, tied_in
-from flexinv.planar.history import Embedding
+from flexinv.planar.index1 import BlockMasses
+from flexinv.planar.stepper import Embedding
 from flexinv.planar.tree import PlanarTree
 from flexinv.typing import Array
 
@@ -66,7 +53,7 @@ class PlanarModel:
 
     pick : (planar unknowns, spatial unknowns) components along the plane's axes, turns about its normal
     place : indices of the elements' own unknowns for `planar.solver`
-    joints : the nodes with a joint; constraints : the rows of which each time integration has a copy
+    ties, masses : of which each time integration has a copy; joints : the nodes with a joint
     """
 
     plane: Plane
@@ -76,7 +63,8 @@ class PlanarModel:
     space: Embedding
     pick: Array
     place: tuple[Indices, Indices, Indices]
-    constraints: PlanarTies
+    ties: Ties
+    masses: BlockMasses
     joints: JointNodes
 
 
@@ -85,13 +73,18 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
     plane, t = find_plane(mesh), topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
-    tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
-    pick = _pick(mesh, t, tree, plane, space)
-    tied = _constraints(constraint_rows(mesh), plane, tree, t)
+    rows = constraint_rows(mesh)
+    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
+    tree, space = _tree(mesh, t, plane), _embedding(mesh, plane, row)
+    elements, pick, tied = (
+        _elements(mesh, plane, space),
+        _pick(mesh, t, tree, plane, space),
+        _ties(rows, row, plane, tree, t),
+    )
     node = np.flatnonzero(mesh.v_index >= 0)
     turns_on, given = mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
-    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, joints)
+    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _masses(tree), joints)
 
 
 def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
@@ -112,19 +105,14 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     size = np.where(hangs, topology.size, topology.size - 3)  # three freedoms of a node instead of six
     passive = topology.freedoms > 0
     turning, sliding = np.any(mesh.turn, axis=(1, 2)), np.any(mesh.slide, axis=(1, 2))
-    before = [plane.axes.T if m < 0 else frames[m] for m in mesh.parent]
-    offset_p = np.array([frame @ offset for frame, offset in zip(before, mesh.offset, strict=True)]).reshape(-1, 3)
-    axis = np.einsum("nij,nj->ni", frames, mesh.axis)  # (node, xyz), in the plane's axes
+    offset_p, axis = seen(plane, mesh.parent, mesh.offset), seen(plane, np.arange(mesh.size), mesh.axis)  # (node, xyz)
     scale = np.ones(int(size.sum()))
     offset, span = laid_out(size, topology.part)
     column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
     part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
-    for n in range(mesh.size):
-        first = offset[topology.block[n]]
-        if topology.independent[n]:
-            scale[first : first + 2] = mesh.length
-        elif passive[n] and sliding[n]:
-            scale[first + column[n]] = mesh.length
+    first = offset[topology.block]
+    scale[first[topology.independent, None] + np.arange(2)] = mesh.length
+    scale[(first + column)[passive & sliding]] = mesh.length
     driven = moves & ~passive
     return PlanarTree(
         parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
@@ -139,44 +127,44 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     )  # fmt: skip
 
 
-def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
-    e = mesh.elements
-    elements, count = e.nodes.shape
-    points = max(count - 1, 0)
-    bend, heading = np.zeros((elements, count)), np.zeros(elements)
-    blocks = -(-elements * points // POINTS_AT_ONCE)
-    constants = np.zeros((blocks, 7, POINTS_AT_ONCE))
-    damping = np.zeros((blocks if len(e.damping) else 0, 3, POINTS_AT_ONCE))
-    for k, nodes in enumerate(e.nodes):
-        frames = plane.frames[nodes[: e.order[k] + 1]]
-        heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
-        relative = np.einsum("ji,njk->nik", frames[0], frames)  # (node, 3, 3), R_0^T R_i
-        bend[k, : len(frames)] = log_so3(relative) @ frames[0, 2]
-        axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
-        for g in range(e.order[k]):
-            block, lane = divmod(k * points + g, POINTS_AT_ONCE)
-            stiffness, *viscous = (
-                (a[k, g, 0], side**2 @ a[k, g, :3], axle**2 @ a[k, g, 3:]) for a in (e.stiffness, e.damping) if len(a)
-            )
-            strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
-            rows = [int(r) // POINTS_AT_ONCE for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
-            constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
-            if viscous:
-                damping[block, [int(r) // POINTS_AT_ONCE for r in (D_AXIAL, D_SHEAR, D_BENDING)], lane] = viscous[0]
-    flat = on_lines(constants.reshape(-1)), on_lines(damping.reshape(-1))
-    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(POINTS_AT_ONCE), *flat)
+def _elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElements:
+    e, side = mesh.elements, space.side
+    root = e.nodes[:, :1].ravel()
+    frames, axle = plane.frames[root], space.axle[root]
+    turned = frames[:, None].transpose(0, 1, 3, 2) @ plane.frames[e.nodes]  # (element, node, 3, 3), R_0^T R_i
+    bend = np.einsum("kni,ki->kn", log_so3(turned), axle) * (np.arange(e.nodes.shape[1]) <= e.order[:, None])
+    stiffness, damping = (
+        [a[..., 0], *(_along(a[..., own], axes[: len(a)] ** 2) for own, axes in ((np.s_[:3], side), (np.s_[3:], axle)))]
+        for a in (e.stiffness, e.damping)
+    )
+    constants = *stiffness, e.weight, e.gamma0[..., 0], _along(e.gamma0, side), _along(e.kappa0, axle)
+    return PlanarElements(
+        e.order, e.nodes, e.shape, e.slope, bend, np.arctan2(frames[:, 1, 0], frames[:, 0, 0]), np.uint64(POINTS_AT_ONCE),
+        _in_blocks(constants), _in_blocks(damping),
+    )  # fmt: skip
 
 
-def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
-    axes, frames = plane.axes, plane.frames
-    upright = np.diag([0.0, 0.0, 1.0])
-    side = np.zeros((len(mesh.elements.order), 3))
-    for k, nodes in enumerate(mesh.elements.nodes):
-        side[k] = frames[nodes[0]].T @ QUARTER @ frames[nodes[0]][:, 0]
+def _along(vectors: Array, axes: Array) -> Array:
+    """Components of vectors (elements, points, 3) along an axis of each element."""
+    return np.asarray(np.einsum("kgi,ki->kg", vectors, axes))
+
+
+def _in_blocks(rows: Sequence[Array]) -> Array:
+    """Quantities (elements, points) of all points as the rows of blocks, in the order that `planar_beam` gives them."""
+    flat = np.stack(rows).reshape(len(rows), -1)
+    flat = np.pad(flat, ((0, 0), (0, -flat.shape[1] % POINTS_AT_ONCE)))
+    blocks = flat.reshape(len(rows), flat.shape[1] // POINTS_AT_ONCE, POINTS_AT_ONCE)
+    return on_lines(blocks.swapaxes(0, 1).reshape(-1))
+
+
+def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
+    axes, frames, upright = plane.axes, plane.frames, np.diag([0.0, 0.0, 1.0])
+    roots = frames[mesh.elements.nodes[:, :1].ravel()]
     across, along, normal = (
         np.ascontiguousarray(axes @ part @ frames) for part in (np.eye(3) - upright, QUARTER, upright)
     )
-    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side)
+    side = np.einsum("kji,kj->ki", roots, roots[:, :, 0] @ QUARTER.T)
+    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side, row)
 
 
 def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
@@ -199,29 +187,24 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
 
 
-def _constraints(rows: Rows, plane: Plane, tree: PlanarTree, topology: Topology) -> PlanarTies:
-    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
-    a, b, count = rows.a[row], rows.b[row], len(tree.size)
-    members = [np.flatnonzero(tree.block == block) for block in range(count)]
-    alone = [len(members[k]) == 1 and tree.size[k] == 3 for k in range(count)]
-    blocks = [k for k in range(count) if tree.size[k] > 0 and not alone[k]]
-    member = np.full((len(blocks), max((len(members[k]) for k in blocks), default=0)), -1, dtype=np.int64)
-    for own, k in zip(member, blocks, strict=True):
-        own[: len(members[k])] = members[k]
-    single = np.array([members[k][0] for k in range(count) if alone[k]], dtype=np.int64)
-    place_a, place_b, u, w = (
+def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree, topology: Topology) -> Ties:
+    a, b = rows.a[row], rows.b[row]
+    vectors = [
         np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
         for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
-    )
+    ]
+    gear, kind = np.zeros((len(row), len(tree.scale))), np.where(rows.direction[row], DIRECTION, POSITION)
+    return ties(kind, (a, b), vectors, gear, layout(tree.span, touched_parts(topology, a, b, gear), rows.closure[row]))
+
+
+def _masses(tree: PlanarTree) -> BlockMasses:
+    nodes, widest = np.bincount(tree.block, minlength=len(tree.size)), max(int(tree.size.max(initial=0)), 1)
+    alone = (nodes == 1) & (tree.size == 3)
+    single, blocks = np.flatnonzero(alone[tree.block]), np.flatnonzero((tree.size > 0) & ~alone)
+    member = np.full((len(blocks), nodes[blocks].max(initial=0)), -1, dtype=np.int64)
+    for own, block in zip(member, blocks, strict=True):
+        own[: nodes[block]] = np.flatnonzero(tree.block == block)
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
-    n, widest = len(row), max(int(tree.size.max(initial=0)), 1)
-    touched = touched_parts(topology, a, b, np.zeros((n, len(topology.scale))))
-    return PlanarTies(
-        row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
-        place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n), value=np.zeros(n), give=np.zeros(n),
-        gradient=np.zeros((n, 6)), across=np.zeros((n, len(tree.scale))), border=np.zeros((n, n)), pivots=Pivots.of(n),
-        layout=layout(tree.span, touched, rows.closure[row]), step=np.zeros(n), kept=np.zeros(n), single=single, over=over,
-        block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)), weight=np.zeros(widest),
-        left=np.zeros(widest, dtype=bool), change=np.zeros((len(tree.parent), 3)),
-    )  # fmt: skip
+    mass, weight, left = np.zeros((widest, widest)), np.zeros(widest), np.zeros(widest, dtype=bool)
+    return BlockMasses(single, over, blocks, member, mass, weight, left, np.zeros((len(tree.parent), 3)))

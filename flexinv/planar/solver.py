@@ -14,14 +14,14 @@ from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import State, Trajectory
 from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATES
 from flexinv.kernels.memory import cleared, on_lines
-from flexinv.kernels.so3 import exp_so3, log_so3
+from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import seen
+from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.model import PlanarModel, planar_model
 from flexinv.planar.stepper import PlanarSystem, PlanarWork, planar_march
-from flexinv.planar.tree import PlanarFrames, PlanarState
+from flexinv.planar.tree import PlanarFrames
 from flexinv.planar.tree_solver import FOUR, PlanarFactors
 from flexinv.typing import Array
 
@@ -36,21 +36,20 @@ class PlanarMarch:
 
     mesh: Mesh
     model: PlanarModel
-    state: PlanarState
+    state: State
     frames: PlanarFrames
     factors: PlanarFactors
     work: PlanarWork
-    ties: PlanarTies
+    ties: Ties
+    masses: BlockMasses
 
     @classmethod
     def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
         m = planar_model(mesh, frozenset(passive))
-        unknowns, widest, sides = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1), 1 + len(m.constraints.row)
+        unknowns, widest, sides = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1), 1 + len(m.ties.a)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
-        series = [cleared(unknowns) for _ in range(8)]
-        state = PlanarState._make([cleared(*vectors), *series, np.zeros(1, dtype=np.int64)])
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
             points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
@@ -58,13 +57,15 @@ class PlanarMarch:
             felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
-        return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
+        return cls(mesh, m, State.of(0, unknowns), frames, _factors(m), work, _copied(m.ties), _copied(m.masses))
 
     @property
     def system(self) -> PlanarSystem:
         """Return the arrays as the kernels take them."""
         m = self.model
-        return PlanarSystem(m.tree, m.elements, self.ties, m.space, self.state, self.frames, self.factors, self.work)
+        return PlanarSystem(
+            m.tree, m.elements, self.ties, self.masses, m.space, self.state, self.frames, self.factors, self.work
+        )  # fmt: skip
 
     @classmethod
     def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -76,7 +77,7 @@ class PlanarMarch:
 
     def leave(self, passive: Collection[str]) -> None:
         """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
-        self.ties.multiplier[:], self.ties.over[:] = 0.0, self.model.constraints.over
+        self.ties.multiplier[:], self.masses.over[:] = 0.0, self.model.masses.over
         _left(self.mesh, frozenset(passive)).append(self)
 
     def restart(
@@ -89,60 +90,54 @@ class PlanarMarch:
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
-        e, free = self.model.elements, self.model.tree.independent
+        e, (free, at) = self.model.elements, self._independent()
         if not 0 <= element < len(e.order):
             return 0.0
-        nodes = e.nodes[element, : e.order[element] + 1]
-        angle = (
-            np.where(free[nodes], self.state.start[nodes, 2], self.frames.pose[nodes, 2])
-            + e.bend[element, : len(nodes)]
-        )
+        angle, nodes = self.frames.pose[:, 2].copy(), e.nodes[element, : e.order[element] + 1]
+        angle[free] = self.state.place[at[:, 2]]
+        angle = angle[nodes] + e.bend[element, : len(nodes)]
         return float(np.abs(np.angle(np.exp(1j * (angle - angle[0])))).max())
 
     def take(self, s: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
-        own = self.ties
-        own.acting[:], own.multiplier[:] = ties.acting[own.row], ties.multiplier[own.row]
-        if len(own.row):
+        own, row = self.ties, self.model.space.row
+        own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
+        if len(row):
             for here, node, vectors in (
                 (own.place_a, own.a, ties.place_a),
                 (own.place_b, own.b, ties.place_b),
                 (own.u, own.a, ties.u),
                 (own.w, own.b, ties.w),
             ):
-                here[:] = seen(self.model.plane, node, vectors[own.row])[:, :2]
-        self._take(s)
-
-    def _take(self, state: State) -> None:
-        here, m = self.state, self.model
-        free = np.flatnonzero(m.tree.independent)
-        turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
-        here.start[free, :2] = state.x[free] @ m.plane.axes[:, :2]
-        here.start[free, 2] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-        for n in np.flatnonzero(~m.tree.independent & (m.tree.column >= 0)):
-            here.start[n, 0] = self._coordinate(int(n), state)
-        pick = self.model.pick
-        for name in ("u", "du", "pseudo", "u0", "du0"):
-            getattr(here, name)[:] = pick @ getattr(state, name)
+                here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
+        here, m, (free, at) = self.state, self.model, self._independent()
+        for name in ("u", "du", "pseudo", "u0", "du0", "place"):
+            getattr(here, name)[:] = m.pick @ getattr(s, name)
+        turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, s.r[free], m.plane.frames[free])  # axes^T R frames^T
+        here.place[at[:, :2]] = s.x[free] @ m.plane.axes[:, :2]
+        here.place[at[:, 2]] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
         here.d[:], here.trend[:], here.bend[:], here.order[:] = 0.0, 0.0, 0.0, 0
 
     def give(self, state: State, ties: Ties) -> None:
         """Put the spatial solver where this march has come to [m, rad, s, N]."""
-        ties.multiplier[self.ties.row] = self.ties.multiplier
-        here, axes = self.state, self.model.plane.axes
-        for n in range(self.mesh.size):
-            if self.model.tree.independent[n]:
-                state.x[n] = axes @ np.append(here.start[n, :2], self.model.plane.height)
-                state.r[n] = self._rotation(n, here.start[n, 2])
-            elif self.model.tree.column[n] >= 0:
-                q, placed = here.start[n, 0], self.mesh.rotation[n]
-                turning = self.mesh.turn[n].any()
-                state.x[n] = self.mesh.offset[n] if turning else self.mesh.offset[n] + q * placed @ self.mesh.axis[n]
-                state.r[n] = placed @ exp_so3(q * self.mesh.axis[n]) if turning else placed
-        pick = self.model.pick
-        for name in ("u", "du", "pseudo", "u0", "du0"):
-            getattr(state, name)[:] = pick.T @ getattr(here, name)
+        ties.multiplier[self.model.space.row] = self.ties.multiplier
+        here, m, (free, at) = self.state, self.model, self._independent()
+        for name in ("u", "du", "pseudo", "u0", "du0", "place"):
+            getattr(state, name)[:] = m.pick.T @ getattr(here, name)
+        (x, y, angle), space = here.place[at].T[:, :, None, None], m.space
+        state.x[free] = np.column_stack([x.ravel(), y.ravel(), np.full(len(free), space.height)]) @ space.axes.T
+        state.r[free] = np.cos(angle) * space.across[free] + np.sin(angle) * space.along[free] + space.normal[free]
+        held = np.flatnonzero(~m.tree.independent & (m.tree.column >= 0))
+        q = here.place[m.tree.offset[m.tree.block[held]] + m.tree.column[held], None]
+        state.x[held] = self.mesh.offset[held] + q * m.topology.slide[held, 0]
+        state.r[held] = self.mesh.rotation[held] @ exp_so3(q * m.topology.turn[held, 0])
         state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
+
+    def _independent(self) -> tuple[Indices, Indices]:
+        """Independent nodes, and where x, y and theta of each stand among the unknowns, (nodes, 3)."""
+        tree = self.model.tree
+        free = np.flatnonzero(tree.independent)
+        return free, tree.offset[tree.block[free], None] + np.arange(3)
 
     def arguments(
         self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Trajectory
@@ -177,27 +172,11 @@ class PlanarMarch:
         status, instant, count, size = planar_march(self.system, scheme, joint, still, given, row, out)
         return int(status), int(instant), int(count), float(size)
 
-    def _rotation(self, n: int, angle: float) -> Array:
-        space = self.model.space
-        return np.asarray(np.cos(angle) * space.across[n] + np.sin(angle) * space.along[n] + space.normal[n])
-
-    def _coordinate(self, n: int, state: State) -> float:
-        placed, axis = self.mesh.rotation[n], self.mesh.axis[n]
-        if not self.mesh.turn[n].any():
-            return float(axis @ placed.T @ (state.x[n] - self.mesh.offset[n]))
-        return float(axis @ log_so3(placed.T @ state.r[n]))
-
 
 @kept_with_owner()
 def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []
-
-
-def _ties(model: PlanarModel) -> PlanarTies:
-    """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
-    rows: Any = model.constraints
-    return PlanarTies._make(_copied(part) for part in rows)
 
 
 def _copied(part: Any) -> Any:

@@ -9,16 +9,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import add_ties, any_acts, keep, restore, solve_border
+from flexinv.dynamics.constraint_rows import Ties, add_ties, any_acts, keep, restore, solve_border
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
     ACCELERATIONS,
     DYNAMIC,
     PASSES,
     SQUARED,
-    advance_rates,
+    advance_unknowns,
     is_sudden,
     largest_increment,
     predict,
@@ -34,23 +35,30 @@ from flexinv.dynamics.stepper import (
     SUDDEN_START,
     TURNED_TOO_MUCH,
 )
+from flexinv.dynamics.system import State
 from flexinv.elements.planar_beam import (
+    N1,
+    N2,
+    M,
     PlanarElements,
     add_forces,
+    dissipated,
+    energy,
     interpolate,
     interpolate_rates,
+    point,
     point_gradients,
     point_hessians,
     relax,
 )
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.planar.constraint_rows import PlanarTies, factorise_ties, tie_rows
-from flexinv.planar.history import Embedding, record
-from flexinv.planar.index1 import project_accelerations
+from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.vec3 import dot, put, vec
+from flexinv.planar.constraint_rows import factorise_ties, tie_rows
+from flexinv.planar.index1 import BlockMasses, project_accelerations
 from flexinv.planar.tree import (
     PlanarFrames,
-    PlanarState,
     PlanarTree,
     accept,
     forward_pass,
@@ -97,14 +105,35 @@ class PlanarWork(NamedTuple):
 
 
 @by_address
+class Embedding(NamedTuple):
+    """Embedding of the plane in space.
+
+    axes : (3, 3) columns: the plane's x, y and its normal, in the world; height : of the plane along the normal [m]
+    across, along, normal : (nodes, 3, 3) R_W,node = cos(theta) across + sin(theta) along + normal
+    axle : (nodes, 3) the normal in the nodes' frames; side : (elements, 3) J e_1 in the section frames
+    row : (rows,) of the constraints that act in the plane among those in space
+    """
+
+    axes: Array
+    height: float
+    across: Array
+    along: Array
+    normal: Array
+    axle: Array
+    side: Array
+    row: NDArray[np.int64]
+
+
+@by_address
 class PlanarSystem(NamedTuple):
     """A mechanism in a plane under time integration, as `dynamics.system.System` in space."""
 
     tree: PlanarTree
     elements: PlanarElements
-    constraints: PlanarTies
+    ties: Ties
+    masses: BlockMasses
     space: Embedding
-    state: PlanarState
+    state: State
     frames: PlanarFrames
     factors: PlanarFactors
     work: PlanarWork
@@ -118,14 +147,14 @@ def evaluate(system, given, moved):
     """
     elements, frames, work, largest, worst = system.elements, system.frames, system.work, 0.0, 0
     forward_pass(system.tree, system.state, given, frames)
-    tie_rows(system.constraints, frames, False)
+    tie_rows(system.ties, frames, False)
     if moved:
         largest, worst = interpolate(elements, frames.pose, work.u, work.points)
         if len(elements.damping) > 0:
             interpolate_rates(elements, frames.rate, work.rates)
         point_gradients(elements, work.points, work.rates)
     node_wrenches(system.tree, frames)
-    add_ties(system.constraints, system.constraints.multiplier, frames.wrench)
+    add_ties(system.ties, system.ties.multiplier, frames.wrench)
     add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
     gather(system.tree, system.state, frames, work.residual[0])
     return largest, worst
@@ -151,7 +180,7 @@ def newton(system, scheme, given, slow, most):
     Where only accelerations are asked for, the state stands still.
     slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
     """
-    tree, elements, constraints = system.tree, system.elements, system.constraints
+    tree, elements, ties = system.tree, system.elements, system.ties
     state, work = system.state, system.work
     size, fresh, last, damped = 0.0, True, scheme.mode == ACCELERATION, len(elements.damping) > 0
     for iteration in range(most + 1):
@@ -164,7 +193,7 @@ def newton(system, scheme, given, slow, most):
         if fresh:
             linearise(system, scheme)
         solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
-        solve_border(constraints, constraints.layout, constraints.layout.blocks, 1.0, work.y)
+        solve_border(ties, ties.layout.blocks, 1.0, work.y)
         before, size = size, largest_increment(work.y[0], tree.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
@@ -186,14 +215,14 @@ def begin_step(system, scheme, given):
 
     Return whether that leaves something out [-].
     """
-    tree, constraints, state, work = system.tree, system.constraints, system.state, system.work
+    tree, ties, state, work = system.tree, system.ties, system.state, system.work
     for i in range(len(state.du)):
         state.pseudo[i] = state.du[i]
     jump = 0.0
     for i in range(len(state.du)):
         jump = max(jump, scheme.h * scheme.h * abs(state.pseudo[i] - state.du0[i]) / tree.scale[i])
     if jump > STILL:
-        keep(constraints)
+        keep(ties)
         for i in range(len(state.du)):
             state.du[i] = state.du0[i]
         vary_independent(tree, system.frames, scheme.cv, scheme.ca)
@@ -201,14 +230,14 @@ def begin_step(system, scheme, given):
             evaluate(system, given, True)
             linearise(system, scheme)
             solve_tree(tree, system.elements, system.factors, work.residual[0], work.y[0])
-            tie_rows(constraints, system.frames, True)
-            solve_border(constraints, constraints.layout, constraints.layout.blocks, scheme.ca, work.y)
+            tie_rows(ties, system.frames, True)
+            solve_border(ties, ties.layout.blocks, scheme.ca, work.y)
             for i in range(len(state.du)):
                 state.du[i] += scheme.ca * work.y[0, i]
         if is_sudden(scheme, tree.scale, state.pseudo, state.du):
             accept(state)
             return True
-        restore(constraints)
+        restore(ties)
     for i in range(len(state.du)):
         state.du[i] = state.pseudo[i]
     accept(state)
@@ -229,21 +258,6 @@ def slips(tree, elements, scheme, state, frames):
     return -1
 
 
-@jit_inner
-def advance(tree, scheme, state):
-    """Finish a step: its end becomes the start of the next [m, rad, s]."""
-    advance_rates(scheme, state, tree.scale)
-    for n in range(len(tree.parent)):
-        o = tree.offset[tree.block[n]]
-        if tree.independent[n]:
-            for i in range(3):
-                state.start[n, i] += state.d[o + i]
-        elif tree.column[n] >= 0:
-            state.start[n, 0] += state.d[o + tree.column[n]]
-    for k in range(len(state.d)):
-        state.d[k] = 0.0
-
-
 @jit
 def planar_march(system, step, start_at, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
@@ -256,9 +270,9 @@ def planar_march(system, step, start_at, still, given, row, out):
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
-    tree, constraints, state = system.tree, system.constraints, system.state
+    tree, ties, state = system.tree, system.ties, system.state
     frames, work = system.frames, system.work
-    count, size, acts = 0, 0.0, any_acts(constraints)
+    count, size, acts = 0, 0.0, any_acts(ties)
     if start_at.shape[0] > 0:
         stand(tree, state, start_at, frames)
         accept(state)
@@ -272,18 +286,18 @@ def planar_march(system, step, start_at, still, given, row, out):
             vary_independent(tree, frames, scheme.cv, scheme.ca)
         if moves:
             predict(step, state)
-        keep(constraints)
+        keep(ties)
         status, count, size = newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
             predict(step, state)
-            restore(constraints)
+            restore(ties)
             status, count, size = newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         settles = not moves or (acts and row[n] >= 0)
         if settles:
-            keep(constraints)
+            keep(ties)
             project_accelerations(system)
         if row[n] >= 0:
             record(row[n], system, out)
@@ -295,6 +309,54 @@ def planar_march(system, step, start_at, still, given, row, out):
                 return SUDDEN_START, n + 1, count, size
             continue
         if settles:
-            restore(constraints)
-        advance(tree, step, state)
+            restore(ties)
+        advance_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
+
+
+@jit_inner
+def record(sample, system, out):
+    """Write one instant into the histories, in space [m, rad, s, N, J]."""
+    tree, elements, ties, space = system.tree, system.elements, system.ties, system.space
+    frames, work = system.frames, system.work
+    for n in range(len(tree.parent)):
+        _embed(space.axes, frames.pose[n], space.height, out.x[sample, n])
+        _embed(space.axes, frames.rate[n], 0.0, out.v[sample, n])
+        _embed(space.axes, frames.acceleration[n], 0.0, out.a[sample, n])
+        _embed(space.axes, frames.wrench[n], 0.0, out.wrench[sample, n])
+        c, s = cos_sin(frames.pose[n, 2])
+        for i in range(3):
+            out.w[sample, n, i] = frames.rate[n, 2] * space.axle[n, i]
+            out.al[sample, n, i] = frames.acceleration[n, 2] * space.axle[n, i]
+            out.wrench[sample, n, 3 + i] = frames.wrench[n, 2] * space.axle[n, i]
+            for j in range(3):
+                turned = c * space.across[n, i, j] + s * space.along[n, i, j]
+                out.r[sample, n, i, j] = turned + space.normal[n, i, j]
+    for r in range(len(ties.a)):
+        out.multipliers[sample, space.row[r]] = ties.multiplier[r]
+    power = 0.0
+    for n in range(len(elements.order)):
+        for i in range(elements.order[n] + 1):
+            power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
+        _resultants(n, elements, space, work.points, out.internal[sample, n])
+    stored, lost = energy(elements, work.points), dissipated(elements, work.rates)
+    put(out.energy[sample], 0, (stored, power, lost))
+
+
+@jit_inner
+def _embed(axes, vector, height, out):
+    """A vector of the plane, and a height above it, in the world."""
+    for i in range(3):
+        out[i] = axes[i, 0] * vector[0] + axes[i, 1] * vector[1] + axes[i, 2] * height
+
+
+@jit_inner
+def _resultants(element, elements, space, points, internal):
+    """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
+    side, axle = space.side[element], space.axle[elements.nodes[element, 0]]
+    for g in range(elements.order[element]):
+        at = point(element, g, elements.shape.shape[1])
+        n1, n2, m = points[at + N1], points[at + N2], points[at + M]
+        for i in range(3):
+            internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
+        internal[g, 0] = n1

@@ -62,22 +62,6 @@ class PlanarTree(NamedTuple):
 
 
 @by_address
-class PlanarState(NamedTuple):
-    """Unknowns of a step as `dynamics.system.State`; start : (nodes, 3) pose of independent nodes, coordinate of joints."""
-
-    start: Array
-    d: Array
-    u: Array
-    du: Array
-    pseudo: Array
-    trend: Array
-    bend: Array
-    u0: Array
-    du0: Array
-    order: NDArray[np.int64]
-
-
-@by_address
 class PlanarFrames(NamedTuple):
     """Poses, velocities, accelerations (nodes, 3) of all nodes, x, y, theta [m, rad, s], and their variations.
 
@@ -104,14 +88,15 @@ def forward_pass(tree, state, given, frames):
     for n in range(len(tree.parent)):
         o, own = tree.offset[tree.block[n]], tree.column[n]
         if tree.independent[n]:
-            put(frames.pose[n], 0, add(vec(state.start[n]), vec_at(state.d, o)))
+            put(frames.pose[n], 0, add(vec_at(state.place, o), vec_at(state.d, o)))
             put(frames.rate[n], 0, vec_at(state.u, o))
             put(frames.acceleration[n], 0, vec_at(state.du, o))
             continue
         if tree.given[n] >= 0:
             put(frames.joint[n], 0, vec(given[tree.given[n]]))
         elif own >= 0:
-            put(frames.joint[n], 0, (state.start[n, 0] + state.d[o + own], state.u[o + own], state.du[o + own]))
+            k = o + own
+            put(frames.joint[n], 0, (state.place[k] + state.d[k], state.u[k], state.du[k]))
         _carry(n, tree, frames)
 
 
@@ -149,11 +134,11 @@ def stand(tree, state, joint, frames):
         put(frames.joint[n], 0, vec(joint[n]))
         _carry(n, tree, frames)
         if tree.independent[n]:
-            put(state.start[n], 0, vec(frames.pose[n]))
+            put(state.place, o, vec(frames.pose[n]))
             put(state.u, o, vec(frames.rate[n]))
             put(state.du, o, vec(frames.acceleration[n]))
         elif own >= 0:
-            state.start[n, 0], state.u[o + own], state.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
+            state.place[o + own], state.u[o + own], state.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
 
 
 @jit_inner

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from kernels import Array, element
 
-from flexinv.elements.beam import Rates, Scratch
+from flexinv.elements.beam import Scratch
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3
@@ -50,5 +50,5 @@ def evaluated(case: Example) -> tuple[float, Array, Array]:
     count = len(case.x)
     scratch, tangent = Scratch.of(count), np.zeros((6 * count, 6 * count))
     scratch.x[:], scratch.r[:] = case.x, case.r
-    energy = element(0, count, case.arrays, scratch, Rates.of(0), np.zeros((count - 1, 6)), tangent)
+    energy = element(0, count, case.arrays, scratch, np.zeros((count - 1, 6)), tangent)
     return energy, scratch.forces.ravel(), tangent

@@ -51,7 +51,7 @@ def test_elimination_equals_the_dense_solution(mechanism: Mechanism) -> None:
     residual = case.at(np.zeros(len(case.d)), 0.0)[1]
     matrix = assembled(case)
     solution = np.zeros((1, len(case.d)))
-    eliminate(solver.topology, solver.elements, solver.variation, solver.work, solver.border.layout, solution)
+    eliminate(solver.topology, solver.elements, solver.variation, solver.work, solver.border.ties.layout, solution)
     y = solution[0]
     expected = np.linalg.solve(matrix, -residual)
     # backward stable solvers agree to the condition of the matrix
