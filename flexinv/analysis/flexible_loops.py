@@ -13,7 +13,7 @@ from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import Rows, captured, constraint_rows
 from flexinv.constraints.continuation import closed_start
-from flexinv.constraints.loop_starts import Mask, stated_of
+from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
@@ -25,7 +25,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Joints
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.typing import Array, Triple
+from flexinv.typing import Array, Mask, Triple
 
 
 def closed_task(task: Task) -> Task:
@@ -57,7 +57,7 @@ def closed_task(task: Task) -> Task:
 @kept_with_owner()
 def _start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
-) -> tuple[Array, Array, Array]:
+) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
     found = closed_start(mesh, (q, qd, qdd), time, unknown, constraint_rows(mesh).of(active), stated)
     for part in found:
