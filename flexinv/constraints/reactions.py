@@ -138,13 +138,7 @@ def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | Non
 
 
 def impact_of(
-    mesh: Mesh,
-    rows: Rows,
-    begins: Mask,
-    sides: tuple[Side, Side],
-    torque: Array,
-    multipliers: Array,
-    time: float,
+    mesh: Mesh, rows: Rows, begins: Mask, sides: tuple[Side, Side], torque: Array, multipliers: Array, time: float
 ) -> Impact:
     """Return the impact [N s], [N m s], [J] at an instant [s] from the impulses of the drives (nv,) and of the rows (rows,)."""
     (one, before), (two, after) = sides
