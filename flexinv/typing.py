@@ -1,4 +1,4 @@
-"""Types that all modules share: arrays of floats, and position, velocity and acceleration of something."""
+"""Types that all modules share: arrays of floats, masks, and position, velocity and acceleration of something."""
 
 from __future__ import annotations
 
@@ -6,5 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 # A quantity and its first two derivatives by time.
 Triple = tuple[Array, Array, Array]

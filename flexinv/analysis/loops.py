@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
@@ -41,9 +40,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.typing import Array, Triple
-
-Mask = NDArray[np.bool_]
+from flexinv.typing import Array, Mask, Triple
 
 
 def rigid_loops(task: Task) -> FirstStep:

@@ -32,7 +32,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 # A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
 REDUNDANT = 1e-10
@@ -56,7 +56,7 @@ _KINDS = (
 
 
 def share_out(
-    g: Array, tau_tree: Array, driven: NDArray[np.bool_], weight: Array | None = None, constraints: Rows | None = None
+    g: Array, tau_tree: Array, driven: Mask, weight: Array | None = None, constraints: Rows | None = None
 ) -> Shares:
     """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
 
@@ -93,7 +93,7 @@ def share_out(
     return made._replace(multipliers=made.multipliers / scale)
 
 
-def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], root: Array) -> Shares:
+def by_singular_values(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares:
     """Return `share_out` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
@@ -196,7 +196,7 @@ class GivenLoops:
         """
         return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
 
-    def share_some(self, which: NDArray[np.bool_], q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+    def share_some(self, which: Mask, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
         g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])

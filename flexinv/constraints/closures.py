@@ -29,7 +29,7 @@ from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask, Triple
 
 # Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
 ROUNDED = 1e-13
@@ -50,7 +50,7 @@ class Rows:
     """
 
     closure: NDArray[np.int64]
-    direction: NDArray[np.bool_]
+    direction: Mask
     a: NDArray[np.int64]
     b: NDArray[np.int64]
     place_a: Array
@@ -59,7 +59,7 @@ class Rows:
     w: Array
     gear: Array
     offset: Array
-    pattern: NDArray[np.bool_]
+    pattern: Mask
     scale: Array
     place: NDArray[np.int64]
 
@@ -67,7 +67,7 @@ class Rows:
         """Number of constraints [-]."""
         return len(self.closure)
 
-    def of(self, active: NDArray[np.bool_]) -> Rows:
+    def of(self, active: Mask) -> Rows:
         """Return the rows of the closures that are ``active`` (closures,)."""
         if active.all():
             return self
@@ -75,7 +75,7 @@ class Rows:
         parts = {f.name: getattr(self, f.name)[k] for f in fields(self) if f.name != "place"}
         return replace(self, **parts)
 
-    def fronts(self, columns: NDArray[np.bool_] | None = None, last: NDArray[np.bool_] | None = None) -> Fronts:
+    def fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
         """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
         own = np.ones(len(self.place), dtype=bool) if columns is None else columns
         return fronts_of(self.pattern[:, own], None if last is None else last[own])
@@ -120,7 +120,7 @@ def constraint_rows(mesh: Mesh) -> Rows:
     return Rows(*columns)
 
 
-def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> Triple:
     """Return sum gear q - offset [rad], [m] and its two rates, (samples, rows) each; zero for rows that are no couplings.
 
     q : (samples, nq), qd, qdd : (samples, nv)
@@ -129,7 +129,7 @@ def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> tuple[Arr
     return scalar @ rows.gear.T - rows.offset, qd @ rows.gear.T, qdd @ rows.gear.T
 
 
-def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: NDArray[np.bool_]) -> Rows:
+def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: Mask) -> Rows:
     """Return ``now`` with the second frames of the closures ``which`` (closures,) put where the first ones stand [m], [-].
 
     original : rows of the mechanism as it is written; motion : one sample.  A universal closure keeps its second axis.
@@ -189,7 +189,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     return closed_rows(mesh, motion, rows)[1]
 
 
-def _pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> NDArray[np.bool_]:
+def _pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> Mask:
     """Mask (rows, nv) of entries that G may have: joints on one way only from a row's nodes to the world, and of its coupling."""
     found = np.asarray(gear != 0.0)
     for k, ends in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
@@ -208,7 +208,7 @@ def measures(mesh: Mesh) -> Array:
     return np.where(slides(mesh.mechanism), mesh.length, 1.0)
 
 
-def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Array:
+def without_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
     """Return G (samples, rows, nv) [m/rad], [-], set to zero in place where all of a sample is rounding.
 
     So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import (
@@ -43,7 +42,7 @@ from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, rigid_motion
 from flexinv.model.joint_kinds import KINDS
-from flexinv.typing import Array, Triple
+from flexinv.typing import Array, Mask, Triple
 
 # A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
 WORST_CONDITION = 1e8
@@ -85,13 +84,8 @@ def _rank(matrix: Array) -> int:
 
 
 def closed_motion(
-    mesh: Mesh,
-    history: JointHistory,
-    time: Array,
-    unknown: NDArray[np.bool_],
-    rows: Rows | None = None,
-    start: Array | None = None,
-) -> tuple[Array, Array, Array]:
+    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, rows: Rows | None = None, start: Array | None = None
+) -> Triple:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
 
     history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
@@ -122,12 +116,7 @@ def closed_motion(
 
 
 def closed_start(
-    mesh: Mesh,
-    guess: Triple,
-    time: float,
-    unknown: NDArray[np.bool_],
-    rows: Rows,
-    stated: NDArray[np.bool_] | None = None,
+    mesh: Mesh, guess: Triple, time: float, unknown: Mask, rows: Rows, stated: Mask | None = None
 ) -> Triple:
     """Return one closed state q (nq,), qd, qdd (nv,) [rad or m, s] from which a mechanism with beams marches on.
 
@@ -147,13 +136,7 @@ def closed_start(
 
 
 def close_rates(
-    mesh: Mesh,
-    rows: Rows,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    sets: Sequence[NDArray[np.bool_]],
-    orders: tuple[int, ...] = (1, 2),
+    mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, sets: Sequence[Mask], orders: tuple[int, ...] = (1, 2)
 ) -> None:
     """Change qd, then qdd (nv,) [rad or m, s] in place by as little as closes them at a closed q (nq,).
 
@@ -179,10 +162,10 @@ class Follower:
 
     mesh: Mesh
     rows: Rows
-    unknown: NDArray[np.bool_]
+    unknown: Mask
 
     @cached_property
-    def owned(self) -> NDArray[np.bool_]:
+    def owned(self) -> Mask:
         """Mask (nq,) [-] of the coordinates of joints that move."""
         joints = self.mesh.mechanism.joints
         moves = [self.unknown[self.mesh.mechanism.v_slices[j.name]].any() for j in joints]

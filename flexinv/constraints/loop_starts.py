@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import STILL_RATE, ranks
 from flexinv.constraints.closures import Rows, constraint_rows, measures
@@ -22,9 +21,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.typing import Array
-
-Mask = NDArray[np.bool_]
+from flexinv.typing import Array, Mask, Triple
 
 # Where a motion decides where joints are, a start picks the branch.  A joint found further from it than this [rad], a slide than
 # half of this times the mechanism's length, is on another branch, or the start is a slip of the pen.
@@ -74,7 +71,7 @@ class Stated:
         return [one for k, one in enumerate(order) if not any((one == other).all() for other in order[:k])]
 
 
-def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> tuple[Array, Array, Array]:
+def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
 
     Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 # A switching instant this close to a sample, in parts of the step, is that sample.
 SAME_INSTANT = 1e-6
@@ -23,7 +22,7 @@ class Phase:
 
     first: int
     last: int
-    active: NDArray[np.bool_]
+    active: Mask
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Stretch:
         return self.rows.of(self.phase.active)
 
     @property
-    def pick(self) -> NDArray[np.bool_]:
+    def pick(self) -> Mask:
         """(rows,) which constraints act."""
         return self.phase.active[self.rows.closure]
 
@@ -70,7 +69,7 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
     return [Phase(first, last, acting(mechanism, float(time[first]) + slack)) for first, last in pairwise(bounds)]
 
 
-def acting(mechanism: Mechanism, time: float) -> NDArray[np.bool_]:
+def acting(mechanism: Mechanism, time: float) -> Mask:
     """Return a mask (closures,) of the closures that act at ``time`` [s]."""
     return np.array(
         [not c.active or any(start <= time < end for start, end in c.active) for c in mechanism.closures], dtype=bool

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, closed_rows, row_arrays
 from flexinv.constraints.equations import Ends, closing_samples
@@ -22,7 +21,7 @@ from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 # Frames that meet with a relative velocity below this part of the fastest node's (of the mechanism's length, or 1 rad, per
 # second where all is slower: from rest to rest there is nothing else to compare with) meet at rest: Newton leaves 1e-13,
@@ -92,7 +91,7 @@ def _ends(mesh: Mesh) -> Ends:
     return Ends(np.array(node, dtype=np.int64), second, place.reshape(-1, 3), turn.reshape(-1, 3, 3))
 
 
-def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: NDArray[np.bool_], time: float) -> None:
+def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, time: float) -> None:
     """Raise InputError where closures begin to act [s] on frames that have not met, or that move against each other.
 
     rows : with the frames that they will tie; motion : one sample, just before; begins : (closures,)
@@ -137,13 +136,7 @@ def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | Non
 
 
 def impact_of(
-    mesh: Mesh,
-    rows: Rows,
-    begins: NDArray[np.bool_],
-    sides: tuple[Side, Side],
-    torque: Array,
-    multipliers: Array,
-    time: float,
+    mesh: Mesh, rows: Rows, begins: Mask, sides: tuple[Side, Side], torque: Array, multipliers: Array, time: float
 ) -> Impact:
     """Return the impact [N s], [N m s], [J] at an instant [s] from the impulses of the drives (nv,) and of the rows (rows,)."""
     (one, before), (two, after) = sides

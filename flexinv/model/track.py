@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
@@ -20,8 +19,6 @@ from flexinv.model.owned_cache import kept_with_owner
 from flexinv.model.time_laws import SNAP, find_law, progress
 from flexinv.typing import Array, Triple
 from flexinv.validation import nearest
-
-Mask = NDArray[np.bool_]
 
 GAP = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace
 UNIT_NORM = 1e-2  # components written with two decimals leave the norm this uncertain
