@@ -17,7 +17,7 @@ from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.model.time_laws import SNAP, find_law, progress
-from flexinv.typing import Array, Triple
+from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import nearest
 
 GAP = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace

@@ -145,10 +145,15 @@ class TorqueFunction:
             while len(mails) and not collect(*loops, *call):
                 pass
             raise
-        if counter[OVERLAP]:
-            q, qd, qdd = (a.copy() for a in given)
-            return self.torques(q, qd, qdd, out, order)
-        self._finish(counter, given, rows, order)
+        if counter[1]:
+            if counter[OVERLAP]:
+                q, qd, qdd = (a.copy() for a in given)
+                return self.torques(q, qd, qdd, out, order)
+            joint_arrays.check_arrays(self.mechanism, given, order)
+        if not self.loaded:
+            self._add_applied(rows[:3], rows[3])
+        if self.loops is not None:
+            self._share(self.loops, counter, rows)
         return tau
 
     def nodal(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, order: Order = "samples") -> NodalResult:
@@ -193,32 +198,30 @@ class TorqueFunction:
             )  # fmt: skip
         except TypeError:  # not contiguous, or not of floats, or no arrays
             return self.torques(q, qd, qdd, out)
-        if own.counter[1] or self.loops is not None or m.springs or m.forces:
+        if own.counter[1]:
             if own.counter[OVERLAP]:
                 return self.torques(q.copy(), qd.copy(), qdd.copy(), out)
-            self._finish(own.counter, (q, qd, qdd), (q[None], qd[None], qdd[None], out[None]), "samples")
+            joint_arrays.check_arrays(m, (q, qd, qdd), "samples")
+        if m.springs or m.forces:
+            self._add_applied((q[None], qd[None], qdd[None]), out[None])
+        if self.loops is not None:
+            self._share(self.loops, own.counter, (q[None], qd[None], qdd[None], out[None]))
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Prepared anew where it is sent: to another process [-]."""
         return prepare, (self.mechanism, self.passive, self.threads)
 
-    def _finish(self, counter: NDArray[np.uint64], given: Sequence[Array], rows: Sequence[Array], order: Order) -> None:
-        """Name what the kernel has found wrong, add springs and given forces, share out what it has left of loops in doubt."""
-        if counter[1]:
-            joint_arrays.check_arrays(self.mechanism, given, order)
-        if not self.loaded:
-            self._add_applied(rows[:3], rows[3])
-        if self.loops is None:
-            return
+    def _share(self, loops: GivenLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+        """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         if not len(self.plan.sizes):
-            rows[3][:] = self.loops.shares(*rows).tau
+            rows[3][:] = loops.shares(*rows).tau
             return
         if counter[3]:
-            self.loops.check(*rows[:3])
+            loops.check(*rows[:3])
         if counter[2]:
             blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
-            self.loops.share_some(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
+            loops.share_some(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
 
     def _mails(self, size: int) -> NDArray[np.uint64]:
         """Mails of those who help with a call of so many efforts."""

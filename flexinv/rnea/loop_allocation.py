@@ -297,16 +297,6 @@ def six_forces(found, efforts, entries, lanes, least):
 
 
 @jit_lanes
-def _all_six(plan, work, at, first, second, third, lanes):
-    """Six forces on a free body; sizes of the columns are constant."""
-    found, limits = work[third:], work[third + _SIX[1] :]
-    for i in range(layout.SIX):
-        limits[i] = max(LEAST_PIVOT * math.sqrt(work[plan[at + _TWO * np.uint64(i)]]), LEAST_ENTRY)
-    least = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
-    return six_forces(found, work[second:], work[first:], lanes, least)
-
-
-@jit_lanes
 def allocate(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
     scratch = work[plan[layout.SCRATCH] :]
@@ -331,7 +321,11 @@ def allocate(plan, fixed, work, lanes):
             for k in range(lanes):  # the part along a row
                 scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
         elif kind == layout.ALL_SIX:
-            doubts += _all_six(plan, work, at, first, second, third, lanes)
+            limits = work[third + _SIX[1] :]  # sizes of the columns are constant
+            for i in range(count):
+                limits[i] = max(LEAST_PIVOT * math.sqrt(work[plan[at + _TWO * i]]), LEAST_ENTRY)
+            few = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
+            doubts += six_forces(work[third:], work[second:], work[first:], lanes, few)
             at += _TWO * count
             continue
         if kind != layout.TAKE:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
@@ -29,7 +30,8 @@ class Frame:
 class Tables:
     """The tables while they are made.
 
-    plane : the formulas of the plane; pairs : closure -> two columns that are taken from it; size : of the work space so far [-]
+    plane : the formulas of the plane; pairs : closure -> two columns that are taken from it; matrix : where entries of G stand
+    size : of the work space so far [-]
     shared : (root, body) in several closures; used : of the rows that one closure needs after the other, behind the bodies'
     """
 
@@ -37,6 +39,7 @@ class Tables:
     bodies: Bodies
     plane: bool
     pairs: dict[int, tuple[int, int]]
+    matrix: NDArray[np.int64]
     size: int = 0
     used: int = 0
     shared: frozenset[tuple[int, int]] = frozenset()
@@ -49,7 +52,6 @@ class Tables:
     moved: list[BodyRecord] = field(default_factory=list)
     closures: list[ClosureRecord] = field(default_factory=list)
     columns: list[ColumnRecord] = field(default_factory=list)
-    matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
     held: dict[int, int] = field(default_factory=dict)  # free body -> room for its next row
     known: dict[int, float] = field(default_factory=dict)  # where sizes stand that are constant while a loop is closed

@@ -78,7 +78,9 @@ def planned(
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
     found = _with_steps(plan, _matrix(plan, unit, lambda plan: run(b, plan)), b, m, left)
-    return None if found is None else (b, replace(found, rows=_row_names(m, rows)))
+    first_row = {int(c): int(np.argmax(rows.closure == c)) for c in np.unique(rows.closure)}
+    names = (f"{m.closures[c].name}.{k - first_row[c]}" for k, c in enumerate(rows.closure.tolist()))
+    return None if found is None else (b, replace(found, rows=tuple(names)))
 
 
 def _with_steps(
@@ -105,12 +107,6 @@ def _with_steps(
     whole = np.concatenate([words, np.array(steps + e.fills, dtype=np.uint64)])
     found = replace(plan, plan=whole, fixed=np.array(fixed), size=size, effort=tuple(effort))
     return replace(found, coordinates=mechanism.velocity_names, steps=tuple(e.steps))
-
-
-def _row_names(mechanism: Mechanism, rows: Rows) -> tuple[str, ...]:
-    """Names of the equations: that of the closure, and the number of the equation in it."""
-    first = {int(c): int(np.argmax(rows.closure == c)) for c in np.unique(rows.closure)}
-    return tuple(f"{mechanism.closures[int(c)].name}.{k - first[int(c)]}" for k, c in enumerate(rows.closure))
 
 
 def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, int]]:

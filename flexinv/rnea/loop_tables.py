@@ -57,13 +57,11 @@ def tables(
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_reduce`
     """
-    t, axes = Tables(mesh, bodies, plane, pairs or {}), IN_PLANE if plane else IN_SPACE
+    axes, matrix = IN_PLANE if plane else IN_SPACE, np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
+    t, words = Tables(mesh, bodies, plane, pairs or {}, matrix), [0] * layout.HEADER
     t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
-    header = {
-        layout.LIMITS: t.rows(layout.LIMIT_ROWS),
-        layout.SCRATCH: t.rows(layout.SCRATCH_ROWS),
-        layout.PLANE: int(plane),
-    }
+    words[layout.LIMITS], words[layout.SCRATCH] = t.rows(layout.LIMIT_ROWS), t.rows(layout.SCRATCH_ROWS)
+    words[layout.PLANE] = int(plane)
     own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
     loops = [None if rows.gear[own].any() else _loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
     several = Counter((loop.root, body) for loop in loops if loop for way in loop.ways for body in way)
@@ -74,13 +72,19 @@ def tables(
             _coupling(t, rows, int(own[0]))
         elif any(loop.ways):  # else both ends are on one body: nothing moves
             _closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
-    matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
-    for (row, column), at in t.matrix.items():
-        matrix[row, column] = at
-    known, closures = frozenset(t.known), tuple(t.closures)
-    return LoopPlan(
-        _packed(t, header), np.array(t.fixed), t.size, matrix, _sizes(t), known, (), tuple(t.moved), closures
-    )
+    lists: dict[int, Sequence[Sequence[int]]] = {
+        layout.KEEPS: t.keeps,
+        layout.SUMMED: t.summed,
+        layout.ROOTS: t.roots,
+        layout.BODIES: t.moved,
+        layout.COLUMNS: t.columns,
+        layout.CLOSURES: t.closures,
+    }
+    for at, records in lists.items():  # behind the header: where each begins, and how many records it has
+        words[at : at + 2] = len(words), len(records)
+        words += [word for record in records for word in record]
+    plan, fixed, known = np.array(words, dtype=np.uint64), np.array(t.fixed), frozenset(t.known)
+    return LoopPlan(plan, fixed, t.size, matrix, _sizes(t), known, (), tuple(t.moved), tuple(t.closures))
 
 
 def _sizes(tables: Tables) -> dict[int, list[int]]:
@@ -102,23 +106,6 @@ def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     root = next(i for i in to_world[0] if i in to_world[1])
     way_a, way_b = (way[: way.index(root)] for way in to_world)
     return _Loop(ends, root, (way_a, way_b))
-
-
-def _packed(tables: Tables, header: dict[int, int]) -> NDArray[np.uint64]:
-    """A header and the tables behind it: where each begins, and how many records it has."""
-    words = [header.get(at, 0) for at in range(layout.HEADER)]
-    lists: dict[int, Sequence[Sequence[int]]] = {
-        layout.KEEPS: tables.keeps,
-        layout.SUMMED: tables.summed,
-        layout.ROOTS: tables.roots,
-        layout.BODIES: tables.moved,
-        layout.COLUMNS: tables.columns,
-        layout.CLOSURES: tables.closures,
-    }
-    for at, records in lists.items():
-        words[at : at + 2] = len(words), len(records)
-        words += [word for record in records for word in record]
-    return np.array(words, dtype=np.uint64)
 
 
 def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
