@@ -127,13 +127,6 @@ def _force(own, axes, at, both_rates, efforts, lanes, signs):
 
 
 @jit_lanes
-def _nothing(one, other, lanes):
-    """Nothing is left of two efforts."""
-    for k in range(lanes):
-        one[k] = other[k] = 0.0
-
-
-@jit_lanes
 def _reduce(work, one, other, own, lanes, signs):
     """Take two columns from a closure; return how often that is in doubt."""
     axes, rates = (work[one.axis :], work[other.axis :]), (work[one.rate :], work[other.rate :])
