@@ -24,7 +24,7 @@ SOURCES = (
     "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds", "planar.constraint_rows",
     "planar.history", "planar.index1", "planar.stepper", "planar.tree", "planar.tree_solver", "rigid.blocks",
     "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.loop_allocation", "rnea.loop_bodies",
-    "rnea.loop_layout", "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion",
+    "rnea.loop_layout", "rnea.loop_plane", "rnea.loop_space", "rnea.recursion",
     "tracking.collocation_kernel",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (\w*)", re.MULTILINE)
