@@ -55,7 +55,7 @@ def tables(
     """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
 
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
-    pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_reduce`
+    pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
     """
     axes, matrix = IN_PLANE if plane else IN_SPACE, np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     t, words = Tables(mesh, bodies, plane, pairs or {}, matrix), [0] * layout.HEADER
