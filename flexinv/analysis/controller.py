@@ -147,7 +147,7 @@ class Flexible:
             self.go(self.early, *part)
         self.left, self.before = self.left - 1, now
         if self.left == 0:
-            end_early((self.flat or self.solver).state)
+            end_early((self.flat or self.solver).system.state)
 
     def looked_at(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""

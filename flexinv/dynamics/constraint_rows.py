@@ -178,15 +178,10 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 @jit_inner
 def _geared(k, constraints, state, wanted):
     """Equation of a coupling, sum gear q - offset, or a rate of it, of joints with and without a motion."""
-    value = constraints.given[k, wanted]
+    value, rate = constraints.given[k, wanted], state.du if wanted == SECOND_RATES else state.u
     for i in range(constraints.gear.shape[1]):
         if constraints.gear[k, i] != 0.0:
-            if wanted == SECOND_RATES:
-                value += constraints.gear[k, i] * state.du[i]
-            elif wanted == RATES:
-                value += constraints.gear[k, i] * state.u[i]
-            else:
-                value += constraints.gear[k, i] * (state.place[i] + state.d[i])
+            value += constraints.gear[k, i] * (state.place[i] + state.d[i] if wanted == VALUES else rate[i])
     return value
 
 
@@ -216,14 +211,17 @@ def tie_rows(constraints, state, frames, wanted):
             constraints.value[k] = dot(u[1], w[0]) + dot(u[0], w[1])
         else:
             constraints.value[k] = dot(u[0], w[0])
-        _set_gradient(k, a, b, constraints, frames, u[0], w[0])
+        set_gradient(k, constraints, frames, u[0], w[0])
 
 
 @jit_inner
-def _set_gradient(row, node_a, node_b, constraints, frames, vector, second):
-    """phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), angular velocities in the nodes' own frames."""
-    ra = mat(frames.r[node_a]) if node_a >= 0 else UNIT
-    rb = mat(frames.r[node_b]) if node_b >= 0 else UNIT
+def set_gradient(row, constraints, frames, vector, second):
+    """Set the gradient g of a row [-], [m], of phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), w in the nodes' own frames.
+
+    vector : u, which turns with a, or a fixed one where the row's u is zero; second : d or w; all in the world
+    """
+    ra = mat(frames.r[constraints.a[row]]) if constraints.a[row] >= 0 else UNIT
+    rb = mat(frames.r[constraints.b[row]]) if constraints.b[row] >= 0 else UNIT
     on_a = cross(vec(constraints.u[row]), tapply(ra, second))
     if constraints.kind[row] == DIRECTION:
         put(constraints.gradient[row], 0, ZERO)
