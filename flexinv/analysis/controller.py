@@ -205,7 +205,7 @@ def _drives(mesh: Mesh) -> Drives:
     table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
     table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
     freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
-    return Drives(freedoms, mesh.slide, mesh.turn, *table)
+    return Drives(freedoms, mesh.slide, mesh.turn, table)
 
 
 @dataclass(eq=False)

@@ -53,7 +53,9 @@ def find_plane(mesh: Mesh) -> Plane | NotPlanar:
             return NotPlanar(f"it has {what}")
     if any(joint.stiffness for joint in m.joints):
         return NotPlanar("it has springs in joints")
-    rotation = _at_zero(mesh)
+    rotation = np.empty((mesh.size, 3, 3))  # in the world, joints at zero
+    for n, parent in enumerate(mesh.parent):
+        rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
     found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
     for normal in _candidates(mesh, rotation):
         found = _check(mesh, rotation, normal)
@@ -92,14 +94,6 @@ def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
         name = mesh.mechanism.closures[int(rows.closure[int(np.argmax(skew))])].name
         return f"the frames of closure '{name}' do not lie in the plane"
     return ""
-
-
-def _at_zero(mesh: Mesh) -> Array:
-    """Rotations of all nodes in the world, joints at zero, (nodes, 3, 3)."""
-    rotation = np.empty((mesh.size, 3, 3))
-    for n, parent in enumerate(mesh.parent):
-        rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
-    return rotation
 
 
 def _candidates(mesh: Mesh, rotation: Array) -> list[Array]:

@@ -51,8 +51,16 @@ class PlanarMarch:
             felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
+        rows, row, own = m.place
+        elements, most, columns = len(own), *(-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
+        factors = PlanarFactors(
+            rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
+            b=cleared(elements, widest, most), x=cleared(elements, widest, most),
+            root=cleared(len(m.tree.span) - 1, columns, columns), diagonal=cleared(len(m.tree.size), widest, widest),
+            line=cleared(2, max(most, columns)), found=cleared(elements, most),
+        )  # fmt: skip
         ties, masses, state = _copied(m.ties), _copied(m.masses), State.of(0, unknowns)
-        return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, _factors(m), work))
+        return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
 
     @classmethod
     def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -94,13 +102,13 @@ class PlanarMarch:
         own, row = self.system.ties, self.model.space.row
         own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
         if len(row):
-            for here, node, vectors in (
+            for seen_here, node, vectors in (
                 (own.place_a, own.a, ties.place_a),
                 (own.place_b, own.b, ties.place_b),
                 (own.u, own.a, ties.u),
                 (own.w, own.b, ties.w),
             ):
-                here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
+                seen_here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
         here, m, (free, at) = self.system.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(here, name)[:] = m.pick @ getattr(state, name)
@@ -164,15 +172,3 @@ def _copied(part: Any) -> Any:
     if isinstance(part, tuple):
         return type(part)(*map(_copied, part))
     return on_lines(part) if part.dtype == float else part.copy()
-
-
-def _factors(model: PlanarModel) -> PlanarFactors:
-    rows, row, own = model.place
-    elements, parts, widest = len(own), len(model.tree.span) - 1, max(int(model.tree.size.max(initial=0)), 1)
-    most, columns = (-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
-    return PlanarFactors(
-        rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
-        b=cleared(elements, widest, most), x=cleared(elements, widest, most), root=cleared(parts, columns, columns),
-        diagonal=cleared(len(model.tree.size), widest, widest), line=cleared(2, max(most, columns)),
-        found=cleared(elements, most),
-    )  # fmt: skip
