@@ -143,7 +143,7 @@ class Flexible:
             self.go(self.early, *part)
         self.left, self.before = self.left - 1, now
         if self.left == 0:
-            end_early((self.flat or self.solver).state)
+            end_early((self.flat or self.solver).system.state)
 
     def looked_at(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
@@ -201,7 +201,7 @@ def _drives(mesh: Mesh) -> Drives:
     table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
     table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
     freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
-    return Drives(freedoms, mesh.slide, mesh.turn, *table)
+    return Drives(freedoms, mesh.slide, mesh.turn, table)
 
 
 @dataclass(eq=False)

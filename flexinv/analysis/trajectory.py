@@ -223,7 +223,7 @@ class _March:
             return leg.last - len(leg.time) + result[1]
         self.early -= len(leg.time) // leg.parts
         if self.early == 0 and (march := self.flat or self.solver) is not None:
-            end_early(march.state)
+            end_early(march.system.state)
         return leg.last
 
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:

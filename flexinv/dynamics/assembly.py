@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from flexinv.elements.beam import relative, relative_rates
 from flexinv.elements.beam_element import damped_tangent, element_gradient, element_tangent, nodal_forces
-from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
+from flexinv.elements.joint_law import JointLaw, law_at, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import (
@@ -242,8 +242,8 @@ def _passive_rows(n, columns, system, cv, ca):
     frame = mat(frames.r[m]) if m >= 0 else UNIT
     force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
     inverse, level = inverse_tangent(passive_psi(n, topology, state, first)), loads.level[0]
-    stiffness = level * topology.spring[n]
-    law = JointLaw(topology.rotor[n], topology.damping[n], topology.friction[n], stiffness, topology.rest[n])
+    whole = law_at(topology.drives, n)
+    law = JointLaw(whole.rotor, whole.damping, whole.friction, level * whole.stiffness, whole.rest)
     for i in range(topology.freedoms[n]):
         row, slide, turn = topology.column[n] + i, vec(topology.slide[n, i]), vec(topology.turn[n, i])
         rate, direction = state.u[first + i], smooth_direction(state.u[first + i])

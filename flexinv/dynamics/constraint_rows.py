@@ -2,12 +2,12 @@
 
 Same equations as `closures`, one row each: position u . d = 0 or direction u . w = 0, with the gradient g of a row (force on
 node b and a in the world, moment in the node's own frame).  A closure that does not act has rows of zeros.
-Springs between points (`spring_rows`) follow as further rows.
+Springs between points (`loads`) follow as further rows.
 
 With K of the tree, every row k of the border adds an unknown lambda_k (a multiplier, or the force of a spring), a column C_k
 (what the unknown does to the residual) and an equation:
 
-    K y - C dlambda = -r          A_k . y + e_k dlambda_k = -phi_k
+    K y - C dlambda = -r          A_k . y + e_k dlambda_k = -phi_k          e_k = 1 for forces of springs, else 0
 
 solved by y = y_0 + K^-1 C dlambda on the tree, and the border  (A K^-1 C + e) dlambda = -phi - A y_0  with pivoting:
 rows that add nothing (redundant constraints of planar loops, closures that do not act) are found there and keep their unknowns.
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.constraints.equations import fixed, gap
-from flexinv.dynamics.dofs import Topology
+from flexinv.dynamics.dofs import Indices, Topology
 from flexinv.kernels.block_elimination import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
@@ -51,11 +51,11 @@ class Layout(NamedTuple):
     blocks : closures and springs, coupled where they share a part; whole : all of them as one
     """
 
-    span: NDArray[np.int64]
-    first_part: NDArray[np.int64]
-    part: NDArray[np.int64]
-    first_side: NDArray[np.int64]
-    side: NDArray[np.int64]
+    span: Indices
+    first_part: Indices
+    part: Indices
+    first_side: Indices
+    side: Indices
     blocks: Blocks
     whole: Blocks
 
@@ -68,24 +68,22 @@ class Ties(NamedTuple):
     a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames; in a plane (rows, 2), in its axes where the
         nodes stand at zero
     multiplier : (rows,) [N], [N m]; value : (rows,) phi, or phi'' when accelerations are solved for
-    give : (rows,) what the row's own multiplier adds to its equation: 1 where it is a spring's force, else 0
     gradient : (rows, 12) by the motion of a (world, own frame) and of b; in a plane (rows, 6)
     gear : (rows, unknowns) factors of couplings; given : (rows, 3) what joints with a motion add to their equation, and its rates
     sides, across : (rows, unknowns) -C and -A; border : (rows, rows) A K^-1 C + e, pivots : its factors; step, kept : (rows,)
     layout : parts of the mechanism that rows have to do with
     """
 
-    kind: NDArray[np.int64]
+    kind: Indices
     acting: NDArray[np.bool_]
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
+    a: Indices
+    b: Indices
     place_a: Array
     place_b: Array
     u: Array
     w: Array
     multiplier: Array
     value: Array
-    give: Array
     gradient: Array
     gear: Array
     given: Array
@@ -98,12 +96,19 @@ class Ties(NamedTuple):
     layout: Layout
 
 
-def layout(span: NDArray[np.int64], touched: NDArray[np.bool_], group: NDArray[np.int64]) -> Layout:
-    """Return the layout of a border [-] whose rows have to do with the parts ``touched`` (rows, parts).
+def layout(topology: Topology, span: Indices, nodes: Sequence[Indices], gear: Array, group: Indices) -> Layout:
+    """Return the layout of a border [-] whose rows have to do with the parts of their ``nodes`` a and b, -1 the world.
 
-    group : (rows,) the closure or spring of each row, which does not fall; span : (parts + 1,) first unknown of each part
+    span : (parts + 1,) first unknown of each part, in space or in a plane; gear : (rows, unknowns) factors of couplings, which
+        touch the parts of their unknowns; group : (rows,) the closure or spring of each row, which does not fall
     """
-    count, parts = touched.shape
+    count, parts = len(gear), len(span) - 1
+    touched = np.zeros((count, parts), dtype=bool)
+    for node in nodes:
+        held = np.flatnonzero(node >= 0)
+        touched[held, topology.part[topology.block[node[held]]]] = True
+    for unknown in np.flatnonzero((gear != 0.0).any(axis=0)):
+        touched[gear[:, unknown] != 0.0, np.searchsorted(span, unknown, side="right") - 1] = True
     lengths = np.unique(group, return_counts=True)[1]
     ends = np.cumsum([0, *lengths])
     coupled = np.array([touched[first:last].any(axis=0) for first, last in pairwise(ends)], dtype=bool)
@@ -116,21 +121,7 @@ def layout(span: NDArray[np.int64], touched: NDArray[np.bool_], group: NDArray[n
     )  # fmt: skip
 
 
-def touched_parts(topology: Topology, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> NDArray[np.bool_]:
-    """Return the parts (rows, parts) [-] that rows have to do with: those of their nodes, -1 the world, and of their couplings.
-
-    gear : (rows, unknowns) factors of couplings
-    """
-    found = np.zeros((len(a), len(topology.span) - 1), dtype=bool)
-    for nodes in (a, b):
-        held = np.flatnonzero(nodes >= 0)
-        found[held, topology.part[topology.block[nodes[held]]]] = True
-    for unknown in np.flatnonzero((gear != 0.0).any(axis=0)):
-        found[gear[:, unknown] != 0.0, np.searchsorted(topology.span, unknown, side="right") - 1] = True
-    return found
-
-
-def _ends(counts: Any) -> NDArray[np.int64]:
+def _ends(counts: Any) -> Indices:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
@@ -151,17 +142,15 @@ def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
         np.concatenate([one, np.broadcast_to(other, (3 * len(springs), *one.shape[1:]))])
         for one, other in zip(of_closures, of_springs, strict=True)
     )
-    return ties(kind, (a, b), vectors, gear, layout(topology.span, touched_parts(topology, a, b, gear), group))
+    return ties(kind, (a, b), vectors, gear, layout(topology, topology.span, (a, b), gear, group))
 
 
-def ties(
-    kind: NDArray[np.int64], nodes: Sequence[NDArray[np.int64]], vectors: Sequence[Array], gear: Array, layout: Layout
-) -> Ties:
+def ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear: Array, layout: Layout) -> Ties:
     """Return rows of the border that all act, without force [m], [-], [N]; vectors : place_a, place_b, u, w."""
-    n, size = vectors[0].shape
+    (a, b), (place_a, place_b, u, w), (n, size) = nodes, vectors, vectors[0].shape
     return Ties(
-        kind, np.ones(n, dtype=bool), *nodes, *vectors, multiplier=np.zeros(n), value=np.zeros(n),
-        give=np.where(kind == PULL, 1.0, 0.0), gradient=np.zeros((n, 12 if size == 3 else 6)), gear=gear, given=np.zeros((n, 3)),
+        kind=kind, acting=np.ones(n, dtype=bool), a=a, b=b, place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n),
+        value=np.zeros(n), gradient=np.zeros((n, 12 if size == 3 else 6)), gear=gear, given=np.zeros((n, 3)),
         sides=np.zeros(gear.shape), across=np.zeros(gear.shape), border=np.zeros((n, n)), pivots=Pivots.of(n),
         step=np.zeros(n), kept=np.zeros(n), layout=layout,
     )  # fmt: skip
@@ -178,15 +167,10 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 @jit_inner
 def _geared(k, constraints, state, wanted):
     """Equation of a coupling, sum gear q - offset, or a rate of it, of joints with and without a motion."""
-    value = constraints.given[k, wanted]
+    value, rate = constraints.given[k, wanted], state.du if wanted == SECOND_RATES else state.u
     for i in range(constraints.gear.shape[1]):
         if constraints.gear[k, i] != 0.0:
-            if wanted == SECOND_RATES:
-                value += constraints.gear[k, i] * state.du[i]
-            elif wanted == RATES:
-                value += constraints.gear[k, i] * state.u[i]
-            else:
-                value += constraints.gear[k, i] * (state.place[i] + state.d[i])
+            value += constraints.gear[k, i] * (state.place[i] + state.d[i] if wanted == VALUES else rate[i])
     return value
 
 
@@ -216,14 +200,17 @@ def tie_rows(constraints, state, frames, wanted):
             constraints.value[k] = dot(u[1], w[0]) + dot(u[0], w[1])
         else:
             constraints.value[k] = dot(u[0], w[0])
-        _set_gradient(k, a, b, constraints, frames, u[0], w[0])
+        set_gradient(k, constraints, frames, u[0], w[0])
 
 
 @jit_inner
-def _set_gradient(row, node_a, node_b, constraints, frames, vector, second):
-    """phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), angular velocities in the nodes' own frames."""
-    ra = mat(frames.r[node_a]) if node_a >= 0 else UNIT
-    rb = mat(frames.r[node_b]) if node_b >= 0 else UNIT
+def set_gradient(row, constraints, frames, vector, second):
+    """Set the gradient g of a row [-], [m], of phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), w in the nodes' own frames.
+
+    vector : u, which turns with a, or a fixed one where the row's u is zero; second : d or w; all in the world
+    """
+    ra = mat(frames.r[constraints.a[row]]) if constraints.a[row] >= 0 else UNIT
+    rb = mat(frames.r[constraints.b[row]]) if constraints.b[row] >= 0 else UNIT
     on_a = cross(vec(constraints.u[row]), tapply(ra, second))
     if constraints.kind[row] == DIRECTION:
         put(constraints.gradient[row], 0, ZERO)
@@ -293,22 +280,8 @@ def any_acts(constraints):
     """Return True if a closure acts [-]; what springs do needs no second phase of a step."""
     acts = False
     for k in range(len(constraints.a)):
-        acts = acts or (constraints.give[k] == 0.0 and constraints.acting[k])
+        acts = acts or (constraints.kind[k] != PULL and constraints.acting[k])
     return acts
-
-
-@jit_inner
-def keep(constraints):
-    """Set the multipliers aside [N], [N m]."""
-    for k in range(len(constraints.a)):
-        constraints.kept[k] = constraints.multiplier[k]
-
-
-@jit_inner
-def restore(constraints):
-    """Take back the multipliers that `keep` has set aside [N], [N m]."""
-    for k in range(len(constraints.a)):
-        constraints.multiplier[k] = constraints.kept[k]
 
 
 # A pivot of the border, scaled to a unit diagonal, below this belongs to a redundant row: rounding leaves 1e-14.
@@ -320,7 +293,8 @@ def factorise_border(constraints, blocks, y):
     """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the layout."""
     for e in range(blocks.entry.shape[0]):
         i, j = blocks.entry[e, 0], blocks.entry[e, 1]
-        constraints.border[i, j] = -_along(constraints, i, y[1 + j]) - (constraints.give[i] if i == j else 0.0)
+        own = 1.0 if i == j and constraints.kind[i] == PULL else 0.0
+        constraints.border[i, j] = -_along(constraints, i, y[1 + j]) - own
     factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 
@@ -332,7 +306,7 @@ def solve_border(constraints, blocks, unit, y):
     """
     plan = constraints.layout
     for k in range(len(constraints.a)):
-        given = constraints.value[k] / (unit if constraints.give[k] == 0.0 else 1.0)
+        given = constraints.value[k] / (1.0 if constraints.kind[k] == PULL else unit)
         constraints.value[k] = _along(constraints, k, y[0]) - given
     solve_blocks(constraints.border, blocks, constraints.pivots, constraints.value, constraints.step)
     for k in range(len(constraints.a)):

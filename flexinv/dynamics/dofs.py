@@ -35,7 +35,8 @@ class Topology(NamedTuple):
     freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
     triple : (nodes,) first of three freedoms that are a rotation vector, -1 without
     slide, turn : (nodes, 6, 3) axes of the passive freedoms, in the parent's and in the node's frame [-]
-    rotor, damping, friction, spring, rest : (nodes,) of the passive joint; scale : (unknowns,) length or 1: a unit step
+    drives : (5, nodes) the law of the passive joint, as `mechanism.Mechanism.drive_table`
+    scale : (unknowns,) length or 1: a unit step
     mass, inertia, gravity : [kg], [kg m^2], [m/s^2]; length : of the mechanism [m]
     """
 
@@ -51,11 +52,7 @@ class Topology(NamedTuple):
     triple: NDArray[np.int64]
     slide: Array
     turn: Array
-    rotor: Array
-    damping: Array
-    friction: Array
-    spring: Array
-    rest: Array
+    drives: Array
     scale: Array
     mass: Array
     inertia: Array
@@ -83,7 +80,7 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     size = np.where(np.arange(len(part)) < parts, 0, 6)
     freedoms, column, triple = np.zeros((3, mesh.size), dtype=np.int64)
     triple[:] = -1
-    slide, turn, law = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
+    slide, turn, drives = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
     free = np.zeros(mesh.mechanism.nv + 1, dtype=bool)  # the last for nodes without a coordinate, -1
     for joint in mesh.mechanism.joints:
         free[mesh.mechanism.v_slices[joint.name]] = joint.name in passive
@@ -97,9 +94,8 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
         size[block[node]] += mesh.freedoms[node]
         slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
         triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
-        law[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
+        drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
     offset, span = laid_out(size, part)
-    rotor, damping, friction, spring, rest = law
     # Convergence is judged on increments over the length of the mechanism for translations, over 1 for rotations.
     scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
     for first in offset[block[independent]]:
@@ -109,7 +105,7 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
         scale[first : first + count][~turn[node, :count].any(axis=1)] = mesh.length
     return Topology(
         mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
-        rotor, damping, friction, spring, rest, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
+        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
     )  # fmt: skip
 
 

@@ -128,6 +128,13 @@ def is_sudden(scheme, scale, found, resolved):
 
 
 @jit_inner
+def copy(values, to):
+    """Copy the unknowns' quantities, or multipliers, to where they are set aside or back [any unit]."""
+    for k in range(len(values)):
+        to[k] = values[k]
+
+
+@jit_inner
 def predict(scheme, state):
     """Start a step where auxiliary accelerations go on as a parabola (order 2), a line (1) or as they are (0) [m, rad, s]."""
     order = state.order[0]

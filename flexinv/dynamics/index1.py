@@ -98,7 +98,7 @@ def _set_masses(topology, variation, diagonal):
             for i in range(columns):
                 own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
-            own[topology.column[n] + i, topology.column[n] + i] += topology.rotor[n]
+            own[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
 
 
 @jit_inner

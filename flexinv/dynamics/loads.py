@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.equations import gap
-from flexinv.dynamics.constraint_rows import UNIT, Ties
+from flexinv.dynamics.constraint_rows import UNIT, Ties, set_gradient
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import (
@@ -38,7 +38,6 @@ from flexinv.kernels.vec3 import (
     mscale,
     msub,
     outer,
-    put,
     put_block,
     scale,
     tapply,
@@ -188,9 +187,8 @@ def pull_rows(springs, constraints, frames, level):
     """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        a, place_a = constraints.a[row], vec(constraints.place_a[row])
-        b, place_b = constraints.b[row], vec(constraints.place_b[row])
-        d, rate, _ = gap(frames, a, b, place_a, place_b)
+        places = vec(constraints.place_a[row]), vec(constraints.place_b[row])
+        d, rate, _ = gap(frames, constraints.a[row], constraints.b[row], places[0], places[1])
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)
@@ -206,14 +204,9 @@ def pull_rows(springs, constraints, frames, level):
         across = msub(mscale(ratio, UNIT), mscale(ratio, outer(n, n)))
         put_block(springs.slope[k], 0, 0, mscale(-1.0, madd(outer(n, by_gap), across)))
         put_block(springs.slope[k], 0, 3, mscale(-damping, outer(n, n)))
-        ra = mat(frames.r[a]) if a >= 0 else UNIT
-        rb = mat(frames.r[b]) if b >= 0 else UNIT
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
-            put(constraints.gradient[row + i], 0, scale(-1.0, UNIT[i]))
-            put(constraints.gradient[row + i], 3, scale(-1.0, cross(place_a, tapply(ra, UNIT[i]))))
-            put(constraints.gradient[row + i], 6, UNIT[i])
-            put(constraints.gradient[row + i], 9, cross(place_b, tapply(rb, UNIT[i])))
+            set_gradient(row + i, constraints, frames, UNIT[i], d)
 
 
 @jit_inner

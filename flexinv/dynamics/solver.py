@@ -10,7 +10,7 @@ import numpy as np
 
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import Layout, closing_rows
+from flexinv.dynamics.constraint_rows import closing_rows
 from flexinv.dynamics.dofs import Topology, topology
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.loads import Loads, load_table, loads_of, pulls
@@ -66,9 +66,22 @@ class Solver:
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
         tied, loads = closing_rows(mesh, t, by_unknown(mesh, t)), loads_of(mesh, unknowns)
-        border, work = Border(tied, pulls(mesh, tied)), _work(mesh, t, widest, tied.layout)
+        elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
+        size = np.append(t.size[t.block], 0)  # of the block of each node, and of no node, -1
+        rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
+        damped, sides = len(mesh.elements.damping) > 0, int(np.diff(tied.layout.first_side).max(initial=1))
+        work = Work(
+            wrench=np.zeros((mesh.size, 6)), dwrench=np.zeros((mesh.size, widest, 6)),
+            residual=np.zeros((1 + len(tied.a), unknowns)), diagonal=np.zeros((len(t.size), widest, widest)),
+            tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
+            internal=np.zeros((elements, max(count - 1, 0), 6)), energy=np.zeros(3),
+            element=Scratch.of(count), rates=Rates.of(count if damped else 0),
+            system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
+            solved=np.zeros((elements, rows, widest + sides)), settled=np.zeros((2, mesh.size, 6)),
+        )  # fmt: skip
         instant = Trajectory.empty(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
         increment = np.zeros((1 + len(tied.a), unknowns))
+        border = Border(tied, pulls(mesh, tied))
         return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
 
     @property
@@ -77,22 +90,14 @@ class Solver:
         s = self
         return System(s.topology, s.elements, s.border, s.state, s.frames, s.variation, s.loads, s.work)
 
-    def march(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[int, int, int, float]:
-        """Solve the ``instants`` one after the other [m, rad, s], filling ``out``.
-
-        Return status, samples done, iterations or element, last relative increment [-].
-        """
-        status, sample, count, size = march(*self.arguments(scheme, instants, out))
-        return int(status), int(sample), int(count), float(size)
-
     def arguments(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[Any, ...]:
-        """Return the arguments [m, rad, s, N] with which `march` calls the compiled loop, for callers that call it themselves."""
+        """Return the arguments [m, rad, s, N] of `stepper.march`, for callers that call it themselves."""
         return self.system, scheme, instants, self.increment, out
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
-        status, _, count, size = self.march(scheme, self._now(joints), self.instant)
-        return status, count, size
+        status, _, count, size = march(*self.arguments(scheme, self._now(joints), self.instant))
+        return int(status), int(count), float(size)
 
     def solve_instant(self, scheme: Scheme, joints: Joints, when: str) -> int:
         """Solve one instant under the present loads; return the iterations [-], or raise the ConvergenceError of `complaint`."""
@@ -196,23 +201,6 @@ def complaint(
         f"mechanism '{name}', {when}: Newton's increment (relative to the mechanism's length) {what}; "
         f"{shorter}check that forces, moments and stiffness are what you mean"
     )
-
-
-def _work(mesh: Mesh, topology: Topology, widest: int, layout: Layout) -> Work:
-    elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
-    size = np.append(topology.size[topology.block], 0)  # of the block of each node, and of no node, -1
-    rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
-    damped, sides = len(mesh.elements.damping) > 0, int(np.diff(layout.first_side).max(initial=1))
-    return Work(
-        wrench=np.zeros((mesh.size, 6)), dwrench=np.zeros((mesh.size, widest, 6)),
-        residual=np.zeros((len(layout.first_part), len(topology.scale))),
-        diagonal=np.zeros((len(topology.size), widest, widest)),
-        tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
-        internal=np.zeros((elements, max(count - 1, 0), 6)), energy=np.zeros(3),
-        element=Scratch.of(count), rates=Rates.of(count if damped else 0),
-        system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
-        solved=np.zeros((elements, rows, widest + sides)), settled=np.zeros((2, mesh.size, 6)),
-    )  # fmt: skip
 
 
 def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:

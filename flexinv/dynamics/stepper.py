@@ -6,14 +6,13 @@ import numpy as np
 
 from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
 from flexinv.dynamics.constraint_rows import (
+    PULL,
     RATES,
     VALUES,
     add_gears,
     add_ties,
     any_acts,
     factorise_border,
-    keep,
-    restore,
     solve_border,
     tie_rows,
     tie_sides,
@@ -27,6 +26,7 @@ from flexinv.dynamics.generalized_alpha import (
     SQUARED,
     STATIC,
     advance,
+    copy,
     correct,
     largest_increment,
     predict,
@@ -162,31 +162,29 @@ def march(system, scheme, instants, y, out):
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
         moves = scheme.mode == DYNAMIC
         predicted, status = moves and state.order[0] > 0, NOT_CONVERGED
-        keep(ties)
+        copy(ties.multiplier, ties.kept)
         while True:
             if moves:
                 predict(scheme, state)
             status, count, size = newton(system, scheme, j, y, PREDICTED_ITERATIONS if predicted else MOST_ITERATIONS)
             if status == CONVERGED or not predicted:
                 break
-            restore(ties)  # where something has just let go, the past says little about what comes
+            copy(ties.kept, ties.multiplier)  # where something has just let go, the past says little about what comes
             predicted, state.order[0] = False, 0
         if status != CONVERGED:
             return status, sample, count, size
         settles = moves and any_acts(ties)
         if settles:
-            keep(ties)
-            for k in range(len(state.du)):
-                state.kept[k] = state.du[k]
+            copy(ties.multiplier, ties.kept)
+            copy(state.du, state.kept)
             project_accelerations(system, j, y)
         record(sample, system.frames, system.work, out)
         for k in range(out.multipliers.shape[1]):
             out.multipliers[sample, k] = ties.multiplier[k]
         out.iterations[sample] = count
         if settles:  # the integrator goes on with its own
-            restore(ties)
-            for k in range(len(state.du)):
-                state.du[k] = state.kept[k]
+            copy(ties.kept, ties.multiplier)
+            copy(state.kept, state.du)
         advance(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
 
@@ -225,15 +223,16 @@ def collide(system, joints, y):
     tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
         system.work.residual[0, i] = 0.0
-    keep(ties)
+    copy(ties.multiplier, ties.kept)
     for k in range(len(ties.a)):
-        ties.value[k] *= 1.0 - ties.give[k]
+        if ties.kind[k] == PULL:
+            ties.value[k] = 0.0
     solve_masses(system, y)
     factorise_border(ties, ties.layout.blocks, y)
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]
-    restore(ties)
+    copy(ties.kept, ties.multiplier)
 
 
 @jit_inner

@@ -52,7 +52,7 @@ class State(NamedTuple):
     def of(cls, nodes: int, unknowns: int) -> State:
         """Return unknowns that are zero [m, rad, s], those of a plane with no nodes."""
         series = [cleared(unknowns) for _ in range(10)]
-        return cls(cleared(nodes, 3), cleared(nodes, 3, 3), *series, order=np.zeros(1, dtype=np.int64))
+        return cls._make([cleared(nodes, 3), cleared(nodes, 3, 3), *series, np.zeros(1, dtype=np.int64)])
 
 
 @by_address

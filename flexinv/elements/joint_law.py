@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.kernels.jit import jit_formula
+from flexinv.kernels.jit import jit_formula, jit_inner
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -39,8 +39,13 @@ class JointLaw(NamedTuple):
 
 def laws_of(mechanism: Mechanism) -> JointLaw:
     """Return the laws of all velocity coordinates, (nv,) each [kg m^2], [N m s], [N m], [N m/rad], [rad]."""
-    rotor, damping, friction, stiffness, rest = mechanism.drive_table
-    return JointLaw(rotor, damping, friction, stiffness, rest)
+    return JointLaw(*mechanism.drive_table)
+
+
+@jit_inner
+def law_at(drives: Array, n: int) -> JointLaw:
+    """Return the law of one joint [kg m^2], [N m s], [N m], [N m/rad], [rad] from ``drives``, (5, nodes)."""
+    return JointLaw(drives[0, n], drives[1, n], drives[2, n], drives[3, n], drives[4, n])
 
 
 @jit_formula

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.joint_law import JointLaw, own_effort
+from flexinv.elements.joint_law import law_at, own_effort
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
@@ -94,17 +94,13 @@ class Drives(NamedTuple):
     """Joints by node, and what their drives take besides.
 
     freedoms : (nodes,); slide, turn : (nodes, 6, 3) axes in the node's frame [-]
-    rotor, damping, friction, stiffness, rest : (nodes,) [kg m^2], [N m s], [N m], [N m/rad], [rad] or of a sliding joint
+    law : (5, nodes) as `mechanism.Mechanism.drive_table`
     """
 
     freedoms: NDArray[np.int64]
     slide: Array
     turn: Array
-    rotor: Array
-    damping: Array
-    friction: Array
-    stiffness: Array
-    rest: Array
+    law: Array
 
 
 @jit
@@ -125,9 +121,8 @@ def instant_torques(nodes, drives, masses, frames, line, motion, tau):
         if drives.freedoms[n] > 0:
             turned = mat(frames.r[n])
             force, moment = tapply(turned, vec_at(line[n], 0)), tapply(turned, vec_at(line[n], 3))
-            stiffness, rest = drives.stiffness[n], drives.rest[n]
-            law = JointLaw(drives.rotor[n], drives.damping[n], drives.friction[n], stiffness, rest)
-            place = coordinate(n, nodes, q) if stiffness != 0.0 else rest
+            law = law_at(drives.law, n)
+            place = coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
             for i in range(drives.freedoms[n]):
                 v = nodes.v_index[n] + i
                 effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)

@@ -196,8 +196,9 @@ def load_springs(solver: Solver, joints: Joints) -> None:
 
 def matrices_at_rest(solver: Solver, joints: Joints) -> Matrices:
     """Return M, C and K [kg, N, m, s] at rest; dry friction, whose effort has no derivative there, is left out."""
-    friction = np.zeros_like(solver.topology.friction)
-    return tied_matrices(replace(solver, topology=solver.topology._replace(friction=friction)), joints)
+    drives = solver.topology.drives.copy()
+    drives[2] = 0.0
+    return tied_matrices(replace(solver, topology=solver.topology._replace(drives=drives)), joints)
 
 
 def tied_matrices(solver: Solver, joints: Joints) -> Matrices:

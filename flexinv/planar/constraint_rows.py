@@ -14,6 +14,7 @@ from flexinv.dynamics.constraint_rows import DIRECTION, factorise_border
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
+from flexinv.planar.tree import motion_of
 from flexinv.planar.tree_solver import solve_part
 
 
@@ -28,14 +29,6 @@ def _turned(angle, v):
     """A vector that is fixed in a node, in the plane's axes."""
     c, s = angle
     return c * v[0] - s * v[1], s * v[0] + c * v[1]
-
-
-@jit_inner
-def _motion(frames, n):
-    """Pose, rates and accelerations of a node, of the world zeros."""
-    if n < 0:
-        return ZERO, ZERO, ZERO
-    return vec(frames.pose[n]), vec(frames.rate[n]), vec(frames.acceleration[n])
 
 
 @jit_inner
@@ -70,7 +63,7 @@ def tie_rows(constraints, frames, rated):
             put(constraints.gradient[r], 3, ZERO)
             continue
         a, b = constraints.a[r], constraints.b[r]
-        x, y = _motion(frames, a), _motion(frames, b)
+        x, y = motion_of(frames, a), motion_of(frames, b)
         u = _rates(_turned(on_a, constraints.u[r]), x[1][2], x[2][2])
         if constraints.kind[r] == DIRECTION:
             w = _rates(_turned(on_b, constraints.w[r]), y[1][2], y[2][2])

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import SECTION
-from flexinv.model.mechanism import Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
@@ -48,24 +47,21 @@ class NotPlanar:
 def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism
-    for what, items in (("springs", m.springs), ("applied forces", m.forces), ("couplings", _couplings(m))):
+    couplings = [closure for closure in m.closures if closure.kind == "coupling"]
+    for what, items in (("springs", m.springs), ("applied forces", m.forces), ("couplings", couplings)):
         if items:
             return NotPlanar(f"it has {what}")
     if any(joint.stiffness for joint in m.joints):
         return NotPlanar("it has springs in joints")
-    rotation = _at_zero(mesh)
+    rotation = np.empty((mesh.size, 3, 3))  # in the world, joints at zero
+    for n, parent in enumerate(mesh.parent):
+        rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
     found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
     for normal in _candidates(mesh, rotation):
         found = _check(mesh, rotation, normal)
-        reason = closure_standing_out(mesh, found) if isinstance(found, Plane) else ""
-        found = NotPlanar(reason) if reason else found
         if isinstance(found, Plane):
-            return found
+            break
     return found
-
-
-def _couplings(mechanism: Mechanism) -> list[Closure]:
-    return [closure for closure in mechanism.closures if closure.kind == "coupling"]
 
 
 def seen(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:
@@ -84,7 +80,7 @@ def _upright(vectors: Array) -> NDArray[np.bool_]:
     return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= ROUNDING)
 
 
-def closure_standing_out(mesh: Mesh, plane: Plane) -> str:
+def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
     """Return a message on a closure with frames outside the plane or more than planar ties; empty if none has [-]."""
     rows = constraint_rows(mesh)
     u, w = seen(plane, rows.a, rows.u), seen(plane, rows.b, rows.w)
@@ -98,14 +94,6 @@ def closure_standing_out(mesh: Mesh, plane: Plane) -> str:
         name = mesh.mechanism.closures[int(rows.closure[int(np.argmax(skew))])].name
         return f"the frames of closure '{name}' do not lie in the plane"
     return ""
-
-
-def _at_zero(mesh: Mesh) -> Array:
-    """Rotations of all nodes in the world, joints at zero, (nodes, 3, 3)."""
-    rotation = np.empty((mesh.size, 3, 3))
-    for n, parent in enumerate(mesh.parent):
-        rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
-    return rotation
 
 
 def _candidates(mesh: Mesh, rotation: Array) -> list[Array]:
@@ -126,11 +114,12 @@ def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
     for n, parent in enumerate(mesh.parent):
         frame, start = (axes.T, 0.0) if parent < 0 else (frames[parent], heights[parent])
         heights[n] = start + (frame @ mesh.offset[n])[2]
+    plane, gravity = Plane(axes, float(heights[0]) if mesh.size else 0.0, frames), mesh.mechanism.gravity
     reason = _standing_out(mesh, frames, heights) or _unsymmetric(mesh, frames)
-    gravity = mesh.mechanism.gravity
     if not reason and abs(gravity @ normal) > ROUNDING * np.linalg.norm(gravity):
         reason = "gravity pulls out of the plane"
-    return NotPlanar(reason) if reason else Plane(axes, float(heights[0]) if mesh.size else 0.0, frames)
+    reason = reason or _closure_standing_out(mesh, plane)
+    return NotPlanar(reason) if reason else plane
 
 
 def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:

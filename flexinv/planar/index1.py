@@ -104,7 +104,7 @@ def _accelerate_block(b, tree, plan, masses, frames, residual, y):
                 two = frames.by_pose[n, j]
                 m[i, j] += tree.mass[n] * (one[0] * two[0] + one[1] * two[1]) + tree.inertia[n] * one[2] * two[2]
         if tree.column[n] >= 0 and not tree.independent[n]:
-            m[tree.column[n], tree.column[n]] += tree.rotor[n]
+            m[tree.column[n], tree.column[n]] += tree.drives[0, n]
     for i in range(columns):  # inertias are compared in lengths of the mechanism
         largest = max(largest, m[i, i] * tree.scale[first + i] ** 2)
     for i in range(columns):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties, touched_parts
+from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties
 from flexinv.dynamics.dofs import Indices, Topology, laid_out, topology
 from flexinv.elements.planar_beam import POINTS_AT_ONCE, PlanarElements
 from flexinv.kernels.memory import on_lines
@@ -122,8 +122,7 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
         turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
         offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
         mass=mesh.mass, inertia=np.einsum("ni,nij,nj->n", frames[:, 2], mesh.inertia, frames[:, 2]),
-        gravity=plane.axes.T[:2] @ mesh.mechanism.gravity, rotor=topology.rotor,
-        damping=topology.damping, friction=topology.friction,
+        gravity=plane.axes.T[:2] @ mesh.mechanism.gravity, drives=topology.drives,
     )  # fmt: skip
 
 
@@ -194,7 +193,7 @@ def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree, topology: To
         for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
     ]
     gear, kind = np.zeros((len(row), len(tree.scale))), np.where(rows.direction[row], DIRECTION, POSITION)
-    return ties(kind, (a, b), vectors, gear, layout(tree.span, touched_parts(topology, a, b, gear), rows.closure[row]))
+    return ties(kind, (a, b), vectors, gear, layout(topology, tree.span, (a, b), gear, rows.closure[row]))
 
 
 def _masses(tree: PlanarTree) -> BlockMasses:

@@ -18,7 +18,6 @@ from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import seen
-from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.model import PlanarModel, planar_model
 from flexinv.planar.stepper import PlanarSystem, PlanarWork, planar_march
 from flexinv.planar.tree import PlanarFrames
@@ -36,12 +35,7 @@ class PlanarMarch:
 
     mesh: Mesh
     model: PlanarModel
-    state: State
-    frames: PlanarFrames
-    factors: PlanarFactors
-    work: PlanarWork
-    ties: Ties
-    masses: BlockMasses
+    system: PlanarSystem
 
     @classmethod
     def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -57,15 +51,16 @@ class PlanarMarch:
             felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
-        return cls(mesh, m, State.of(0, unknowns), frames, _factors(m), work, _copied(m.ties), _copied(m.masses))
-
-    @property
-    def system(self) -> PlanarSystem:
-        """Return the arrays as the kernels take them."""
-        m = self.model
-        return PlanarSystem(
-            m.tree, m.elements, self.ties, self.masses, m.space, self.state, self.frames, self.factors, self.work
+        rows, row, own = m.place
+        elements, most, columns = len(own), *(-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
+        factors = PlanarFactors(
+            rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
+            b=cleared(elements, widest, most), x=cleared(elements, widest, most),
+            root=cleared(len(m.tree.span) - 1, columns, columns), diagonal=cleared(len(m.tree.size), widest, widest),
+            line=cleared(2, max(most, columns)), found=cleared(elements, most),
         )  # fmt: skip
+        ties, masses, state = _copied(m.ties), _copied(m.masses), State.of(0, unknowns)
+        return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
 
     @classmethod
     def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -77,51 +72,55 @@ class PlanarMarch:
 
     def leave(self, passive: Collection[str]) -> None:
         """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
-        self.ties.multiplier[:], self.masses.over[:] = 0.0, self.model.masses.over
+        self.system.ties.multiplier[:], self.system.masses.over[:] = 0.0, self.model.masses.over
         _left(self.mesh, frozenset(passive)).append(self)
 
     def restart(
         self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Trajectory
     ) -> tuple[int, int, int, float]:
-        """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `run`."""
-        s = self.state
-        s.u[:], s.du[:] = s.u0, s.du0
-        return self.run(scheme, self._given(q, qd, qdd), row, out, still=True)
+        """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `arguments`.
+
+        Return status, instants done, iterations or element, last relative increment [-].
+        """
+        state, given = self.system.state, self._given(q, qd, qdd)
+        state.u[:], state.du[:] = state.u0, state.du0
+        status, instant, count, size = planar_march(self.system, scheme, _NOWHERE, True, given, row, out)
+        return int(status), int(instant), int(count), float(size)
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
         e, (free, at) = self.model.elements, self._independent()
         if not 0 <= element < len(e.order):
             return 0.0
-        angle, nodes = self.frames.pose[:, 2].copy(), e.nodes[element, : e.order[element] + 1]
-        angle[free] = self.state.place[at[:, 2]]
+        angle, nodes = self.system.frames.pose[:, 2].copy(), e.nodes[element, : e.order[element] + 1]
+        angle[free] = self.system.state.place[at[:, 2]]
         angle = angle[nodes] + e.bend[element, : len(nodes)]
         return float(np.abs(np.angle(np.exp(1j * (angle - angle[0])))).max())
 
-    def take(self, s: State, ties: Ties) -> None:
+    def take(self, state: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
-        own, row = self.ties, self.model.space.row
+        own, row = self.system.ties, self.model.space.row
         own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
         if len(row):
-            for here, node, vectors in (
+            for seen_here, node, vectors in (
                 (own.place_a, own.a, ties.place_a),
                 (own.place_b, own.b, ties.place_b),
                 (own.u, own.a, ties.u),
                 (own.w, own.b, ties.w),
             ):
-                here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
-        here, m, (free, at) = self.state, self.model, self._independent()
+                seen_here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
+        here, m, (free, at) = self.system.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
-            getattr(here, name)[:] = m.pick @ getattr(s, name)
-        turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, s.r[free], m.plane.frames[free])  # axes^T R frames^T
-        here.place[at[:, :2]] = s.x[free] @ m.plane.axes[:, :2]
+            getattr(here, name)[:] = m.pick @ getattr(state, name)
+        turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
+        here.place[at[:, :2]] = state.x[free] @ m.plane.axes[:, :2]
         here.place[at[:, 2]] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
         here.d[:], here.trend[:], here.bend[:], here.order[:] = 0.0, 0.0, 0.0, 0
 
     def give(self, state: State, ties: Ties) -> None:
         """Put the spatial solver where this march has come to [m, rad, s, N]."""
-        ties.multiplier[self.model.space.row] = self.ties.multiplier
-        here, m, (free, at) = self.state, self.model, self._independent()
+        ties.multiplier[self.model.space.row] = self.system.ties.multiplier
+        here, m, (free, at) = self.system.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(state, name)[:] = m.pick.T @ getattr(here, name)
         (x, y, angle), space = here.place[at].T[:, :, None, None], m.space
@@ -161,17 +160,6 @@ class PlanarMarch:
         given = joints.coordinates(q, qd, qdd)
         return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
 
-    def run(
-        self, scheme: Scheme, given: Array, row: Indices, out: Trajectory, joint: Array = _NOWHERE, still: bool = False
-    ) -> tuple[int, int, int, float]:
-        """March with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
-
-        joint, still : as of `planar_march`; by default it goes on
-        Return status, instants done, iterations or element, last relative increment [-].
-        """
-        status, instant, count, size = planar_march(self.system, scheme, joint, still, given, row, out)
-        return int(status), int(instant), int(count), float(size)
-
 
 @kept_with_owner()
 def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
@@ -184,15 +172,3 @@ def _copied(part: Any) -> Any:
     if isinstance(part, tuple):
         return type(part)(*map(_copied, part))
     return on_lines(part) if part.dtype == float else part.copy()
-
-
-def _factors(model: PlanarModel) -> PlanarFactors:
-    rows, row, own = model.place
-    elements, parts, widest = len(own), len(model.tree.span) - 1, max(int(model.tree.size.max(initial=0)), 1)
-    most, columns = (-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
-    return PlanarFactors(
-        rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
-        b=cleared(elements, widest, most), x=cleared(elements, widest, most), root=cleared(parts, columns, columns),
-        diagonal=cleared(len(model.tree.size), widest, widest), line=cleared(2, max(most, columns)),
-        found=cleared(elements, most),
-    )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import Ties, add_ties, any_acts, keep, restore, solve_border
+from flexinv.dynamics.constraint_rows import Ties, add_ties, any_acts, solve_border
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
     ACCELERATIONS,
@@ -20,6 +20,7 @@ from flexinv.dynamics.generalized_alpha import (
     PASSES,
     SQUARED,
     advance_unknowns,
+    copy,
     is_sudden,
     largest_increment,
     predict,
@@ -216,15 +217,13 @@ def begin_step(system, scheme, given):
     Return whether that leaves something out [-].
     """
     tree, ties, state, work = system.tree, system.ties, system.state, system.work
-    for i in range(len(state.du)):
-        state.pseudo[i] = state.du[i]
+    copy(state.du, state.pseudo)
     jump = 0.0
     for i in range(len(state.du)):
         jump = max(jump, scheme.h * scheme.h * abs(state.pseudo[i] - state.du0[i]) / tree.scale[i])
     if jump > STILL:
-        keep(ties)
-        for i in range(len(state.du)):
-            state.du[i] = state.du0[i]
+        copy(ties.multiplier, ties.kept)
+        copy(state.du0, state.du)
         vary_independent(tree, system.frames, scheme.cv, scheme.ca)
         for _ in range(PASSES):
             evaluate(system, given, True)
@@ -237,9 +236,8 @@ def begin_step(system, scheme, given):
         if is_sudden(scheme, tree.scale, state.pseudo, state.du):
             accept(state)
             return True
-        restore(ties)
-    for i in range(len(state.du)):
-        state.du[i] = state.pseudo[i]
+        copy(ties.kept, ties.multiplier)
+    copy(state.pseudo, state.du)
     accept(state)
     return False
 
@@ -286,18 +284,18 @@ def planar_march(system, step, start_at, still, given, row, out):
             vary_independent(tree, frames, scheme.cv, scheme.ca)
         if moves:
             predict(step, state)
-        keep(ties)
+        copy(ties.multiplier, ties.kept)
         status, count, size = newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
             predict(step, state)
-            restore(ties)
+            copy(ties.kept, ties.multiplier)
             status, count, size = newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         settles = not moves or (acts and row[n] >= 0)
         if settles:
-            keep(ties)
+            copy(ties.multiplier, ties.kept)
             project_accelerations(system)
         if row[n] >= 0:
             record(row[n], system, out)
@@ -309,7 +307,7 @@ def planar_march(system, step, start_at, still, given, row, out):
                 return SUDDEN_START, n + 1, count, size
             continue
         if settles:
-            restore(ties)
+            copy(ties.kept, ties.multiplier)
         advance_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
+from flexinv.elements.joint_law import law_at, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
@@ -34,7 +34,7 @@ class PlanarTree(NamedTuple):
     turn : (nodes,) +-1 of revolute joints, 0 else; slide : (nodes, 2) direction of prismatic ones in the parent's frame
     offset_p : (nodes, 2) p_0 [m]; shifted : (nodes,) whether p may differ from zero
     mass, inertia : (nodes,) [kg], [kg m^2] about the normal; gravity : (2,) [m/s^2]
-    rotor, damping, friction : (nodes,) of the passive joint
+    drives : (5, nodes) as of `dofs.Topology`; springs there are none
     """
 
     parent: NDArray[np.int64]
@@ -56,9 +56,7 @@ class PlanarTree(NamedTuple):
     mass: Array
     inertia: Array
     gravity: Array
-    rotor: Array
-    damping: Array
-    friction: Array
+    drives: Array
 
 
 @by_address
@@ -101,23 +99,24 @@ def forward_pass(tree, state, given, frames):
 
 
 @jit_inner
+def motion_of(frames, n):
+    """Return pose, rates and accelerations of a node [m, rad, s], zeros of the world (-1)."""
+    if n < 0:
+        return ZERO, ZERO, ZERO
+    return vec(frames.pose[n]), vec(frames.rate[n]), vec(frames.acceleration[n])
+
+
+@jit_inner
 def _carry(n, tree, frames):
     """Motion of a dependent node from its parent's, the equations at the head of the file."""
-    m, turn, d1, d2 = tree.parent[n], tree.turn[n], tree.slide[n, 0], tree.slide[n, 1]
+    m, turn, e1, e2 = tree.parent[n], tree.turn[n], tree.slide[n, 0], tree.slide[n, 1]
     q, dq, ddq = frames.joint[n, 0], frames.joint[n, 1], frames.joint[n, 2]
-    p1, p2 = tree.offset_p[n, 0] + q * d1, tree.offset_p[n, 1] + q * d2
-    if m < 0:
-        frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = p1, p2, d1, d2
-        put(frames.pose[n], 0, (p1, p2, turn * q))
-        put(frames.rate[n], 0, (dq * d1, dq * d2, turn * dq))
-        put(frames.acceleration[n], 0, (ddq * d1, ddq * d2, turn * ddq))
-        return
-    r1, r2, e1, e2 = 0.0, 0.0, 0.0, 0.0
-    if tree.shifted[n]:
-        c, s = cos_sin(frames.pose[m, 2])
-        r1, r2, e1, e2 = c * p1 - s * p2, s * p1 + c * p2, c * d1 - s * d2, s * d1 + c * d2
+    r1, r2 = tree.offset_p[n, 0] + q * e1, tree.offset_p[n, 1] + q * e2
+    x, v, a = motion_of(frames, m)
+    if m >= 0 and tree.shifted[n]:
+        c, s = cos_sin(x[2])
+        r1, r2, e1, e2 = c * r1 - s * r2, s * r1 + c * r2, c * e1 - s * e2, s * e1 + c * e2
     frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = r1, r2, e1, e2
-    x, v, a = frames.pose[m], frames.rate[m], frames.acceleration[m]
     w, al = v[2], a[2]
     put(frames.pose[n], 0, (x[0] + r1, x[1] + r2, x[2] + turn * q))
     put(frames.rate[n], 0, (v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq))
@@ -235,7 +234,7 @@ def gather(tree, state, frames, residual):
             continue
         if own >= 0:
             u, du = state.u[o + own], state.du[o + own]
-            drive = own_effort(_law(n, tree), 0.0, u, du, smooth_direction(u))
+            drive = own_effort(law_at(tree.drives, n), 0.0, u, du, smooth_direction(u))
             residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
             add_to(frames.wrench[m], 0, (f1, f2, mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1))
@@ -261,13 +260,7 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
             if own >= 0:
                 slope = e1 * df1 + e2 * df2 + turned * (e1 * f2 - e2 * f1) + tree.turn[n] * dmu
                 direction = smooth_direction(state.u[tree.offset[b] + own])
-                diagonal[b, own, k] = slope + along * own_slope(_law(n, tree), direction, cv, ca)
+                diagonal[b, own, k] = slope + along * own_slope(law_at(tree.drives, n), direction, cv, ca)
             if m >= 0:
                 dr1, dr2 = along * e1 - turned * r2, along * e2 + turned * r1
                 add_to(frames.dwrench[m, k], 0, (df1, df2, dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1))
-
-
-@jit_inner
-def _law(n, tree):
-    """The law of a passive joint, which has no spring here: mechanisms with springs are integrated in space."""
-    return JointLaw(tree.rotor[n], tree.damping[n], tree.friction[n], 0.0, 0.0)

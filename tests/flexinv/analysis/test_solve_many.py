@@ -165,7 +165,7 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
     flexinv.solve(mechanism, motion, STEP / 3, end=motion.duration / 2, **options)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
     (left,) = _left(fresh.mesh, frozenset(passive))
-    assert np.abs(left.state.u).max() > 0
+    assert np.abs(left.system.state.u).max() > 0
     again = flexinv.solve(mechanism, motion, STEP, **options)
     for one, two in ((fresh.nodes, again.nodes), (fresh.balance, again.balance)):
         for field in fields(one):

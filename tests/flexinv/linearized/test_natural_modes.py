@@ -242,10 +242,10 @@ def test_damping_leaves_what_solvers_share_alone(monkeypatch: pytest.MonkeyPatch
     dry = pendulum(2)
     dry = replace(dry, joints=tuple(replace(joint, friction=0.3) for joint in dry.joints))
     solver = Solver.of(build(dry), {"q0", "q1"})
-    shared, seen, tied = solver.topology.friction, [], module.tied_matrices
+    shared, seen, tied = solver.topology.drives[2], [], module.tied_matrices
 
     def watched(own: Solver, joints: module.Joints) -> module.Matrices:
-        seen.append((shared.max(), own.topology.friction.max()))
+        seen.append((shared.max(), own.topology.drives[2].max()))
         return tied(own, joints)
 
     monkeypatch.setattr(module, "tied_matrices", watched)
