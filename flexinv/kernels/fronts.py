@@ -123,9 +123,7 @@ def _laid_out(
         if others:
             base[f] = len(source[parent[f]])
             source[parent[f]] += [-1] * min(len(source[f]), len(others))
-    place = [
-        [-1] * len(own) + [local[parent[f]][column] for column in others] for f, (own, others) in enumerate(groups)
-    ]
+    place = [[-1] * len(own) + [local[parent[f]][c] for c in others] for f, (own, others) in enumerate(groups)]
     tall, wide = (np.array([len(part) for part in parts], dtype=np.int64) for parts in (source, local))
     start = _sums(tall * wide)
     entry = [

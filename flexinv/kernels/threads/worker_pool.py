@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Lock, Thread
+from timeit import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,13 +91,6 @@ def settled(mails, owner, total):
     return True
 
 
-def _looking(attend: Attend) -> float:
-    """Seconds that `_LOOKS` looks take."""
-    start = time.perf_counter()
-    attend(np.zeros(CELLS, dtype=np.uint64), _LOOKS)
-    return time.perf_counter() - start
-
-
 class _Helper:
     """A thread, its mail and the bell that wakes it."""
 
@@ -107,7 +101,8 @@ class _Helper:
 
     def _serve(self) -> None:
         leave(self.caller)
-        looks = int(_LOOKS * WATCH / min(_looking(self.attend) for _ in range(_TRIES)))
+        tried = repeat(lambda: self.attend(np.zeros(CELLS, dtype=np.uint64), _LOOKS), number=1, repeat=_TRIES)
+        looks = int(_LOOKS * WATCH / min(tried))  # `tried` [s]
         self.attend(self.mail, looks)
         while self.bell.get():
             leave(self.caller)
