@@ -97,16 +97,16 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     apart, rate = np.abs(closed_rows(mesh, motion, rows)[0][0, :, :2].T) / scale
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):
-        closure, own = m.closures[int(index)], rows.closure == index
-        if apart[own].max() > OPEN:
-            worst = int(np.flatnonzero(own)[np.argmax(apart[own])])
+        closure, own = m.closures[int(index)], np.flatnonzero(rows.closure == index)
+        worst = int(own[np.argmax(apart[own])])
+        if apart[worst] > OPEN:
             gap = f"{apart[worst]:.2g} rad" if rows.direction[worst] else f"{apart[worst] * mesh.length:.2g} m"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that are {gap} apart; "
                 "bring them together, or write capture = true to tie them where they stand"
             )
-        if closure.impact == "error" and rate[own].max() > MEETING * fastest:
-            worst = int(np.flatnonzero(own)[np.argmax(rate[own])])
+        worst = int(own[np.argmax(rate[own])])
+        if closure.impact == "error" and rate[worst] > MEETING * fastest:
             speed = f"{rate[worst]:.3g} rad/s" if rows.direction[worst] else f"{rate[worst] * mesh.length:.3g} m/s"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that move against each "

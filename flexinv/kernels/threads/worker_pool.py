@@ -113,10 +113,6 @@ class _Helper:
             self.mail[SLEEPS], self.caller = 0, processor_now()
             self.bell.put(True)
 
-    def dismiss(self) -> None:
-        self.bell.put(False)
-        self.thread.join()
-
 
 class Helpers:
     """The threads, started when first needed; a forked child begins without them, and at the end they are dismissed.
@@ -141,7 +137,8 @@ class Helpers:
         members = self._members
         self.forget()
         for one in members:
-            one.dismiss()
+            one.bell.put(False)
+            one.thread.join()
 
     def mails(self, count: int, wake: bool) -> NDArray[np.uint64]:
         """Return the mails (helpers, cells) [-] of at most so many helpers, which watch them soon.
