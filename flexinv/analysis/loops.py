@@ -14,14 +14,9 @@ from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import GivenLoops, check_carried, share_out
 from flexinv.constraints.allocation_kernel import Shares
-from flexinv.constraints.closures import (
-    captured,
-    constraint_jacobian,
-    constraint_rows,
-)
+from flexinv.constraints.closures import Phase, Stretch, captured, constraint_jacobian, constraint_rows, phases
 from flexinv.constraints.continuation import closed_motion, closed_start
 from flexinv.constraints.loop_starts import stated_of
-from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS
@@ -29,13 +24,7 @@ from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import (
-    applied_forces,
-    joint_wrenches,
-    nodal_forces,
-    own_efforts,
-    project,
-)
+from flexinv.inverse.inverse_dynamics import applied_forces, joint_wrenches, nodal_forces, own_efforts, project
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -83,7 +72,7 @@ def _phased_motion(
     pieces, original = phases(m, time), constraint_rows(mesh)
     if len(pieces) == 1 and pieces[0].active.all():
         only = [Stretch(pieces[0], original)]
-        if unknown.any() or not len(original):
+        if unknown.any() or not len(original.closure):
             return closed_motion(mesh, history, time, unknown), only, [], None
         given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
@@ -155,7 +144,8 @@ def _phased_shares(
 
 def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
-    m, rows, pick = mesh.mechanism, stretch.acting, stretch.pick
+    m, active = mesh.mechanism, stretch.phase.active
+    rows, pick = stretch.rows.of(active), active[stretch.rows.closure]
     g = constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
     found = share_out(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():

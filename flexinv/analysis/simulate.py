@@ -11,9 +11,8 @@ from flexinv.analysis.evaluation import solution_after
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, checked, still
 from flexinv.analysis.trajectory import SAME_TIME, first_step
-from flexinv.constraints.closures import constraint_rows
+from flexinv.constraints.closures import acting, constraint_rows
 from flexinv.constraints.loop_starts import FAR, SAGGED, Stated, begin, check_settled, stated_of
-from flexinv.constraints.phases import acting
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError

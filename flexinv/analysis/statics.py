@@ -14,10 +14,9 @@ from flexinv.analysis.loops import Switching, with_closures
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, still
 from flexinv.analysis.trajectory import first_step
-from flexinv.constraints.closures import constraint_rows
+from flexinv.constraints.closures import constraint_rows, phases
 from flexinv.constraints.continuation import closed_start
 from flexinv.constraints.loop_starts import closed_at, stated_of
-from flexinv.constraints.phases import phases
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.solver import Solver, record_instant

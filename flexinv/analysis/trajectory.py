@@ -11,8 +11,7 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
 from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
 from flexinv.analysis.task import Task, looked_up
-from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.phases import phases
+from flexinv.constraints.closures import constraint_rows, phases
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS, EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
 from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
@@ -157,7 +156,7 @@ class _March:
         alone = flat is not None and settings.initial == "consistent" and switching.never
         solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
-        out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh)))
+        out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh).closure))
         switching.begin(mesh, None if solver is None else solver.border.ties)
         return cls(task, settings.scheme, solver, flat, switching, out)
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation_kernel import Shares, places, share
-from flexinv.constraints.closures import Rows, constraint_rows, row_arrays, without_rounding
+from flexinv.constraints.closures import Rows, constraint_rows, without_rounding
 from flexinv.constraints.continuation_kernel import Chain, closing
 from flexinv.errors import InputError
 from flexinv.kernels.fronts import fronts_of
@@ -170,10 +170,10 @@ class GivenLoops:
         self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
-        g, worst = np.zeros((len(q), len(self.rows), qd.shape[1])), np.zeros((3, 2))
+        g, worst = np.zeros((len(q), len(self.rows.closure), qd.shape[1])), np.zeros((3, 2))
         at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        chain = Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
+        chain = Chain.of(nodes_of(self.mesh), self.rows)
         closing(chain, self.rows.scale, frames, (plain(q), plain(qd), plain(qdd)), g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 

@@ -179,8 +179,7 @@ def _drive(place, freedoms, s, tree, tau, preload):
         for i in range(tree.shape[1]):
             for k in range(SAMPLES_AT_ONCE):
                 x[n, k] += place.motions[n, i, k] * tree[min(s + k, tree.shape[0] - 1), i]
-    sparse_qr.solve_lower(place.whole, place.driving, x)
-    sparse_qr.turn(place.whole, place.driving, x, y)
+    sparse_qr.least_norm(place.whole, place.driving, x, y)
     for i in range(drives):
         for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
             tau[s + k, place.drives[i]] = y[i, k] / place.root[i]
@@ -198,9 +197,8 @@ def _close(place, s, g, left, multipliers):
     for i in range(x.shape[0]):
         for k in range(SAMPLES_AT_ONCE):
             x[i, k] = left[min(s + k, g.shape[0] - 1), i]
-    sparse_qr.solve_lower(place.fronts, place.closing, x)
     y[:] = 0.0
-    sparse_qr.turn(place.fronts, place.closing, x, y)
+    sparse_qr.least_norm(place.fronts, place.closing, x, y)
     for k in range(min(SAMPLES_AT_ONCE, g.shape[0] - s)):
         for r in range(g.shape[1]):
             multipliers[s + k, r] = y[r, k]

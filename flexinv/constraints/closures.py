@@ -12,15 +12,16 @@ through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import RowArrays, closure_samples
+from flexinv.constraints.equations import Rows as Rows
+from flexinv.constraints.equations import closure_samples
 from flexinv.errors import InputError
-from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
@@ -31,54 +32,10 @@ from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
 
+# A switching instant this close to a sample, in parts of the step, is that sample.
+SAME_INSTANT = 1e-6
 # Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
 ROUNDED = 1e-13
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Constraints of all closures, one row each.
-
-    closure : (rows,) index into mechanism.closures; direction : (rows,) True for u . w, False for u . d
-    a, b : (rows,) nodes, -1 the world; place_a, place_b : (rows, 3) [m] frame origins in the nodes' frames
-    u, w : (rows, 3) [-] vectors in the nodes' frames
-    gear : (rows, nv) factors of a coupling, whose equation is sum gear q = offset; zero for all others
-    pattern : (rows, nv) entries that G may have
-    scale : (rows,) what the equations are measured against [m], [-]: the mechanism's length for positions, 1 for directions, for
-        couplings the largest of their terms, for a slide as long as the mechanism or an angle of 1
-    place : (nv,) index into q of the scalar coordinates, -1 for others
-    """
-
-    closure: NDArray[np.int64]
-    direction: Mask
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
-    place_a: Array
-    place_b: Array
-    u: Array
-    w: Array
-    gear: Array
-    offset: Array
-    pattern: Mask
-    scale: Array
-    place: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        """Number of constraints [-]."""
-        return len(self.closure)
-
-    def of(self, active: Mask) -> Rows:
-        """Return the rows of the closures that are ``active`` (closures,)."""
-        if active.all():
-            return self
-        k = active[self.closure]
-        parts = {f.name: getattr(self, f.name)[k] for f in fields(self) if f.name != "place"}
-        return replace(self, **parts)
-
-    def fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
-        """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
-        own = np.ones(len(self.place), dtype=bool) if columns is None else columns
-        return fronts_of(self.pattern[:, own], None if last is None else last[own])
 
 
 @kept_with_owner()
@@ -92,17 +49,14 @@ def constraint_rows(mesh: Mesh) -> Rows:
             vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
             table.append((index, direction, a, b, *vectors, gear, 0.0))
         if closure.kind == "coupling":
+            what = f"closure '{closure.name}': a coupling"
             for name, factor in closure.factors:
                 if name not in m.joint_of or m.joint_of[name].kind not in COUPLED:
                     known = ", ".join(j.name for j in m.joints if j.kind in COUPLED) or "none"
-                    raise InputError(
-                        f"closure '{closure.name}': a coupling ties {COUPLED_JOINTS} ({known}), not {name!r}"
-                    )
+                    raise InputError(f"{what} ties {COUPLED_JOINTS} ({known}), not {name!r}")
                 gear[m.v_slices[name].start] = factor
             if closure.active:
-                raise InputError(
-                    f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out"
-                )
+                raise InputError(f"{what} acts all the time; leave its active intervals out")
             table.append((index, True, -1, -1, *np.zeros((4, 3)), gear, closure.offset))
     kinds: list[tuple[type, tuple[int, ...]]] = [(kind, ()) for kind in (np.int64, bool, np.int64, np.int64)]
     kinds += [*4 * [(float, (3,))], (float, (m.nv,)), (float, ())]
@@ -116,7 +70,8 @@ def constraint_rows(mesh: Mesh) -> Rows:
     for joint in m.joints:
         if joint.kind in COUPLED:
             place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
-    columns += [_pattern(mesh, of_first, of_second, gears), scale, place]
+    last = np.searchsorted(columns[0], columns[0], side="right")
+    columns += [_pattern(mesh, of_first, of_second, gears), scale, last, place]
     return Rows(*columns)
 
 
@@ -142,7 +97,7 @@ def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotio
         if which[index] and original.direction[k] and closure.kind != "universal":
             aligned = closure.first.placement.rotation @ closure.second.placement.rotation.T
             w[k] = rb[k].T @ ra[k] @ aligned @ original.w[k]
-    return replace(now, place_b=np.where(which[original.closure][:, None], seen, now.place_b), w=w)
+    return now._replace(place_b=np.where(which[original.closure][:, None], seen, now.place_b), w=w)
 
 
 def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
@@ -177,10 +132,10 @@ def closed_rows(mesh: Mesh, motion: NodalMotion, rows: Rows) -> tuple[Array, Arr
 
     phi'' = u''.w + 2 u'.w' + u.w''; those of couplings are zero (`coupling_residuals`).
     """
-    samples, count = len(motion.x), len(rows)
+    samples, count = len(motion.x), len(rows.closure)
     phi, g = np.zeros((samples, count, 3)), np.zeros((samples, count, mesh.mechanism.nv))
     if count:
-        closure_samples(nodes_of(mesh), row_arrays(rows), motion.frames, phi, g)
+        closure_samples(nodes_of(mesh), rows, motion.frames, phi, g)
     return phi, without_rounding(mesh, rows.direction, g)
 
 
@@ -219,15 +174,61 @@ def without_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
     return g
 
 
-def row_arrays(rows: Rows) -> RowArrays:
-    """Return the rows [m], [-] as kernels take them."""
-    vectors = rows.place_a, rows.place_b, rows.u, rows.w
-    last = np.searchsorted(rows.closure, rows.closure, side="right")
-    return RowArrays(rows.direction, rows.a, rows.b, *vectors, rows.gear, rows.offset, rows.place, last)
-
-
 @kept_with_owner()
 def sizes_of(mesh: Mesh) -> Array:
     """Return the scale of each coordinate, (nq,): the mechanism's length [m] for positions, 1 for all others."""
     kinds = [KINDS[joint.kind] for joint in mesh.mechanism.joints]
     return np.array([mesh.length if k < sum(one.translations) else 1.0 for one in kinds for k in range(len(one.q))])
+
+
+# ----------------------------------------------------------------- phases: the stretches of a motion in which closures act
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Samples ``first`` to before ``last``, in which the closures of ``active`` (closures,) act."""
+
+    first: int
+    last: int
+    active: Mask
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A phase and the constraints of all closures, with the frames [m] that they tie in it."""
+
+    phase: Phase
+    rows: Rows
+
+    @property
+    def span(self) -> slice:
+        """Samples of the phase."""
+        return slice(self.phase.first, self.phase.last)
+
+
+def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
+    """Return the phases of a grid ``time`` (samples,) [s], uniform at its start; a closure acts from its start to before its end.
+
+    Raises InputError when a closure begins or ceases between two samples.
+    """
+    step = float(time[1] - time[0]) if len(time) > 1 else 1.0
+    cuts = {0}
+    for closure in mechanism.closures:
+        for instant in (t for interval in closure.active for t in interval if time[0] < t < time[-1]):
+            sample = int(np.abs(time - instant).argmin())
+            if abs(time[sample] - instant) > SAME_INSTANT * step:
+                raise InputError(
+                    f"mechanism '{mechanism.name}', closure '{closure.name}': it switches at {instant:g} s, between two samples "
+                    f"({step:g} s apart); write step = {(instant - time[0]) / max(1, sample):.10g} or another that meets it"
+                )
+            cuts.add(sample)
+    bounds = [*sorted(cuts), len(time)]
+    slack = SAME_INSTANT * step
+    return [Phase(first, last, acting(mechanism, float(time[first]) + slack)) for first, last in pairwise(bounds)]
+
+
+def acting(mechanism: Mechanism, time: float) -> Mask:
+    """Return a mask (closures,) of the closures that act at ``time`` [s]."""
+    return np.array(
+        [not c.active or any(start <= time < end for start, end in c.active) for c in mechanism.closures], dtype=bool
+    )

@@ -15,11 +15,11 @@ import numpy as np
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import (
     Rows,
+    acting,
     closed_rows,
     constraint_rows,
     coupling_residuals,
     measures,
-    row_arrays,
     sizes_of,
     without_rounding,
 )
@@ -33,7 +33,6 @@ from flexinv.constraints.continuation_kernel import (
     closure_equations,
     continue_branch,
 )
-from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import plain
 from flexinv.kernels.sparse_qr import FrontFactors
@@ -173,12 +172,12 @@ class Follower:
 
     @cached_property
     def _chain(self) -> Chain:
-        return Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
+        return Chain.of(nodes_of(self.mesh), self.rows)
 
     def compiled(self) -> tuple[Chain, Problem]:
         """Return the arguments of `continuation_kernel` [m], [-]."""
         m, places, fronts = self.mesh.mechanism, np.flatnonzero(self.unknown), self.rows.fronts(self.unknown)
-        count, free = len(self.rows), len(places)
+        count, free = len(self.rows.closure), len(places)
         problem = Problem(
             unknown=places, owner=self.owned, scale=self.rows.scale, sizes=sizes_of(self.mesh), g=np.zeros((count, m.nv)),
             fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
@@ -223,10 +222,10 @@ class Follower:
     def closures(self, q: Array) -> tuple[Array, Array]:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
         scale, rest = self.rows.scale, np.zeros(self.mesh.mechanism.nv)
-        phi, g = np.empty(len(scale)), np.zeros((1, len(scale), len(rest)))
-        closure_equations(self._chain, plain(q), rest, phi, g[0])
+        g = np.zeros((1, len(scale), len(rest)))
+        closure_equations(self._chain, plain(q), rest, g[0])
         g = without_rounding(self.mesh, self.rows.direction, g)
-        return phi / scale, g[0] * measures(self.mesh) / scale[:, None]
+        return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
@@ -250,14 +249,10 @@ class Follower:
             phi = np.abs(self.closures(guess)[0])
             worst = m.closures[int(self.rows.closure[int(np.argmax(phi))])].name
             asked = int((~self.unknown).sum())
-            fewer = (
-                f", or if the loops leave fewer freedoms a motion of fewer than {asked} coordinates"
-                if asked > 1
-                else ""
-            )
+            fewer = f", or if the loops leave fewer freedoms a motion of fewer than {asked} coordinates"
             raise ConvergenceError(
                 f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start (closure '{worst}' is open by "
-                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}{fewer}"
+                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}{fewer if asked > 1 else ''}"
             )
         return q
 

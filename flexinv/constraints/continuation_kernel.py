@@ -13,19 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import RowArrays, closure_residuals, closure_rows, geared
+from flexinv.constraints.equations import Rows, closure_residuals, closure_rows, geared
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.sparse_qr import (
-    FrontFactors,
-    clear,
-    condition_estimate,
-    factorise,
-    set_entry,
-    solve_upper,
-    turn_back,
-)
+from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, factorise, least_squares, set_entry
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
 from flexinv.kinematics.tree import Frames, Joints, frames_at
 from flexinv.typing import Array
@@ -46,13 +38,13 @@ class Chain(NamedTuple):
     """Closed chain of a mechanism: its nodes, the equations of its closures, and room for its motion at one instant."""
 
     nodes: Nodes
-    rows: RowArrays
+    rows: Rows
     joints: Joints
     frames: Frames
     phi: Array  # (rows, 3) closure equations and their rates
 
     @classmethod
-    def of(cls, nodes: Nodes, rows: RowArrays) -> Chain:
+    def of(cls, nodes: Nodes, rows: Rows) -> Chain:
         """Return the chain with arrays for its motion [m, rad, s]."""
         size = len(nodes.parent)
         one, turns = np.zeros((10, size, 3)), np.zeros((2, size, 3, 3))
@@ -92,33 +84,29 @@ def factor(problem):
 
 
 @jit_inner
-def solve_factored(problem):
-    """Set problem.x to the least-squares solution of the factored system and the right-hand side problem.y [any unit]."""
-    turn_back(problem.fronts, problem.qr, problem.y, problem.x)
-    solve_upper(problem.fronts, problem.qr, problem.x)
+def solve_factored(problem, step):
+    """Set problem.x to the least-squares solution of the factored system and problem.y, and ``step`` (nv,) to less it [any unit].
+
+    Only unknown coordinates of ``step`` are set.
+    """
+    least_squares(problem.fronts, problem.qr, problem.y, problem.x)
+    for i in range(problem.unknown.shape[0]):
+        step[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
 
 
-@jit_inner
-def _open(chain, q, rest, g):
-    """Set G (rows, nv), and chain.phi to the closure equations, at a configuration that stands still."""
+@jit
+def closure_equations(chain, q, rest, g):
+    """Set G (rows, nv) [m/rad], [-], zero on entry, and chain.phi to phi [m], [-] at q (nq,) [rad], [m]; rest : (nv,) zeros."""
     move_nodes(chain.nodes, q, rest, rest, chain.joints, chain.frames)
     closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, g)
     for k in range(g.shape[0]):
         chain.phi[k, 0] += geared(k, chain.rows, q, rest, rest)[0]
 
 
-@jit
-def closure_equations(chain, q, rest, phi, g):
-    """Set phi (rows,) [m], [-] and G (rows, nv) [m/rad], zero on entry, at q (nq,) [rad], [m]; rest : (nv,) zeros."""
-    _open(chain, q, rest, g)
-    for k in range(phi.shape[0]):
-        phi[k] = chain.phi[k, 0]
-
-
 @jit_inner
 def _equations(chain, problem, q):
     """Set problem.g, problem.qr = G_u and problem.y = phi at a configuration, all over their scales."""
-    _open(chain, q, problem.rest, problem.g)
+    closure_equations(chain, q, problem.rest, problem.g)
     for k in range(problem.scale.shape[0]):
         problem.y[k, 0] = chain.phi[k, 0] / problem.scale[k]
     _set_matrix(problem)
@@ -155,10 +143,8 @@ def newton(chain, problem):
         _equations(chain, problem, problem.guess)
         if not factor(problem):
             return False
-        solve_factored(problem)
         problem.step[:] = 0.0
-        for i in range(problem.unknown.shape[0]):
-            problem.step[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
+        solve_factored(problem, problem.step)
         step_coordinates(chain.nodes, problem.guess, problem.step)
         if _largest(problem.x[:, 0]) < LAST_INCREMENT:
             _equations(chain, problem, problem.guess)
@@ -178,9 +164,7 @@ def _predict(chain, problem, q, rate, dt):
             problem.y[k, 0] += problem.g[k, i] * problem.step[i] / problem.scale[k]
     if not factor(problem):
         return False
-    solve_factored(problem)
-    for i in range(problem.unknown.shape[0]):
-        problem.step[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
+    solve_factored(problem, problem.step)
     for i in range(problem.step.shape[0]):
         problem.step[i] *= dt
     _copy(q, problem.guess)
@@ -231,10 +215,7 @@ def _set_rates(chain, problem, q, qd, qdd):
             closure_residuals(chain.rows, chain.frames, chain.phi)
         for k in range(problem.scale.shape[0]):
             problem.y[k, 0] = (chain.phi[k, order] + geared(k, chain.rows, q, qd, qdd)[order]) / problem.scale[k]
-        solve_factored(problem)
-        rate = qd if order == 1 else qdd
-        for i in range(problem.unknown.shape[0]):
-            rate[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
+        solve_factored(problem, qd if order == 1 else qdd)
     return condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
 
 

@@ -10,40 +10,38 @@ them is its axis, and its slide or what its turn does to the point of B.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import (
-    add,
-    add_to,
-    apply,
-    cross,
-    dot,
-    mat,
-    mul,
-    put,
-    scale,
-    sub,
-    tapply,
-    transpose,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.vec3 import ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
 from flexinv.kinematics.tree import frames_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @by_address
-class RowArrays(NamedTuple):
-    """Constraints, one a row: see `closures.Rows` [m], [-]; last : (rows,) the row behind those of the same closure."""
+class Rows(NamedTuple):
+    """Constraints of all closures, one row each.
 
-    direction: NDArray[np.bool_]
+    closure : (rows,) index into mechanism.closures; last : (rows,) the row behind those of the same closure
+    direction : (rows,) True for u . w, False for u . d
+    a, b : (rows,) nodes, -1 the world; place_a, place_b : (rows, 3) [m] frame origins in the nodes' frames
+    u, w : (rows, 3) [-] vectors in the nodes' frames
+    gear : (rows, nv) factors of a coupling, whose equation is sum gear q = offset; zero for all others
+    pattern : (rows, nv) entries that G may have
+    scale : (rows,) what the equations are measured against [m], [-]: the mechanism's length for positions, 1 for directions, for
+        couplings the largest of their terms, for a slide as long as the mechanism or an angle of 1
+    place : (nv,) index into q of the scalar coordinates, -1 for others
+    """
+
+    closure: NDArray[np.int64]
+    direction: Mask
     a: NDArray[np.int64]
     b: NDArray[np.int64]
     place_a: Array
@@ -52,16 +50,30 @@ class RowArrays(NamedTuple):
     w: Array
     gear: Array
     offset: Array
-    place: NDArray[np.int64]
+    pattern: Mask
+    scale: Array
     last: NDArray[np.int64]
+    place: NDArray[np.int64]
+
+    def of(self, active: Mask) -> Rows:
+        """Return the rows of the closures that are ``active`` (closures,)."""
+        if active.all():
+            return self
+        parts: dict[str, Any] = {name: getattr(self, name)[active[self.closure]] for name in self._fields[:-1]}
+        parts["last"] = np.searchsorted(parts["closure"], parts["closure"], side="right")
+        return self._replace(**parts)
+
+    def fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
+        """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
+        own = np.ones(len(self.place), dtype=bool) if columns is None else columns
+        return fronts_of(self.pattern[:, own], None if last is None else last[own])
 
 
 @jit_inner
 def fixed(frames, n, vector):
     """Return a vector [m], [-] fixed in node n (-1: the world) and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
-    none = (0.0, 0.0, 0.0)
     if n < 0:
-        return vector, none, none
+        return vector, ZERO, ZERO
     r, w, al = mat(frames.r[n]), vec(frames.w[n]), vec(frames.al[n])
     spin = cross(w, vector)
     return apply(r, vector), apply(r, spin), apply(r, add(cross(al, vector), cross(w, spin)))
@@ -105,15 +117,15 @@ def _place_seen(k, rows, frames):
 @jit_inner
 def _turn_seen(k, rows, frames):
     """Axes of frame B seen from frame A, its angular velocity there, and the rate of that."""
-    a, b, none = rows.a[k], rows.b[k], (0.0, 0.0, 0.0)
+    a, b = rows.a[k], rows.b[k]
     r, s = _axes(frames, a), _axes(frames, b)
-    w, al = (vec(frames.w[b]), vec(frames.al[b])) if b >= 0 else (none, none)
+    w, al = (vec(frames.w[b]), vec(frames.al[b])) if b >= 0 else (ZERO, ZERO)
     w, al = tapply(r, apply(s, w)), tapply(r, apply(s, al))
     if a >= 0:
         own = vec(frames.w[a])
         w = sub(w, own)
         al = sub(sub(al, vec(frames.al[a])), cross(own, w))
-    return mul(transpose(r), s), w, al
+    return tmul(r, s), w, al
 
 
 @jit_inner
@@ -218,10 +230,10 @@ class Ends(NamedTuple):
 
 
 @jit
-def closing_samples(rows, closure, ends, frames, multipliers, force, moment, wrench):
+def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
     """Add what multipliers (samples, rows) [N], [N m] do to nodes, and set what each closure does to the second of its links.
 
-    closure : (rows,) of each row; force, moment : (samples, nodes, 3) on the nodes, about them (world)
+    force, moment : (samples, nodes, 3) on the nodes, about them (world)
     wrench : (closures, samples, 6), zero on entry, force and moment at the closures' ends, in the axes there
     """
     for s in range(multipliers.shape[0]):
@@ -235,20 +247,16 @@ def closing_samples(rows, closure, ends, frames, multipliers, force, moment, wre
             if rows.a[k] >= 0:
                 add_to(force[s, rows.a[k]], 0, scale(-1.0, push))
                 add_to(moment[s, rows.a[k]], 0, on_a)
-            put(wrench[closure[k], s], 0, push)
-            put(wrench[closure[k], s], 3, on_b if ends.second[closure[k]] else sub((0.0, 0.0, 0.0), on_a))
+            put(wrench[rows.closure[k], s], 0, push)
+            put(wrench[rows.closure[k], s], 3, on_b if ends.second[rows.closure[k]] else sub(ZERO, on_a))
             k = rows.last[k]
         for n in range(wrench.shape[0]):
             if ends.node[n] >= 0:
-                _show(wrench[n, s], mat(f.r[ends.node[n]]), vec(ends.place[n]), mat(ends.turn[n]))
-
-
-@jit_inner
-def _show(wrench, turned, place, turn):
-    """Bring a wrench on a node (world, moment about it) to a frame at a place in it, and into its axes."""
-    force, moment, axes = vec_at(wrench, 0), vec_at(wrench, 3), mul(turned, turn)
-    put(wrench, 0, tapply(axes, force))
-    put(wrench, 3, tapply(axes, sub(moment, cross(apply(turned, place), force))))
+                # from the node (world, moment about it) to the frame at a place in it, and into its axes
+                turned, shown = mat(f.r[ends.node[n]]), wrench[n, s]
+                push, turn, axes = vec(shown), vec(shown[3:]), mul(turned, mat(ends.turn[n]))
+                put(shown, 0, tapply(axes, push))
+                put(shown, 3, tapply(axes, sub(turn, cross(apply(turned, vec(ends.place[n])), push))))
 
 
 @jit_inner
@@ -256,7 +264,7 @@ def _wrenches(k, rows, frames, multipliers):
     """Force on the second node, and moments on the first and on the second, of one closure's rows (world, about the nodes)."""
     a, b = rows.a[k], rows.b[k]
     axes = _axes(frames, a)
-    turned, push, turn = mul(transpose(axes), _axes(frames, b)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    turned, push, turn = tmul(axes, _axes(frames, b)), ZERO, ZERO
     for i in range(k, rows.last[k]):
         u = vec(rows.u[i])
         if rows.direction[i]:

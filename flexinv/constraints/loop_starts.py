@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexinv.constraints.allocation import STILL_RATE, ranks
-from flexinv.constraints.closures import Rows, constraint_rows, measures
+from flexinv.constraints.closures import Rows, acting, constraint_rows, measures
 from flexinv.constraints.continuation import Follower, close_rates, closed_start, standing
-from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
 from flexinv.kinematics.mesh import Mesh
@@ -83,7 +82,7 @@ def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
         raise AssertionError("the loops close from the start")
     q, off = found, off_start(mesh, given.places, given.q, found)
     if given.missed(off)[:2] != (0.0, 0.0):
-        raise _contradicted(mesh, given, q, off, time)
+        raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
     qd, qdd = given.qd.copy(), given.qdd.copy()
     close_rates(mesh, rows, q, qd, qdd, given.sets(given.rates), orders=(1,))
     check_rates(mesh, given.rates, given.qd, qd, time, given.rate)
@@ -98,7 +97,7 @@ def check_settled(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array
     """
     off = np.minimum(*(off_start(mesh, given.places, given.q, one) for one in (begun, q)))
     if off.max(initial=0.0) > ROUNDED:
-        raise _contradicted(mesh, given, q, off, time)
+        raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
     nearer = np.where(np.abs(rate - given.qd) < np.abs(qd - given.qd), rate, qd)
     check_rates(mesh, given.rates, given.qd, nearer, time)
 
@@ -209,7 +208,7 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
         return follower.start(0.0, q) if drives_move else q
     off = off_start(mesh, ~passive, q, found)
     if off.max(initial=0.0) > ROUNDED:
-        raise _contradicted(mesh, replace(given, places=~passive), found, off, 0.0, "q")
+        raise _contradicted(mesh, "q", ~passive, q, found, off, 0.0)
     return found
 
 
@@ -268,15 +267,8 @@ def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, 
     off = np.where(stated, np.abs(qd - given) / unit, 0.0)
     # a pendulum of the mechanism's length tells slow from fast
     still = STILL_RATE * max(1.0, float(np.sqrt(np.linalg.norm(m.gravity) / mesh.length)))
-    if off.max(initial=0.0) <= still + most * np.abs(np.where(stated, given, 0.0) / unit).max(initial=0.0):
-        return
-    worst = _owner(m, int(np.argmax(off))).name
-    names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
-    raise InputError(
-        f"mechanism '{m.name}', t = {time:g} s: start_rate of joint '{worst}' is {_said(m, worst, given)}, "
-        f"the closures give {_said(m, worst, qd)}{_others(m, names, worst, given)}; write "
-        f"start_rate={_written(m, names, qd)}, or leave out the joints that shall follow"
-    )
+    if not off.max(initial=0.0) <= still + most * np.abs(np.where(stated, given, 0.0) / unit).max(initial=0.0):
+        raise _contradicted(mesh, "start_rate", stated, given, qd, off, time)
 
 
 def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
@@ -288,9 +280,7 @@ def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
 
 
 def _owner(mechanism: Mechanism, column: int) -> Joint:
-    return next(
-        j for j in mechanism.joints if mechanism.v_slices[j.name].start <= column < mechanism.v_slices[j.name].stop
-    )
+    return [joint for joint in mechanism.joints for _ in range(joint.nv)][column]
 
 
 def _place(joint: Joint, q: Array) -> Array:
@@ -321,30 +311,28 @@ def _unit(joint: Joint, places: bool) -> str:
     return place if places else rate
 
 
-def _said(mechanism: Mechanism, name: str, values: Array, places: bool = False) -> str:
+def _said(mechanism: Mechanism, name: str, values: Array, places: bool) -> str:
     return f"{_number(mechanism, name, values, places)} {_unit(mechanism.joint_of[name], places)}"
 
 
-def _written(mechanism: Mechanism, names: Collection[str], values: Array, places: bool = False) -> str:
+def _written(mechanism: Mechanism, names: Collection[str], values: Array, places: bool) -> str:
     return "{" + ", ".join(f"{name!r}: {_number(mechanism, name, values, places)}" for name in names) + "}"
 
 
-def _others(mechanism: Mechanism, names: Sequence[str], joint: str, values: Array, places: bool = False) -> str:
-    """Return the values stated of the other joints, in words."""
-    parts = [f"{name} = {_said(mechanism, name, values, places)}" for name in names if name != joint]
-    return f" with {', '.join(parts)}" if parts else ""
-
-
-def _contradicted(mesh: Mesh, given: Stated, q: Array, off: Array, time: float, argument: str = "start") -> InputError:
-    m = mesh.mechanism
+def _contradicted(
+    mesh: Mesh, argument: str, stated: Mask, given: Array, found: Array, off: Array, time: float
+) -> InputError:
+    """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``found``."""
+    m, places = mesh.mechanism, argument != "start_rate"
     worst = _owner(m, int(np.argmax(off))).name
-    names = [j.name for j in m.joints if given.places[m.v_slices[j.name]].any()]
-    follow = ", or leave out the joints that shall follow" if argument == "start" else " into its places"
-    kept = [n for n in names if off[m.v_slices[n]].max(initial=0.0) <= ROUNDED]
+    names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
+    kept = [n for n in names if n != worst and (not places or off[m.v_slices[n]].max(initial=0.0) <= ROUNDED)]
+    others = ", ".join(f"{name} = {_said(m, name, given, places)}" for name in kept)
+    follow = " into its places" if argument == "q" else ", or leave out the joints that shall follow"
     return InputError(
-        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {_said(m, worst, given.q, places=True)}, the "
-        f"closures give {_said(m, worst, q, places=True)}{_others(m, kept, worst, given.q, places=True)}; write "
-        f"{argument}={_written(m, names, q, places=True)}{follow}"
+        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {_said(m, worst, given, places)}, the "
+        f"closures give {_said(m, worst, found, places)}{f' with {others}' if others else ''}; write "
+        f"{argument}={_written(m, names, found, places)}{follow}"
     )
 
 

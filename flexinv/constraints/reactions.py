@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexinv.constraints.closures import Rows, closed_rows, row_arrays
+from flexinv.constraints.closures import Rows, Stretch, closed_rows
 from flexinv.constraints.equations import Ends, closing_samples
-from flexinv.constraints.phases import Stretch
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, project
 from flexinv.kernels.memory import plain
@@ -60,9 +59,7 @@ def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> 
     """
     closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
     wrench = np.zeros((len(closures), len(motion.x), 6))
-    closing_samples(
-        row_arrays(rows), rows.closure, _ends(mesh), motion.frames, plain(multipliers), force, moment, wrench
-    )
+    closing_samples(rows, _ends(mesh), motion.frames, plain(multipliers), force, moment, wrench)
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 
@@ -75,9 +72,7 @@ def phased_closing(
         return closing(mesh, motion, stretches[0].rows, multipliers)
     parts = [closing(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
     force, moment = (np.concatenate([getattr(own, name) for own, _ in parts]) for name in ("force", "moment"))
-    return NodalForces(force, moment), {
-        name: np.concatenate([shown[name] for _, shown in parts]) for name in parts[0][1]
-    }
+    return NodalForces(force, moment), {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
 
 
 @kept_with_owner()
@@ -102,16 +97,16 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     apart, rate = np.abs(closed_rows(mesh, motion, rows)[0][0, :, :2].T) / scale
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):
-        closure, own = m.closures[int(index)], rows.closure == index
-        if apart[own].max() > OPEN:
-            worst = int(np.flatnonzero(own)[np.argmax(apart[own])])
+        closure, own = m.closures[int(index)], np.flatnonzero(rows.closure == index)
+        worst = int(own[np.argmax(apart[own])])
+        if apart[worst] > OPEN:
             gap = f"{apart[worst]:.2g} rad" if rows.direction[worst] else f"{apart[worst] * mesh.length:.2g} m"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that are {gap} apart; "
                 "bring them together, or write capture = true to tie them where they stand"
             )
-        if closure.impact == "error" and rate[own].max() > MEETING * fastest:
-            worst = int(np.flatnonzero(own)[np.argmax(rate[own])])
+        worst = int(own[np.argmax(rate[own])])
+        if closure.impact == "error" and rate[worst] > MEETING * fastest:
             speed = f"{rate[worst]:.3g} rad/s" if rows.direction[worst] else f"{rate[worst] * mesh.length:.3g} m/s"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that move against each "

@@ -62,7 +62,7 @@ class Layout(NamedTuple):
 
 @by_address
 class Ties(NamedTuple):
-    """Rows of the border: first the constraints of all closures (see `closures.Rows`), then three for each spring.
+    """Rows of the border: first the constraints of all closures (see `equations.Rows`), then three for each spring.
 
     kind : (rows,) POSITION, DIRECTION, PULL or COUPLING; acting : (rows,) whether the closure acts
     a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames; in a plane (rows, 2), in its axes where the
@@ -158,7 +158,7 @@ def ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear
 
 def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
     """Let the closures of ``acting`` (closures,) act, with the frames [m], [-] that ``rows`` have now; others carry nothing."""
-    n = len(rows)
+    n = len(rows.closure)
     constraints.acting[:n] = acting[rows.closure]
     constraints.place_b[:n], constraints.w[:n] = rows.place_b, rows.w
     constraints.multiplier[:n][~constraints.acting[:n]] = 0.0

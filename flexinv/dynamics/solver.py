@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -145,7 +145,7 @@ class Solver:
         if not rows.gear.any():
             return np.empty((len(q), 0, 3))
         moved = by_unknown(self.mesh, self.topology).any(axis=1)
-        of_given = replace(rows, gear=np.where(moved, 0.0, rows.gear))
+        of_given = rows._replace(gear=np.where(moved, 0.0, rows.gear))
         return np.stack(coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
 
     def drives(self, time: Array, before: bool = True) -> Array:

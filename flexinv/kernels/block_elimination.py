@@ -83,27 +83,20 @@ def factorise_blocks(m, blocks, least, pivots):
     are not coupled are not looked at.
     """
     over = pivots.over
-    if m.shape[0] == 2 and blocks.start.shape[0] == 1 and _invert_two(m, least):
-        pivots.row[0] = INVERTED
-        return
+    if m.shape[0] == 2 and blocks.start.shape[0] == 1:
+        a, b, c, d = m[0, 0], m[0, 1], m[1, 0], m[1, 1]
+        det = a * d - b * c
+        if abs(det) > least * abs(a * d):  # both pivots, scaled, are
+            m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
+            pivots.row[0] = INVERTED
+            return
     for k in range(m.shape[0]):
         over[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
     for e in range(blocks.entry.shape[0]):
         i, j = blocks.entry[e, 0], blocks.entry[e, 1]
         m[i, j] *= over[i] * over[j]
-    for b in range(blocks.start.shape[0]):
-        _eliminate(m, blocks, b, least, pivots)
-
-
-@jit_inner
-def _invert_two(m, least):
-    """Replace m (2, 2) by its inverse if both pivots, scaled to a unit diagonal, are above ``least``; else leave it: False."""
-    a, b, c, d = m[0, 0], m[0, 1], m[1, 0], m[1, 1]
-    det = a * d - b * c
-    if not abs(det) > least * abs(a * d):
-        return False
-    m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
-    return True
+    for block in range(blocks.start.shape[0]):
+        _eliminate(m, blocks, block, least, pivots)
 
 
 @jit_inner
@@ -151,42 +144,32 @@ def solve_blocks(m, blocks, pivots, right, x):
     if m.shape[0] == 2 and pivots.row[0] == INVERTED:
         x[0], x[1] = m[0, 0] * right[0] + m[0, 1] * right[1], m[1, 0] * right[0] + m[1, 1] * right[1]
         return
+    row, column = pivots.row, pivots.column
     for k in range(m.shape[0]):
         right[k] *= pivots.over[k]
     for b in range(blocks.start.shape[0]):
         for k in range(blocks.start[b], blocks.end[b]):
-            if pivots.row[k] >= 0:
-                _take_from_right(m, blocks, b, k, pivots, right)
+            if row[k] < 0:
+                continue
+            value, c = right[row[k]], column[k]  # as the elimination of pivot k has changed the rows
+            for i in range(k + 1, blocks.end[b]):
+                if row[i] >= 0:
+                    right[row[i]] -= m[row[i], c] * value
+            for n in range(blocks.first[b], blocks.first[b + 1]):
+                for i in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
+                    right[i] -= m[i, c] * value
     for b in range(blocks.start.shape[0] - 1, -1, -1):
         for k in range(blocks.end[b] - 1, blocks.start[b] - 1, -1):
-            _solve_for(m, blocks, b, k, pivots, right, x)
+            r, c = row[k], column[k]
+            if r < 0:
+                x[c] = 0.0
+                continue
+            value = right[r]
+            for j in range(k + 1, blocks.end[b]):
+                value -= m[r, column[j]] * x[column[j]]
+            for n in range(blocks.first[b], blocks.first[b + 1]):
+                for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
+                    value -= m[r, j] * x[j]
+            x[c] = value / m[r, c]
     for k in range(m.shape[0]):
         x[k] *= pivots.over[k]
-
-
-@jit_inner
-def _take_from_right(m, blocks, b, k, pivots, right):
-    """Do to the right side what the elimination of pivot k has done to the rows."""
-    value, c = right[pivots.row[k]], pivots.column[k]
-    for i in range(k + 1, blocks.end[b]):
-        if pivots.row[i] >= 0:
-            right[pivots.row[i]] -= m[pivots.row[i], c] * value
-    for n in range(blocks.first[b], blocks.first[b + 1]):
-        for i in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
-            right[i] -= m[i, c] * value
-
-
-@jit_inner
-def _solve_for(m, blocks, b, k, pivots, right, x):
-    """Set the unknown of pivot k of block b from those after it."""
-    r, c = pivots.row[k], pivots.column[k]
-    if r < 0:
-        x[c] = 0.0
-        return
-    value = right[r]
-    for j in range(k + 1, blocks.end[b]):
-        value -= m[r, pivots.column[j]] * x[pivots.column[j]]
-    for n in range(blocks.first[b], blocks.first[b + 1]):
-        for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
-            value -= m[r, j] * x[j]
-    x[c] = value / m[r, c]

@@ -19,8 +19,6 @@ except ImportError:  # Windows: each process compiles for itself
 
 PATIENCE = 300.0  # [s]
 PAUSE = 0.02  # [s] between two looks
-
-
 NOTE = "compiling kernels, up to a minute; the machine code is kept for the next time"
 _LISTENERS: list[Callable[[], None]] = []
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.vec3 import cross, dot, put, scale, transpose, vec_at
+from flexinv.kernels.vec3 import ZERO, cross, dot, put, scale, transpose, vec_at
 from flexinv.typing import Array
 
 # --------------------------------------------------------------------------------------------------- Gauss elimination
@@ -102,7 +102,20 @@ def invert(a, size):
     """
     threes = size - size % 3
     for k in range(0, threes, 3):
-        _sweep_three(a, k, size)
+        one, two, three = a[k], a[k + 1], a[k + 2]
+        p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
+        put(one, k, (1.0, 0.0, 0.0))
+        put(two, k, (0.0, 1.0, 0.0))
+        put(three, k, (0.0, 0.0, 1.0))
+        for c in range(size):
+            v = one[c], two[c], three[c]
+            one[c], two[c], three[c] = dot(p, v), dot(q, v), dot(r, v)
+        for i in range(size):
+            if i < k or i > k + 2:
+                x, y, z = vec_at(a[i], k)
+                put(a[i], k, ZERO)
+                for c in range(size):
+                    a[i, c] -= x * one[c] + y * two[c] + z * three[c]
     for k in range(threes, size):
         _sweep(a, k, size)
 
@@ -116,27 +129,6 @@ def inverse_transposed(m):
 
 
 @jit_inner
-def _sweep_three(a, k, size):
-    """One step of Gauss-Jordan with the pivot rows k, k + 1, k + 2."""
-    one, two, three = a[k], a[k + 1], a[k + 2]
-    p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
-    put(one, k, (1.0, 0.0, 0.0))
-    put(two, k, (0.0, 1.0, 0.0))
-    put(three, k, (0.0, 0.0, 1.0))
-    for c in range(size):
-        x, y, z = one[c], two[c], three[c]
-        one[c] = p[0] * x + p[1] * y + p[2] * z
-        two[c] = q[0] * x + q[1] * y + q[2] * z
-        three[c] = r[0] * x + r[1] * y + r[2] * z
-    for i in range(size):
-        if i < k or i > k + 2:
-            x, y, z = vec_at(a[i], k)
-            put(a[i], k, (0.0, 0.0, 0.0))
-            for c in range(size):
-                a[i, c] -= x * one[c] + y * two[c] + z * three[c]
-
-
-@jit_inner
 def _sweep(a, k, size):
     """One step of Gauss-Jordan in place, with the pivot (k, k)."""
     over = 1.0 / a[k, k]
@@ -147,8 +139,7 @@ def _sweep(a, k, size):
         if i != k:
             factor = a[i, k]
             a[i, k] = 0.0
-            for c in range(size):
-                a[i, c] -= factor * a[k, c]
+            subtract(a[i], factor, a[k], 0, size)
 
 
 @jit_inner
@@ -180,9 +171,10 @@ def invert_scaled(m, rows, least, over, left):
 
 
 @jit
-def _forward(whole, window):
+def _solve_rows(whole, window, x):
     """Eliminate below the diagonal: block rows [below, own, above, right] become [own, after, one further, right] of a triangle.
 
+    Then fill x (samples + 2, n), whose last two rows are zero, from the triangle.
     whole : (samples, n, 3 n + 1); window : (2 n, 3 n + 1) scratch: the block row at hand and the one after it
     """
     samples, n, wide = whole.shape
@@ -190,8 +182,7 @@ def _forward(whole, window):
         for i in range(n):  # what is left of the row after is where the next begins
             for j in range(2 * n):
                 window[i, j] = window[n + i, n + j]
-            for j in range(2 * n, wide - 1):
-                window[i, j] = 0.0
+            window[i, 2 * n : wide - 1] = 0.0
             window[i, wide - 1] = window[n + i, wide - 1]
         if k + 1 < samples:
             for i in range(n):
@@ -202,20 +193,14 @@ def _forward(whole, window):
             for i in range(n):
                 for j in range(wide):
                     whole[k, i, j] = window[i, j]
-
-
-@jit
-def _backward(kept, x):
-    """Fill x (samples + 2, n), whose last two rows are zero, from the triangle."""
-    samples, n = kept.shape[0], kept.shape[1]
     for k in range(samples - 1, -1, -1):
         for i in range(n - 1, -1, -1):
-            value = kept[k, i, 3 * n]
+            value = whole[k, i, 3 * n]
             for j in range(n):
-                value -= kept[k, i, n + j] * x[k + 1, j] + kept[k, i, 2 * n + j] * x[k + 2, j]
+                value -= whole[k, i, n + j] * x[k + 1, j] + whole[k, i, 2 * n + j] * x[k + 2, j]
             for j in range(i + 1, n):
-                value -= kept[k, i, j] * x[k, j]
-            x[k, i] = value / kept[k, i, i]
+                value -= whole[k, i, j] * x[k, j]
+            x[k, i] = value / whole[k, i, i]
 
 
 def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> Array:
@@ -232,6 +217,5 @@ def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> A
     whole = np.concatenate([below, own, above, right[:, :, None]], axis=2) / largest[:, :, None]
     whole[-1, :, 2 * n : 3 * n] = 0.0
     x = np.zeros((samples + 2, n))
-    _forward(whole, np.zeros((2 * n, 3 * n + 1)))
-    _backward(whole, x)
+    _solve_rows(whole, np.zeros((2 * n, 3 * n + 1)), x)
     return x[:samples]

@@ -66,7 +66,28 @@ def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
         where = np.flatnonzero(row)
         if len(where):
             rows[int(front[where].min())].append(r)
-    return _laid_out(pattern, groups, rows, front)
+    # the arrays: rows and values one front after the other
+    local = [{column: k for k, column in enumerate(own + others)} for own, others in groups]
+    parent = np.array([front[others[0]] if others else -1 for _, others in groups], dtype=np.int64)
+    source, base = [list(own) for own in rows], np.zeros(len(groups), dtype=np.int64)
+    for f, (_, others) in enumerate(groups):
+        if others:
+            base[f] = len(source[parent[f]])
+            source[parent[f]] += [-1] * min(len(source[f]), len(others))
+    place = [[-1] * len(own) + [local[parent[f]][c] for c in others] for f, (own, others) in enumerate(groups)]
+    tall, wide = (np.array([len(part) for part in parts], dtype=np.int64) for parts in (source, local))
+    start = _sums(tall * wide)
+    entry = [
+        (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
+        for f in range(len(groups))
+        for k, r in enumerate(rows[f])
+        for c in np.flatnonzero(pattern[r])
+    ]
+    return Fronts(
+        columns=count, first=_sums(wide), own=np.array([len(own) for own, _ in groups], dtype=np.int64),
+        column=_flat([list(columns) for columns in local]), place=_flat(place), begin=_sums(tall), source=_flat(source),
+        start=start, parent=parent, base=base, entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
+    )  # fmt: skip
 
 
 def least_degree_order(
@@ -109,36 +130,6 @@ def _merged(own: list[list[int]], further: list[list[int]]) -> list[tuple[list[i
                 holder[column] = parent
             gone.add(f)
     return [(own[f], further[f]) for f in range(len(own)) if f not in gone]
-
-
-def _laid_out(
-    pattern: NDArray[np.bool_], groups: list[tuple[list[int], list[int]]], rows: list[list[int]], front: Indices
-) -> Fronts:
-    """Return the arrays of the fronts: rows and values one front after the other."""
-    count = len(groups)
-    local = [{column: k for k, column in enumerate(own + others)} for own, others in groups]
-    parent = np.array([front[others[0]] if others else -1 for _, others in groups], dtype=np.int64)
-    source, base = [list(own) for own in rows], np.zeros(count, dtype=np.int64)
-    for f, (_, others) in enumerate(groups):
-        if others:
-            base[f] = len(source[parent[f]])
-            source[parent[f]] += [-1] * min(len(source[f]), len(others))
-    place = [
-        [-1] * len(own) + [local[parent[f]][column] for column in others] for f, (own, others) in enumerate(groups)
-    ]
-    tall, wide = (np.array([len(part) for part in parts], dtype=np.int64) for parts in (source, local))
-    start = _sums(tall * wide)
-    entry = [
-        (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
-        for f in range(count)
-        for k, r in enumerate(rows[f])
-        for c in np.flatnonzero(pattern[r])
-    ]
-    return Fronts(
-        columns=pattern.shape[1], first=_sums(wide), own=np.array([len(own) for own, _ in groups], dtype=np.int64),
-        column=_flat([list(columns) for columns in local]), place=_flat(place), begin=_sums(tall), source=_flat(source),
-        start=start, parent=parent, base=base, entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
-    )  # fmt: skip
 
 
 def _sums(counts: Indices) -> Indices:

@@ -25,8 +25,6 @@ PIECE = 1 << 21
 # takes some megabytes meets fresh pages every time.  A piece of 8 MiB that is freed once, untouched, lets it keep 16 MiB.
 KEPT = 1 << 20
 np.empty(KEPT)
-
-
 # Of each thread the unused rest of its shared piece of memory, ``left``; nothing where every call has its own.
 _PIECE = local()
 
@@ -34,7 +32,12 @@ _PIECE = local()
 def together(*shapes: tuple[int, ...]) -> list[Array]:
     """Return arrays [any unit] of these shapes that stand one behind the other in memory, to be filled: nothing is in them."""
     size, places = _places(shapes)
-    block = _taken(size)
+    left: Array | None = getattr(_PIECE, "left", None)
+    if left is None or size > PIECE // 2:
+        block = np.empty(size)
+    else:
+        left = np.empty(PIECE) if size > len(left) else left
+        block, _PIECE.left = left[:size], left[size:]
     return [np.ndarray(shape, float, block, place) for shape, place in zip(shapes, places, strict=True)]
 
 
@@ -66,17 +69,6 @@ def shared_pieces() -> Iterator[None]:
         yield
     finally:
         _PIECE.left = None
-
-
-def _taken(size: int) -> Array:
-    """So many numbers of memory."""
-    left: Array | None = getattr(_PIECE, "left", None)
-    if left is None or size > PIECE // 2:
-        return np.empty(size)
-    if size > len(left):
-        left = np.empty(PIECE)
-    _PIECE.left = left[size:]
-    return left[:size]
 
 
 @lru_cache(maxsize=64)

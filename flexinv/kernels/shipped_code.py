@@ -79,9 +79,7 @@ def _chosen(folder: Path) -> tuple[Path, dict[str, Any]]:
         return nothing
     found = [folder / level for level in levels() if (folder / level / INDEX).is_file()]
     if not found:
-        _tell(
-            f"it is for {', '.join(sorted(p.name for p in folder.iterdir() if p.is_dir()))}, which this processor is not"
-        )
+        _tell(f"it is for {', '.join(sorted(p.name for p in folder.glob('*/')))}, which this processor is not")
         return nothing
     try:
         index = json.loads((found[0] / INDEX).read_text(encoding="utf-8"))

@@ -44,11 +44,7 @@ plus, times, into = (jit_lanes(getattr(one, "py_func", one)) for one in (add, sc
 @jit_lanes
 def plus_cross(a, u, v):
     """Return a + u x v [any unit]."""
-    return (
-        a[0] + u[1] * v[2] - u[2] * v[1],
-        a[1] + u[2] * v[0] - u[0] * v[2],
-        a[2] + u[0] * v[1] - u[1] * v[0],
-    )
+    return a[0] + u[1] * v[2] - u[2] * v[1], a[1] + u[2] * v[0] - u[0] * v[2], a[2] + u[0] * v[1] - u[1] * v[0]
 
 
 @jit_lanes

@@ -62,12 +62,8 @@ class FrontFactors(NamedTuple):
 @jit_inner
 def clear(qr):
     """Make the matrix zero [any unit]."""
-    for i in range(qr.values.shape[0]):
-        for k in range(qr.scale.shape[0]):
-            qr.values[i, k] = 0.0
-    for c in range(qr.sizes.shape[0]):
-        for k in range(qr.scale.shape[0]):
-            qr.sizes[c, k] = 0.0
+    qr.values[:] = 0.0
+    qr.sizes[:] = 0.0
 
 
 @jit_inner
@@ -215,8 +211,8 @@ def _pass_on(fronts, qr, f):
 
 
 @jit_inner
-def turn_back(fronts, qr, y, x):
-    """Set x (columns, lanes) to Q^T y of y (rows, lanes) at columns that are not free, zero at others [any unit]."""
+def least_squares(fronts, qr, y, x):
+    """Set x (columns, lanes) to R^-1 Q^T y of y (rows, lanes), zero at columns that are free [any unit]."""
     lanes = qr.scale.shape[0]
     for i in range(qr.line.shape[0]):
         for k in range(lanes):
@@ -235,17 +231,17 @@ def turn_back(fronts, qr, y, x):
             for r in range(_left(fronts, qr, f)):
                 for k in range(lanes):
                     to[r, k] = part[qr.top[f] + r, k]
+    solve_upper(fronts, qr, x)
 
 
 @jit_inner
-def turn(fronts, qr, x, y):
-    """Set y (rows, lanes) to Q x of x (columns, lanes), of which free columns do not count [any unit]."""
+def least_norm(fronts, qr, x, y):
+    """Set y (rows, lanes) to Q R^-T x of x (columns, lanes), of which free columns do not count [any unit]; x is overwritten."""
+    solve_lower(fronts, qr, x)
     lanes = qr.scale.shape[0]
     for f in range(fronts.parent.shape[0] - 1, -1, -1):
         first, part = fronts.first[f], qr.line[fronts.begin[f] : fronts.begin[f + 1]]
-        for i in range(part.shape[0]):
-            for k in range(lanes):
-                part[i, k] = 0.0
+        part[:] = 0.0
         for c in range(fronts.own[f]):
             if qr.pivot[first + c] >= 0:
                 for k in range(lanes):
@@ -268,9 +264,8 @@ def turn(fronts, qr, x, y):
 @jit_inner
 def turn_beside(fronts, qr, number, y):
     """Set y (rows, lanes) to Q e of a unit vector e behind the columns [-]: a matrix of one front does not reach it."""
-    for i in range(y.shape[0]):
-        for k in range(y.shape[1]):
-            y[i, k] = 1.0 if i == qr.top[0] + number else 0.0
+    y[:] = 0.0
+    y[qr.top[0] + number] = 1.0
     for c in range(fronts.own[0] - 1, -1, -1):
         if qr.pivot[c] >= 0:
             _reflect(y, qr.values[_value(fronts, 0, c) :], qr.beta[c], qr.pivot[c], qr.sums)
@@ -330,8 +325,7 @@ def condition_estimate(fronts, qr, x, sign):
             size += qr.diagonal[first + c, 0] ** 2
             for d in range(c + 1, fronts.first[f + 1] - first):
                 size += qr.values[_value(fronts, f, d) + qr.pivot[first + c], 0] ** 2
-    for i in range(columns):
-        x[i, 0] = 1.0 / columns
+    x[:] = 1.0 / columns
     last = -1
     for _ in range(NORM_STEPS):
         solve_upper(fronts, qr, x)
@@ -343,10 +337,10 @@ def condition_estimate(fronts, qr, x, sign):
         for i in range(columns):
             if abs(sign[i, 0]) > abs(sign[largest, 0]):
                 largest = i
-            x[i, 0] = 0.0
         if largest == last:
             break
         last = largest
+        x[:] = 0.0
         x[largest, 0] = 1.0
     for i in range(columns):  # signs that alternate find what the steps may miss
         x[i, 0] = (1.0 + i / max(columns - 1, 1)) * (1.0 if i % 2 == 0 else -1.0)

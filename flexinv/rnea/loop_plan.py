@@ -57,7 +57,7 @@ def planned(
     """
     m = mesh.mechanism
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
-    first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows), dtype=bool))
+    first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows.closure), dtype=bool))
     unit = measures(mesh) / rows.scale[:, None]  # of lengths over the mechanism's
     g = _matrix(first, unit, lambda plan: run(candidates[1], plan))
     rank = int(ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0

@@ -57,7 +57,7 @@ def tables(
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
     """
-    axes, matrix = IN_PLANE if plane else IN_SPACE, np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
+    axes, matrix = IN_PLANE if plane else IN_SPACE, np.zeros((len(rows.closure), mesh.mechanism.nv), dtype=np.int64)
     t, words = Tables(mesh, bodies, plane, pairs or {}, matrix), [0] * layout.HEADER
     t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
     words[layout.LIMITS], words[layout.SCRATCH] = t.rows(layout.LIMIT_ROWS), t.rows(layout.SCRATCH_ROWS)

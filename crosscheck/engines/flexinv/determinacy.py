@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import Rows, constraint_rows, measures
-from flexinv.constraints.phases import Phase, phases
+from flexinv.constraints.closures import Phase, Rows, constraint_rows, measures, phases
 from flexinv.constraints.reactions import closing
 from flexinv.inverse.inverse_dynamics import NodalForces, joint_wrenches, own_wrenches, project
 from flexinv.kinematics.mesh import Mesh
@@ -59,7 +58,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
             _raise(firm, wrenches, arms)
         felt = np.stack([_felt(mesh, some, forces) for forces, _ in units], axis=1) if units else np.zeros((1, 0, 1))
         for k in range(len(acting)):
-            null = np.zeros((len(felt), len(rows)))
+            null = np.zeros((len(felt), len(rows.closure)))
             null[:, acting] = _null(felt, k)
             if not null.any():
                 continue
@@ -73,7 +72,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
 
 def _unit(motion: NodalMotion, rows: Rows, row: int) -> Array:
     """Return multipliers (samples, rows) of which one is 1 [its unit]."""
-    out = np.zeros((len(motion.x), len(rows)))
+    out = np.zeros((len(motion.x), len(rows.closure)))
     out[:, row] = 1.0
     return out
 

@@ -28,10 +28,20 @@ def _instruction(alone: Callable[..., Any] | None = None) -> Callable[[Any], Any
     return lambda typed: _intrinsic(typed) if COMPILED or alone is None else alone
 
 
-def _place(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """The address of a number of an array, the first two arguments."""
-    array = context.make_array(signature.args[0])(context, builder, arguments[0])
-    return builder.gep(array.data, [arguments[1]])
+def _writer(write: Callable[..., Any]) -> Callable[..., Any]:
+    """The writer of an instruction about an array, or about one of its numbers if that is the second argument.
+
+    write : of the builder, the address and all further arguments, which are uint64
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        place = builder.gep(data, [arguments[1]]) if len(arguments) > 1 else data
+        values = zip(arguments[2:], signature.args[2:], strict=True)
+        made = write(builder, place, *(context.cast(builder, one, kind, types.uint64) for one, kind in values))
+        return context.get_dummy_value() if signature.return_type is types.none else made
+
+    return generate
 
 
 def _take_alone(cells: Any) -> Any:
@@ -42,48 +52,31 @@ def _take_alone(cells: Any) -> Any:
 @_instruction(_take_alone)
 def take(typing_context: Any, cells: Any) -> Any:
     """Return cells[0] and raise it by one, undivided by other threads."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        one = context.get_constant(types.uint64, 1)
-        return builder.atomic_rmw("add", array.data, one, "monotonic")
-
-    return types.uint64(cells), generate
+    one = ir.IntType(64)(1)
+    return types.uint64(cells), _writer(lambda builder, place: builder.atomic_rmw("add", place, one, "monotonic"))
 
 
 @_instruction()
 def look(typing_context: Any, cells: Any, at: Any) -> Any:
     """Return cells[at], as other threads have it now."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load_atomic(_place(context, builder, signature, arguments), "acquire", _CELL_BYTES)
-
-    return types.uint64(cells, at), generate
+    return types.uint64(cells, at), _writer(lambda builder, place: builder.load_atomic(place, "acquire", _CELL_BYTES))
 
 
 @_instruction()
 def put(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
     """Set cells[at], after everything that this thread wrote before."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        value = context.cast(builder, arguments[2], signature.args[2], types.uint64)
-        builder.store_atomic(value, _place(context, builder, signature, arguments), "release", _CELL_BYTES)
-        return context.get_dummy_value()
-
-    return types.none(cells, at, value), generate
+    writer = _writer(lambda builder, place, value: builder.store_atomic(value, place, "release", _CELL_BYTES))
+    return types.none(cells, at, value), writer
 
 
 @_instruction()
 def swap(typing_context: Any, cells: Any, at: Any, old: Any, new: Any) -> Any:
     """Set cells[at] to ``new`` if it is ``old``, undivided by other threads; return whether it was."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        before, after = (context.cast(builder, arguments[i], signature.args[i], types.uint64) for i in (2, 3))
-        place = _place(context, builder, signature, arguments)
-        found = builder.cmpxchg(place, before, after, "acq_rel", "acquire")
-        return builder.extract_value(found, 1)
+    def write(builder: Any, place: Any, old: Any, new: Any) -> Any:
+        return builder.extract_value(builder.cmpxchg(place, old, new, "acq_rel", "acquire"), 1)
 
-    return types.boolean(cells, at, old, new), generate
+    return types.boolean(cells, at, old, new), _writer(write)
 
 
 @_instruction()
@@ -103,25 +96,19 @@ def pause(typing_context: Any) -> Any:
 def fetch(typing_context: Any, x: Any, at: Any) -> Any:
     """Tell the processor that x[at] will be read soon; what is behind the end of x does no harm."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place, number = _place(context, builder, signature, arguments), ir.IntType(32)
+    def write(builder: Any, place: Any) -> None:
+        number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
         instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         builder.call(instruction, [place, number(0), number(2), number(1)])  # to read, into the second cache, data
-        return context.get_dummy_value()
 
-    return types.none(x, at), generate
+    return types.none(x, at), _writer(write)
 
 
 @_instruction(lambda values: values.ctypes.data)
 def address(typing_context: Any, values: Any) -> Any:
     """Return the address of an array in memory."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        return builder.ptrtoint(array.data, ir.IntType(64))
-
-    return types.uint64(values), generate
+    return types.uint64(values), _writer(lambda builder, place: builder.ptrtoint(place, ir.IntType(64)))
 
 
 def _array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Lock, Thread
+from timeit import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,13 +91,6 @@ def settled(mails, owner, total):
     return True
 
 
-def _looking(attend: Attend) -> float:
-    """Seconds that `_LOOKS` looks take."""
-    start = time.perf_counter()
-    attend(np.zeros(CELLS, dtype=np.uint64), _LOOKS)
-    return time.perf_counter() - start
-
-
 class _Helper:
     """A thread, its mail and the bell that wakes it."""
 
@@ -107,7 +101,8 @@ class _Helper:
 
     def _serve(self) -> None:
         leave(self.caller)
-        looks = int(_LOOKS * WATCH / min(_looking(self.attend) for _ in range(_TRIES)))
+        tried = repeat(lambda: self.attend(np.zeros(CELLS, dtype=np.uint64), _LOOKS), number=1, repeat=_TRIES)
+        looks = int(_LOOKS * WATCH / min(tried))  # `tried` [s]
         self.attend(self.mail, looks)
         while self.bell.get():
             leave(self.caller)
@@ -117,10 +112,6 @@ class _Helper:
         if self.mail[SLEEPS]:
             self.mail[SLEEPS], self.caller = 0, processor_now()
             self.bell.put(True)
-
-    def dismiss(self) -> None:
-        self.bell.put(False)
-        self.thread.join()
 
 
 class Helpers:
@@ -146,7 +137,8 @@ class Helpers:
         members = self._members
         self.forget()
         for one in members:
-            one.dismiss()
+            one.bell.put(False)
+            one.thread.join()
 
     def mails(self, count: int, wake: bool) -> NDArray[np.uint64]:
         """Return the mails (helpers, cells) [-] of at most so many helpers, which watch them soon.

@@ -13,9 +13,10 @@ from rigid_trees import tree
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.analysis.solve import solve
 from flexinv.constraints import continuation as loops
-from flexinv.constraints.closures import Rows, constraint_jacobian, row_arrays
-from flexinv.constraints.continuation_kernel import Problem, factor, solve_factored
+from flexinv.constraints.closures import Rows, constraint_jacobian
+from flexinv.constraints.continuation_kernel import Problem, factor
 from flexinv.constraints.equations import closure_residuals, closure_rows
+from flexinv.kernels import sparse_qr
 from flexinv.kernels.fronts import fronts_of
 from flexinv.kernels.jit import jit
 from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, set_entry
@@ -63,7 +64,7 @@ def least_squares(p):
         set_entry(p.fronts, p.qr, e, 0, p.g[p.fronts.entry[e, 0], p.fronts.entry[e, 1]])
     if not factor(p):
         return False, np.inf
-    solve_factored(p)
+    sparse_qr.least_squares(p.fronts, p.qr, p.y, p.x)
     for i in range(p.x.shape[0]):
         p.step[i] = p.x[i, 0]
     return True, condition_estimate(p.fronts, p.qr, p.x, p.sign)
@@ -124,7 +125,7 @@ def of_vectors(f: Frames, rows: Rows) -> Array:
         spin = np.cross(f.w[node], vector)
         return tuple(f.r[node] @ v for v in (vector, spin, np.cross(f.al[node], vector) + np.cross(f.w[node], spin)))
 
-    found = np.empty((len(rows), 3))
+    found = np.empty((len(rows.closure), 3))
     for k, (a, b) in enumerate(zip(rows.a.tolist(), rows.b.tolist(), strict=True)):
         u, w = carried(a, rows.u[k]), list(carried(b, rows.w[k]))
         if not rows.direction[k]:
@@ -142,10 +143,10 @@ def test_equations_of_every_kind() -> None:
     q, qd, qdd = one_state(mesh)
     motion, (j, f) = rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
     nodes_at(nodes_of(mesh), q[0], qd[0], qdd[0], j, f)
-    phi, g = np.empty((len(rows), 3)), np.zeros((len(rows), mesh.mechanism.nv))
-    equations(nodes_of(mesh), row_arrays(rows), f, phi, g)
+    phi, g = np.empty((len(rows.closure), 3)), np.zeros((len(rows.closure), mesh.mechanism.nv))
+    equations(nodes_of(mesh), rows, f, phi, g)
     expected, alone = of_vectors(f, rows), np.empty_like(phi)
-    residuals_alone(row_arrays(rows), f, alone)
+    residuals_alone(rows, f, alone)
     assert np.array_equal(phi, alone)
     assert abs(phi - expected).max() < ROUNDING * abs(expected).max()
     assert abs(g @ qd[0] - phi[:, 1]).max() < ROUNDING * abs(phi[:, 1]).max()

@@ -21,9 +21,8 @@ from two_arms_example import (
 
 import flexinv
 from crosscheck.engines.pinocchio import adapter as pinocchio
-from flexinv.constraints.closures import constraint_jacobian, constraint_rows
+from flexinv.constraints.closures import constraint_jacobian, constraint_rows, phases
 from flexinv.constraints.continuation import closed_motion, closed_near, mobility
-from flexinv.constraints.phases import phases
 from flexinv.files.load_cases import load_cases
 from flexinv.inverse.inverse_dynamics import nodal_forces, project
 from flexinv.kinematics.mesh import build
