@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.kernels.jit import jit_lanes
-from flexinv.kernels.vec3 import add, scale, tapply
+from flexinv.kernels.vec3 import add, cross, dot, scale, sub, tapply
 
 # Samples of a block, which stays in the cache from its coordinates to its torques.
 BLOCK = 128
@@ -37,8 +37,10 @@ def put_vec(rows, first, k, v):
     rows[first + _TWO + k] = v[2]
 
 
-# a + b, k v, and m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child.
-plus, times, into = (jit_lanes(getattr(one, "py_func", one)) for one in (add, scale, tapply))
+# a + b, a - b, k v, a . b, a x b, and m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child.
+plus, minus, times, dot, cross, into = (
+    jit_lanes(getattr(one, "py_func", one)) for one in (add, sub, scale, dot, cross, tapply)
+)
 
 
 @jit_lanes
