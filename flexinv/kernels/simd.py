@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_lanes
-from flexinv.kernels.vec3 import add, cross, dot, scale, sub, tapply
 
 # Samples of a block, which stays in the cache from its coordinates to its torques.
 BLOCK = 128
@@ -39,7 +39,8 @@ def put_vec(rows, first, k, v):
 
 # a + b, a - b, k v, a . b, a x b, and m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child.
 plus, minus, times, dot, cross, into = (
-    jit_lanes(getattr(one, "py_func", one)) for one in (add, sub, scale, dot, cross, tapply)
+    jit_lanes(getattr(one, "py_func", one))
+    for one in (vec3.add, vec3.sub, vec3.scale, vec3.dot, vec3.cross, vec3.tapply)
 )
 
 

@@ -176,14 +176,6 @@ def solve_row(multiplier, pivot, effort, size, lanes, part, least):
     return count
 
 
-@jit_lanes
-def _multiply(total, one, other, lanes, weight, first):
-    """Add weight one other to a sum, or begin it."""
-    keep = 0.0 if first else 1.0
-    for k in range(lanes):
-        total[k] = keep * total[k] + weight * one[k] * other[k]
-
-
 @jit_lane
 def _less(v, factor, w):
     """v - factor w of six numbers."""
@@ -310,7 +302,9 @@ def allocate(plan, fixed, work, lanes):
             if kind == layout.PAIR:
                 _combine(scratch, one, other, lanes)
             elif kind in (layout.NORM, layout.INNER):
-                _multiply(own, one, other, lanes, fixed[second + i], i == 0)
+                keep, weight = 0.0 if i == 0 else 1.0, fixed[second + i]
+                for k in range(lanes):
+                    own[k] = keep * own[k] + weight * one[k] * other[k]
             else:  # the effort that a multiplier has along another coordinate
                 for k in range(lanes):
                     other[k] -= own[k] * one[k]

@@ -131,7 +131,7 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     height = dict.fromkeys(plan.plan[first : first + 2 * count : 2].tolist(), 0.0)
     for body in plan.bodies:
         r, p = plan.fixed[body.constants :][:9].reshape(3, 3).T, plan.fixed[body.constants + 9 :][:3]
-        off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()
+        off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # out of the plane
         if body.kind not in (layout.ROOT_TURN, layout.TURN, layout.SLIDE) or off > ZERO:
             return False
         height[body.own] = height[body.above] + p[2]

@@ -136,28 +136,24 @@ def standing(count: int) -> Any:
     e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
     """
 
-    @jit_lane
-    def lane(own, axes, place, state, k, c):
-        frame, at, there, is_b = axes_of(axes, k), vec_at(c, _AT), vec_at(c, _THERE), c[_IS_B]
-        w, al, a = state_of(state, k)
-        d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
-        second = minus(into(frame, acceleration_at(w, al, a, at)), vec_at(c, _REST))
-        put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
-        put_vec(own, layout.GAP_RATE, k, _NONE)
-        squares = c[_GROUND_SCALE] * dot(d, d), 0.0, dot(second, second)
-        for j in range(count):
-            pair = _PAIRS + _SIX * np.uint64(j)
-            m, f = vec_at(c, pair), components(frame, vec_at(c, pair + _THREE))
-            n, phi = cross(m, f), dot(m, f)
-            phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
-            squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
-            put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
-        put_vec(own, layout.SQUARES, k, squares)
-
     @jit_lanes
     def ends(own, axes, place, state, lanes, c):
+        at, there, rest, is_b, scale = vec_at(c, _AT), vec_at(c, _THERE), vec_at(c, _REST), c[_IS_B], c[_GROUND_SCALE]
         for k in range(lanes):
-            lane(own, axes, place, state, k, c)
+            frame, (w, al, a) = axes_of(axes, k), state_of(state, k)
+            d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
+            second = minus(into(frame, acceleration_at(w, al, a, at)), rest)
+            put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
+            put_vec(own, layout.GAP_RATE, k, _NONE)
+            squares = scale * dot(d, d), 0.0, dot(second, second)
+            for j in range(count):
+                pair = _PAIRS + _SIX * np.uint64(j)
+                m, f = vec_at(c, pair), components(frame, vec_at(c, pair + _THREE))
+                n, phi = cross(m, f), dot(m, f)
+                phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
+                squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
+                put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
+            put_vec(own, layout.SQUARES, k, squares)
 
     return ends
 
@@ -271,6 +267,7 @@ def _reduce(work, one, other, own, lanes, signs):
         put_vec(own, layout.FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
         put_vec(own, layout.GAP_RATE, k, times(length, cross(w, r)))
         own[layout.SIZE + k], own[layout.SIZE_TOO + k] = square - along * along, square - along_too * along_too
+    for k in range(lanes):
         tau[k] = tau_too[k] = 0.0
     return doubts
 
@@ -278,12 +275,13 @@ def _reduce(work, one, other, own, lanes, signs):
 @jit_lanes
 def _single(work, column, own, lanes, signs):
     """The column of one coordinate, g = u . c, and what the force does for its joint."""
-    moved, entry, effort = work[column.to :], work[column.entry :], work[column.effort :]
-    _moved(moved, work[column.axis :], work[column.joint :], own, work[column.rate :], lanes, signs, 0.0)
+    to, entry, effort, rates = work[column.to :], work[column.entry :], work[column.effort :], work[column.rate :]
+    axis, at = work[column.axis :], work[column.joint :]
     for k in range(lanes):
-        c = vec_of(moved, layout.ENTRIES, k)
-        entry[k] = dot(vec_of(own, layout.UNIT, k), c)
+        c = _motion(own, axis, at, k, signs)
+        to[k], entry[k] = dot(c, c), dot(vec_of(own, layout.UNIT, k), c)
         effort[k] -= dot(vec_of(own, layout.FORCE, k), c)
+        _add_rate(own, k, signs[3] * rates[k], c)
 
 
 @jit_lanes

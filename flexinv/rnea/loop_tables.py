@@ -337,7 +337,7 @@ def _row_that_is_left(
     body, (x, y, z) = end
     free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, 0]) == FREE else []
     for column in (c for c in columns if c.v not in pair and c not in free):
-        _enter(tables, column, [row], to=tables.rows(4), entry=tables.rows(1))
+        _enter(tables, column, [row], to=tables.rows(1), entry=tables.rows(1))
     if free:
         if body not in tables.held:
             tables.held[body] = tables.rows(6 * len(tables.pairs))
