@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_lanes
-from flexinv.kernels.vec3 import add, scale, tapply
 
 # Samples of a block, which stays in the cache from its coordinates to its torques.
 BLOCK = 128
@@ -37,8 +37,11 @@ def put_vec(rows, first, k, v):
     rows[first + _TWO + k] = v[2]
 
 
-# a + b, k v, and m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child.
-plus, times, into = (jit_lanes(getattr(one, "py_func", one)) for one in (add, scale, tapply))
+# a + b, a - b, k v, a . b, a x b, and m^T v: the components of a vector of the parent in the child's frame, m = R_parent,child.
+plus, minus, times, dot, cross, into = (
+    jit_lanes(getattr(one, "py_func", one))
+    for one in (vec3.add, vec3.sub, vec3.scale, vec3.dot, vec3.cross, vec3.tapply)
+)
 
 
 @jit_lanes

@@ -29,6 +29,12 @@ def mat(a):
 
 
 @jit_vector
+def mat_at(a, first):
+    """Return nine entries of a one-dimensional array from ``first`` on as rows [any unit]."""
+    return vec_at(a, first), vec_at(a, first + 3), vec_at(a, first + 6)
+
+
+@jit_vector
 def put(a, first, v):
     """Write a vector into a one-dimensional array from ``first`` on [any unit]."""
     a[first], a[first + 1], a[first + 2] = v

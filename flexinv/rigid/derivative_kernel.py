@@ -36,6 +36,7 @@ from flexinv.kernels.vec3 import (
     dot,
     madd,
     mat,
+    mat_at,
     mscale,
     mul,
     outer,
@@ -113,21 +114,16 @@ def _along(m, f):
 
 
 @jit_inner
-def _matrix(body, first):
-    return vec_at(body, first), vec_at(body, first + 3), vec_at(body, first + 6)
-
-
-@jit_inner
 def _times_inertia(body, m):
     """I m: angular momentum about c, and momentum."""
     h = vec_at(body, FIRST)
-    return add(apply(_matrix(body, INERTIA), m[0]), cross(h, m[1])), sub(scale(body[MASS], m[1]), cross(h, m[0]))
+    return add(apply(mat_at(body, INERTIA), m[0]), cross(h, m[1])), sub(scale(body[MASS], m[1]), cross(h, m[0]))
 
 
 @jit_inner
 def _times_coupling(body, m):
     """2 B m."""
-    return apply(_matrix(body, COUPLING), m[0]), scale(-2.0, cross(vec_at(body, MOMENTUM), m[0]))
+    return apply(mat_at(body, COUPLING), m[0]), scale(-2.0, cross(vec_at(body, MOMENTUM), m[0]))
 
 
 @jit_inner
@@ -164,7 +160,7 @@ def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
     turned = _plus(by_place, force_cross(s, _pair(body, FORCE)))
     by_rate = _plus(_times_coupling(body, s), _times_inertia(body, _pair(axes[j], SLOPE)))
     # 2 B^T s, which has no linear part
-    back = add(tapply(_matrix(body, COUPLING), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
+    back = add(tapply(mat_at(body, COUPLING), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
     carrier = b
     while carrier > 0:
         for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):

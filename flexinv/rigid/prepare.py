@@ -42,8 +42,6 @@ THREADS = "1 or more, or None for one per processor"
 WORTH_HELP, WORTH_WAKING = 2_000, 16_000
 # Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
 NODAL_BLOCK = 512
-# Numbers in a line of the cache.
-_LINE_OF_CACHE = int(LINE)
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
@@ -57,9 +55,10 @@ class _Own(local):
     """
 
     def __init__(self, threads: int, size: int) -> None:
-        size += -size % _LINE_OF_CACHE
-        spare = np.zeros(threads * size + _LINE_OF_CACHE)
-        first = -spare.ctypes.data // spare.itemsize % _LINE_OF_CACHE
+        line = int(LINE)
+        size += -size % line
+        spare = np.zeros(threads * size + line)
+        first = -spare.ctypes.data // spare.itemsize % line
         self.work = spare[first : first + threads * size].reshape(threads, size)
         self.counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
 

@@ -24,9 +24,8 @@ from typing import Any
 import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
-from flexinv.kernels.simd import LANES, put_vec, row, vec_of
+from flexinv.kernels.simd import LANES, dot, put_vec, row, vec_of
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_bodies import dot
 from flexinv.rnea.recursion import state_of
 
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
@@ -114,15 +113,12 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
     Of three positions in space the square of phi' is that of d'.
     """
     limits, own, together = work[plan[layout.LIMITS] :], work[closure.own :], in_space and closure.kind == layout.WHOLE
-    if together:
-        for k in range(lanes):
-            (a, b, c), d1 = vec_of(own, layout.SQUARES, k), vec_of(own, layout.GAP_RATE, k)
-            x, y, z = vec_of(limits, _ZERO, k)
-            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b + dot(d1, d1)), _more(z, c)))
-    else:
-        for k in range(lanes):
-            (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
-            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+    for k in range(lanes):
+        (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
+        if together:
+            d1 = vec_of(own, layout.GAP_RATE, k)
+            b += dot(d1, d1)
+        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
     if not sums:
         return
     of_rows, length = closure.positions, fixed[_THREE]
@@ -142,25 +138,6 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
         if closure.state_a > _ZERO:
             one, other = work[closure.state_a :], work[closure.state_b :]
             largest[2] = max(largest[2], _acceleration(one, k, length) + _acceleration(other, k, length))
-
-
-@jit_lanes
-def _below(entry, size, lanes, part, least):
-    """Count the entries whose square is below ``part`` of their column's, or below the ``least``."""
-    count = 0
-    for k in range(lanes):
-        square = entry[k] * entry[k]
-        count += 0 if (square >= part * size[k]) & (square >= least) else 1
-    return count
-
-
-@jit_lanes
-def _above(entry, size, lanes, part):
-    """Count the entries whose square is above ``part`` of their column's."""
-    count = 0
-    for k in range(lanes):
-        count += 0 if entry[k] * entry[k] <= part * size[k] else 1
-    return count
 
 
 @jit_lanes
@@ -197,21 +174,6 @@ def solve_row(multiplier, pivot, effort, size, lanes, part, least):
         effort[k] = 0.0
         count += 0 if (square >= part * size[k]) & (square >= least) else 1
     return count
-
-
-@jit_lanes
-def _take(multiplier, entry, effort, lanes):
-    """Subtract the effort that a multiplier has along another coordinate."""
-    for k in range(lanes):
-        effort[k] -= multiplier[k] * entry[k]
-
-
-@jit_lanes
-def _multiply(total, one, other, lanes, weight, first):
-    """Add weight one other to a sum, or begin it."""
-    keep = 0.0 if first else 1.0
-    for k in range(lanes):
-        total[k] = keep * total[k] + weight * one[k] * other[k]
 
 
 @jit_lane
@@ -314,9 +276,12 @@ def allocate(plan, fixed, work, lanes):
         elif kind == layout.SOLVE:
             doubts += solve_row(scratch[:LANES], one, other, own, lanes, part, least)
         elif kind == layout.CHECK_PIVOT:
-            doubts += _below(one, other, lanes, part, least)
+            for k in range(lanes):
+                square = one[k] * one[k]
+                doubts += 0 if (square >= part * other[k]) & (square >= least) else 1
         elif kind == layout.CHECK_EMPTY:
-            doubts += _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
+            for k in range(lanes):
+                doubts += 0 if one[k] * one[k] <= MOST_LEFT * MOST_LEFT * other[k] else 1
         elif kind == layout.PROJECT:
             for k in range(lanes):  # the part along a row
                 scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
@@ -337,9 +302,12 @@ def allocate(plan, fixed, work, lanes):
             if kind == layout.PAIR:
                 _combine(scratch, one, other, lanes)
             elif kind in (layout.NORM, layout.INNER):
-                _multiply(own, one, other, lanes, fixed[second + i], i == 0)
-            else:
-                _take(own, one, other, lanes)
+                keep, weight = 0.0 if i == 0 else 1.0, fixed[second + i]
+                for k in range(lanes):
+                    own[k] = keep * own[k] + weight * one[k] * other[k]
+            else:  # the effort that a multiplier has along another coordinate
+                for k in range(lanes):
+                    other[k] -= own[k] * one[k]
     return doubts
 
 

@@ -15,30 +15,13 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
-from flexinv.kernels.simd import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.kernels.simd import LANES, dot, into, plus, put_vec, row, times, vec_of
+from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, matrix_at, numbers_at, orientation
+from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, orientation
 
-_NONE, _ONE, _TWO, _THREE = (0.0, 0.0, 0.0), np.uint64(1), np.uint64(2), np.uint64(3)
+_ONE, _TWO, _THREE = np.uint64(1), np.uint64(2), np.uint64(3)
 _BODY, _JOINT, _VEC = row(layout.BODY_ROWS), row(FREE_ROWS), np.uint64(0)
-
-
-@jit_lanes
-def cross(a, b):
-    """Return a x b [any unit]."""
-    return plus_cross(_NONE, a, b)
-
-
-@jit_lanes
-def minus(a, b):
-    """Return a - b [any unit]."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@jit_lanes
-def dot(a, b):
-    """Return a . b [any unit]."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit_lane
@@ -74,14 +57,14 @@ def _put_turned(own, k, rows, axes, place):
 @jit_lane
 def _seat(axes, c):
     """The axes at a joint's zero, c : R_parent,body by columns."""
-    x, y, z = matrix_at(c, 0)
+    x, y, z = mat_at(c, 0)
     return into(axes, x), into(axes, y), into(axes, z)
 
 
 @jit_lanes
 def _root_turn(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
-    axes, place = matrix_at(c, 0), numbers_at(c, 9)
+    axes, place = mat_at(c, 0), vec_at(c, 9)
     for k in range(lanes):
         _put_turned(own, k, rows, axes, place)
 
@@ -89,7 +72,7 @@ def _root_turn(own, rows, lanes, c):
 @jit_lanes
 def _turn(own, above, parent, rows, lanes, c):
     """A body that turns about z."""
-    p = numbers_at(c, 9)
+    p = vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         _put_turned(own, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
@@ -98,7 +81,7 @@ def _turn(own, above, parent, rows, lanes, c):
 @jit_lanes
 def _tilt(own, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
-    cosine, sine, p = c[4], c[5], numbers_at(c, 9)
+    cosine, sine, p = c[4], c[5], vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         x, y, z = axes
@@ -109,7 +92,7 @@ def _tilt(own, above, parent, rows, lanes, c):
 @jit_lanes
 def _slide(own, above, parent, rows, lanes, c):
     """A body that slides along d of its parent."""
-    along, p = numbers_at(c, 6), numbers_at(c, 9)
+    along, p = vec_at(c, 6), vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         d = into(axes, along)
@@ -129,7 +112,7 @@ def _screw(own, above, parent, rows, lanes, c):
 @jit_lanes
 def _float(own, above, parent, rows, lanes, c):
     """A body that turns about its origin, which moves too."""
-    p = numbers_at(c, 9)
+    p = vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         seat, (x, y, z) = _seat(axes, c), orientation(rows, k)
@@ -158,7 +141,7 @@ def begin(plan, fixed, work, lanes):
         own, c = work[plan[at] : plan[at] + _BODY], fixed[plan[at + _ONE] :]
         for k in range(lanes):
             for j in range(0, 12, 3):
-                put_vec(own, np.uint64(j) * LANES, k, numbers_at(c, j))
+                put_vec(own, np.uint64(j) * LANES, k, vec_at(c, j))
     limits = work[plan[layout.LIMITS] :]
     for k in range(layout.LARGEST + _THREE):
         limits[k] = 0.0

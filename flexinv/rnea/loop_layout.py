@@ -134,11 +134,8 @@ def _reader(record: type[Any], table: int) -> Any:
     return record_at
 
 
-body_at, closure_at, column_at = (
-    _reader(BodyRecord, BODIES),
-    _reader(ClosureRecord, CLOSURES),
-    _reader(ColumnRecord, COLUMNS),
-)
+body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURES)
+column_at = _reader(ColumnRecord, COLUMNS)
 
 
 def one_of_four(make: Callable[[int], Any], first: int) -> Any:

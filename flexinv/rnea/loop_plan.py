@@ -127,13 +127,11 @@ def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, i
 
 def _is_plane(plan: LoopPlan, most: float) -> bool:
     """Return True if joints turn about z or slide across it and closures, at most ``most`` open along z [m], hold points."""
-    words, height = [int(i) for i in plan.plan], dict[int, float]()
-    for i in range(words[layout.ROOTS + 1]):
-        height[words[words[layout.ROOTS] + 2 * i]] = 0.0
+    first, count = plan.plan[layout.ROOTS : layout.ROOTS + 2].tolist()
+    height = dict.fromkeys(plan.plan[first : first + 2 * count : 2].tolist(), 0.0)
     for body in plan.bodies:
         r, p = plan.fixed[body.constants :][:9].reshape(3, 3).T, plan.fixed[body.constants + 9 :][:3]
-        # what is not in the plane
-        off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()
+        off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # out of the plane
         if body.kind not in (layout.ROOT_TURN, layout.TURN, layout.SLIDE) or off > ZERO:
             return False
         height[body.own] = height[body.above] + p[2]
@@ -185,17 +183,6 @@ class Elimination:
     steps: list[Step] = field(default_factory=list)
     fills: list[int] = field(default_factory=list)
 
-    def step(
-        self,
-        operation: Operation,
-        first: int = 0,
-        second: int = 0,
-        third: int = 0,
-        pairs: Sequence[tuple[int, int]] = (),
-    ) -> None:
-        """Write one step [-]."""
-        self.steps.append(Step(operation, first, second, third, tuple(pairs)))
-
     def eliminate(self, column: int, among: list[int]) -> int | None:
         """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one.
 
@@ -211,14 +198,14 @@ class Elimination:
                 for c in there.keys() - missing.keys():
                     missing[c] = int(self.places[row, c]) or self.empty()
             pairs = [(one[c], two[c]) for c in sorted(one, key=lambda c: one[c]) if c != column]
-            self.step(Operation.PAIR, one[column], two.pop(column), pairs=pairs)
+            self.steps.append(Step(Operation.PAIR, one[column], two.pop(column), pairs=pairs))
             if abs(n[other, column]) > abs(n[pivot, column]):
                 n[[pivot, other]] = n[[other, pivot]]
             if n[pivot, column] != 0.0:
                 n[other] -= n[other, column] / n[pivot, column] * n[pivot]
             n[other, column] = 0.0
         for size in self.sizes[column][1:]:
-            self.step(Operation.CHECK_PIVOT, one[column], size)
+            self.steps.append(Step(Operation.CHECK_PIVOT, one[column], size))
         return pivot
 
     def empty(self) -> int:
@@ -238,10 +225,10 @@ def sharing(
     if not beyond and _are_six(e, left, passive, effort):
         at = e.take(SIX_ROWS)
         sizes = [(e.sizes[c][0], 0) for c in passive]
-        e.step(Operation.ALL_SIX, e.rows[left[0]][passive[0]], effort[passive[0]], at, sizes)
+        e.steps.append(Step(Operation.ALL_SIX, e.rows[left[0]][passive[0]], effort[passive[0]], at, sizes))
         for i, r in enumerate(left):
             driven = [(entry, effort[c]) for c, entry in sorted(e.rows[r].items()) if c in drives]
-            e.step(Operation.TAKE, third=at + i * BLOCK, pairs=driven)
+            e.steps.append(Step(Operation.TAKE, third=at + i * BLOCK, pairs=driven))
         return True
     order, solved, against = sorted(passive, reverse=True), list[tuple[int, int]](), list[int]()
     while order:
@@ -259,14 +246,14 @@ def sharing(
             return False
         left.remove(pivot)
         against.append(pivot)
-        e.step(Operation.CHECK_PIVOT, e.rows[pivot][column], e.sizes[column][0])
+        e.steps.append(Step(Operation.CHECK_PIVOT, e.rows[pivot][column], e.sizes[column][0]))
     for r in left:
         for c, entry in e.rows[r].items():
             for size in e.sizes[c]:
-                e.step(Operation.CHECK_EMPTY, entry, size)
+                e.steps.append(Step(Operation.CHECK_EMPTY, entry, size))
     for column, pivot in solved:
         others = [(entry, effort[c]) for c, entry in sorted(e.rows[pivot].items()) if c != column]
-        e.step(Operation.SOLVE, e.rows[pivot][column], effort[column], e.sizes[column][0], others)
+        e.steps.append(Step(Operation.SOLVE, e.rows[pivot][column], effort[column], e.sizes[column][0], others))
     _project(e, effort, against, drives, weights)
     return True
 
@@ -299,8 +286,8 @@ def _project(
         row.update({c: e.empty() for c in drives if c not in row})
     targets = [[row[c] for c in drives] for row in rows]
     for i, own in enumerate(targets):
-        e.step(Operation.NORM, second=weights, pairs=[(at, at) for at in own])
+        e.steps.append(Step(Operation.NORM, second=weights, pairs=[(at, at) for at in own]))
         for target in ([effort[c] for c in drives], *targets[i + 1 :]):
             pairs = list(zip(own, target, strict=True))
-            e.step(Operation.INNER, second=weights, pairs=pairs)
-            e.step(Operation.PROJECT, pairs=pairs)
+            e.steps.append(Step(Operation.INNER, second=weights, pairs=pairs))
+            e.steps.append(Step(Operation.PROJECT, pairs=pairs))

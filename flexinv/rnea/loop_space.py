@@ -36,22 +36,12 @@ from typing import Any
 import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
-from flexinv.kernels.simd import into, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.kernels.simd import cross, dot, into, minus, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, coupled, hold
-from flexinv.rnea.loop_bodies import axes_of, components, cross, dot, minus, move, square
-from flexinv.rnea.recursion import (
-    EFFORTS,
-    EFFORTS_TURNING,
-    RATES,
-    RATES_TURNING,
-    SPIN,
-    SPIN_RATE,
-    acceleration_at,
-    matrix_at,
-    numbers_at,
-    state_of,
-)
+from flexinv.rnea.loop_bodies import axes_of, components, move, square
+from flexinv.rnea.recursion import EFFORTS, EFFORTS_TURNING, RATES, RATES_TURNING, acceleration_at, state_of
 
 _NONE, _VEC, _THREE, _SIX = (0.0, 0.0, 0.0), np.uint64(0), np.uint64(3), np.uint64(6)
 _ONE, _FOUR = np.uint64(1), np.uint64(4)
@@ -85,13 +75,8 @@ def _moving(whole: bool) -> Any:
     @jit_lanes
     def ends(end_a, end_b, own, lanes, c):
         (a, place_a, state_a), (b, place_b, state_b), scale = end_a, end_b, c[_SCALE]
-        at_a, at_b, arm_b, turned_b = (
-            numbers_at(c, _AT_A),
-            numbers_at(c, _AT_B),
-            numbers_at(c, _ARM_B),
-            matrix_at(c, _TURNED_B),
-        )
-        arm, turned_a = numbers_at(c, _ARM_A), matrix_at(c, _TURNED_A)
+        at_a, arm, turned_a = vec_at(c, _AT_A), vec_at(c, _ARM_A), mat_at(c, _TURNED_A)
+        at_b, arm_b, turned_b = vec_at(c, _AT_B), vec_at(c, _ARM_B), mat_at(c, _TURNED_B)
         for k in range(lanes):
             point = _point(b, place_b, k, at_b)
             gap = minus(point, _point(a, place_a, k, at_a))
@@ -115,13 +100,12 @@ _whole, _partial = _moving(True), _moving(False)
 @jit_lanes
 def _spins(a, state_a, b, state_b, own, lanes, c):
     """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
-    turned_a, turned_b = matrix_at(c, _TURNED_A), matrix_at(c, _TURNED_B)
+    turned_a, turned_b = mat_at(c, _TURNED_A), mat_at(c, _TURNED_B)
     for k in range(lanes):
-        put_vec(own, layout.SPIN_A, k, _in_root(a, k, turned_a, vec_of(state_a, SPIN, k)))
-        put_vec(own, layout.SPIN_B, k, _in_root(b, k, turned_b, vec_of(state_b, SPIN, k)))
-        al_a = _in_root(a, k, turned_a, vec_of(state_a, SPIN_RATE, k))
-        al_b = _in_root(b, k, turned_b, vec_of(state_b, SPIN_RATE, k))
-        put_vec(own, layout.TURNING_RATE, k, minus(al_b, al_a))
+        (wa, al_a, _), (wb, al_b, _) = state_of(state_a, k), state_of(state_b, k)
+        put_vec(own, layout.SPIN_A, k, _in_root(a, k, turned_a, wa))
+        put_vec(own, layout.SPIN_B, k, _in_root(b, k, turned_b, wb))
+        put_vec(own, layout.TURNING_RATE, k, minus(_in_root(b, k, turned_b, al_b), _in_root(a, k, turned_a, al_a)))
 
 
 @jit_lanes
@@ -135,13 +119,6 @@ def _direction(e, a, b, own, lanes, u, w):
         second = dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning)
         square(own, k, dot(us, ws), dot(n, turning), second)
         put_vec(e, _VEC, k, n)
-
-
-@jit_lanes
-def _along(e, a, lanes, u):
-    """The direction e = u of a position."""
-    for k in range(lanes):
-        put_vec(e, _VEC, k, into(axes_of(a, k), u))
 
 
 @jit_lanes
@@ -159,28 +136,24 @@ def standing(count: int) -> Any:
     e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
     """
 
-    @jit_lane
-    def lane(own, axes, place, state, k, c):
-        frame, at, there, is_b = axes_of(axes, k), numbers_at(c, _AT), numbers_at(c, _THERE), c[_IS_B]
-        w, al, a = state_of(state, k)
-        d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
-        second = minus(into(frame, acceleration_at(w, al, a, at)), numbers_at(c, _REST))
-        put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
-        put_vec(own, layout.GAP_RATE, k, _NONE)
-        squares = c[_GROUND_SCALE] * dot(d, d), 0.0, dot(second, second)
-        for j in range(count):
-            pair = _PAIRS + _SIX * np.uint64(j)
-            m, f = numbers_at(c, pair), components(frame, numbers_at(c, pair + _THREE))
-            n, phi = cross(m, f), dot(m, f)
-            phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
-            squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
-            put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
-        put_vec(own, layout.SQUARES, k, squares)
-
     @jit_lanes
     def ends(own, axes, place, state, lanes, c):
+        at, there, rest, is_b, scale = vec_at(c, _AT), vec_at(c, _THERE), vec_at(c, _REST), c[_IS_B], c[_GROUND_SCALE]
         for k in range(lanes):
-            lane(own, axes, place, state, k, c)
+            frame, (w, al, a) = axes_of(axes, k), state_of(state, k)
+            d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
+            second = minus(into(frame, acceleration_at(w, al, a, at)), rest)
+            put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
+            put_vec(own, layout.GAP_RATE, k, _NONE)
+            squares = scale * dot(d, d), 0.0, dot(second, second)
+            for j in range(count):
+                pair = _PAIRS + _SIX * np.uint64(j)
+                m, f = vec_at(c, pair), components(frame, vec_at(c, pair + _THREE))
+                n, phi = cross(m, f), dot(m, f)
+                phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
+                squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
+                put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
+            put_vec(own, layout.SQUARES, k, squares)
 
     return ends
 
@@ -194,11 +167,9 @@ def _ends(work, closure, own, lanes, c):
     a, b, of_a, of_b = work[closure.axes_a :], work[closure.axes_b :], work[closure.state_a :], work[closure.state_b :]
     end_a, end_b = (a, work[closure.place_a :], of_a), (b, work[closure.place_b :], of_b)
     positions, directions, vectors = closure.positions, closure.directions, own[layout.VECTORS :]
-    if closure.ground == layout.A_STANDS:
-        _from_ground(directions, own, *end_b, lanes, c)
-        return
-    if closure.ground == layout.B_STANDS:
-        _from_ground(directions, own, *end_a, lanes, c)
+    if closure.ground != layout.NO_GROUND:
+        axes, place, state = end_b if closure.ground == layout.A_STANDS else end_a
+        _from_ground(directions, own, axes, place, state, lanes, c)
         return
     if closure.kind == layout.WHOLE:
         _whole(end_a, end_b, own, lanes, c)
@@ -206,11 +177,13 @@ def _ends(work, closure, own, lanes, c):
         _partial(end_a, end_b, own, lanes, c)
     if positions + directions > np.uint64(0):
         _spins(a, of_a, b, of_b, own, lanes, c)
-    for j in range(positions):
-        _along(vectors[j * layout.VECTOR :], a, lanes, numbers_at(c, _U + _THREE * j))
+    for j in range(positions):  # e = u
+        u = vec_at(c, _U + _THREE * j)
+        for k in range(lanes):
+            put_vec(vectors, j * layout.VECTOR, k, into(axes_of(a, k), u))
     for j in range(directions):
         u = c[_U + _THREE * positions + _SIX * j :]
-        _direction(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, numbers_at(u, 0), numbers_at(u, 3))
+        _direction(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, vec_at(u, 0), vec_at(u, 3))
 
 
 @jit_lane
@@ -244,8 +217,7 @@ def moving(count: int) -> Any:
             column[_ROW * (_FOUR + np.uint64(j)) + k] = signs[2] * dot(e, z)
 
     @jit_lanes
-    def columns(column, own, axis, at, rates, lanes, numbers):
-        signs = numbers[0], numbers[1], numbers[2], numbers[3]
+    def columns(column, own, axis, at, rates, lanes, signs):
         for k in range(lanes):
             lane(column, own, axis, at, rates, k, signs)
 
@@ -266,35 +238,26 @@ def _moved(to, axis, at, own, rates, lanes, signs, turns):
 
 
 @jit_lanes
-def _entry(to, e, moved, lanes, sign):
-    """Entry sign e . moved of one row."""
-    for k in range(lanes):
-        to[k] = sign * dot(vec_of(e, _VEC, k), vec_of(moved, _VEC, k))
-
-
-@jit_lanes
-def _column(work, closure, column, own, lanes, numbers):
+def _column(work, closure, column, own, lanes, signs):
     """Set the entries of one column, row by row: along u of single positions, about e of directions."""
-    z, to, entry, e = work[column.axis :], work[column.to :], column.entry, own[layout.VECTORS :]
-    signs = numbers[0], numbers[1], numbers[2], numbers[3]
-    positions, turns = closure.positions, signs[2] * signs[2] if closure.directions > _VEC else 0.0
+    z, to, positions = work[column.axis :], work[column.to :], closure.positions
+    turns = signs[2] * signs[2] if closure.directions > _VEC else 0.0
     _moved(to, z, work[column.joint :], own, work[column.rate :], lanes, signs, turns)
     for j in range(positions + closure.directions):
-        if j < positions:
-            _entry(work[entry:], e[j * layout.VECTOR :], to[layout.ENTRIES :], lanes, 1.0)
-        else:
-            _entry(work[entry:], e[j * layout.VECTOR :], z, lanes, signs[2])
-        entry += closure.stride
+        entry, e = work[column.entry + j * closure.stride :], own[layout.VECTORS + j * layout.VECTOR :]
+        moved, sign = (to[layout.ENTRIES :], 1.0) if j < positions else (z, signs[2])
+        for k in range(lanes):
+            entry[k] = sign * dot(vec_of(e, _VEC, k), vec_of(moved, _VEC, k))
 
 
 @jit_lanes
-def _force(own, axes, at, both_rates, efforts, lanes, signs):
-    """u and f of the two axes of a universal joint, and d'; return how often the arm is nearly in their plane, or nearly none."""
-    (axis, other), (rates, rates_too), (tau, tau_too) = axes, both_rates, efforts
-    doubts, sign, length = 0, signs[1], signs[3]
-    least = (LEAST_ENTRY * length) ** 2
+def _reduce(work, one, other, own, lanes, signs):
+    """Take both columns of a universal joint; set u, f, d'; return how often the arm is nearly in their plane, or nearly none."""
+    axis, axis_too, rates, rates_too = work[one.axis :], work[other.axis :], work[one.rate :], work[other.rate :]
+    tau, tau_too, at, doubts = work[one.effort :], work[other.effort :], work[one.joint :], 0
+    sign, length, least = signs[1], signs[3], (LEAST_ENTRY * signs[3]) ** 2
     for k in range(lanes):
-        z1, z2 = vec_of(axis, _VEC, k), vec_of(other, _VEC, k)
+        z1, z2 = vec_of(axis, _VEC, k), vec_of(axis_too, _VEC, k)
         r = times(sign, minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k)))
         square, s = dot(r, r), dot(cross(z1, z2), r)
         doubts += 0 if (s * s >= LEAST_PIVOT * LEAST_PIVOT * square) & (s * s >= least) else 1
@@ -304,36 +267,27 @@ def _force(own, axes, at, both_rates, efforts, lanes, signs):
         put_vec(own, layout.FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
         put_vec(own, layout.GAP_RATE, k, times(length, cross(w, r)))
         own[layout.SIZE + k], own[layout.SIZE_TOO + k] = square - along * along, square - along_too * along_too
-    return doubts
-
-
-@jit_lanes
-def _reduce(work, one, other, own, lanes, signs):
-    """Take two columns from a closure; return how often that is in doubt."""
-    axes, rates = (work[one.axis :], work[other.axis :]), (work[one.rate :], work[other.rate :])
-    efforts = work[one.effort :], work[other.effort :]
-    doubts = _force(own, axes, work[one.joint :], rates, efforts, lanes, signs)
     for k in range(lanes):
-        efforts[0][k] = efforts[1][k] = 0.0
+        tau[k] = tau_too[k] = 0.0
     return doubts
 
 
 @jit_lanes
-def _single(work, column, own, lanes, numbers):
+def _single(work, column, own, lanes, signs):
     """The column of one coordinate, g = u . c, and what the force does for its joint."""
-    moved, entry, effort = work[column.to :], work[column.entry :], work[column.effort :]
-    signs = numbers[0], numbers[1], numbers[2], numbers[3]
-    _moved(moved, work[column.axis :], work[column.joint :], own, work[column.rate :], lanes, signs, 0.0)
+    to, entry, effort, rates = work[column.to :], work[column.entry :], work[column.effort :], work[column.rate :]
+    axis, at = work[column.axis :], work[column.joint :]
     for k in range(lanes):
-        c = vec_of(moved, layout.ENTRIES, k)
-        entry[k] = dot(vec_of(own, layout.UNIT, k), c)
+        c = _motion(own, axis, at, k, signs)
+        to[k], entry[k] = dot(c, c), dot(vec_of(own, layout.UNIT, k), c)
         effort[k] -= dot(vec_of(own, layout.FORCE, k), c)
+        _add_rate(own, k, signs[3] * rates[k], c)
 
 
 @jit_lanes
-def _floating(entries, body, own, rows, lanes, signs):
+def _floating(entries, body, own, rows, lanes, c):
     """The six columns of a free body that holds the point, r in its axes: u and f with their moments about its origin."""
-    scale, sign, r = signs[0], signs[0] * signs[3], (signs[4], signs[5], signs[6])
+    scale, sign, r = c[0], c[0] * c[3], vec_at(c, 4)
     for k in range(lanes):
         axes = axes_of(body, k)
         along = times(scale, components(axes, vec_of(own, layout.UNIT, k)))
@@ -350,15 +304,15 @@ def columns(plan, fixed, work, closure, own, lanes):
     """Set the columns of one closure, positions over the mechanism's length [1/rad], [1/m], directions [-]; return doubts."""
     doubts, first = 0, _VEC
     if closure.reduced > _VEC:
-        one = layout.column_at(plan, closure.first)
-        other = layout.column_at(plan, closure.first + _ONE)
+        one, other = layout.column_at(plan, closure.first), layout.column_at(plan, closure.first + _ONE)
         doubts, first = _reduce(work, one, other, own, lanes, fixed[one.signs :]), np.uint64(2)
     for j in range(first, closure.columns):
         column = layout.column_at(plan, closure.first + j)
-        axis, at, signs = work[column.axis :], work[column.joint :], fixed[column.signs :]
+        axis, at, c = work[column.axis :], work[column.joint :], fixed[column.signs :]
         if column.kind == layout.FLOATING:
-            _floating(work[column.entry :], axis, own, at, lanes, signs)
+            _floating(work[column.entry :], axis, own, at, lanes, c)
             break  # the records of the other axes are there for their sums
+        signs = c[0], c[1], c[2], c[3]
         if closure.reduced > _VEC:
             _single(work, column, own, lanes, signs)
         elif closure.kind == layout.WHOLE:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.body_table import Bodies
-from flexinv.rnea.loop_frames import Frame, Tables, frame, root_of, seated, state
-from flexinv.rnea.loop_layout import ClosureRecord, ColumnRecord
+from flexinv.rnea.body_table import TURNING, Bodies, carriers
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord
 from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 
@@ -25,6 +25,76 @@ from flexinv.typing import Array
 # Axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
 CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
 _AXES = (int(layout.AXES), int(layout.AXIS_Y), int(layout.AXIS_Z))
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Offsets of a body's axes, place and direction; turned : R of its own axes as the recursion has them [-]."""
+
+    axes: int
+    place: int
+    direction: int
+    turned: Array
+
+
+@dataclass
+class _Tables:
+    """The tables while they are made.
+
+    plane : the formulas of the plane; pairs : closure -> two columns that are taken from it; matrix : where entries of G stand
+    size : of the work space so far [-]
+    shared : (root, body) in several closures; used : of the rows that one closure needs after the other, behind the bodies'
+    """
+
+    mesh: Mesh
+    bodies: Bodies
+    plane: bool
+    pairs: dict[int, tuple[int, int]]
+    matrix: NDArray[np.int64]
+    size: int = 0
+    used: int = 0
+    shared: frozenset[tuple[int, int]] = frozenset()
+    fixed: list[float] = field(default_factory=list)
+    frames: dict[tuple[int, int], _Frame] = field(default_factory=dict)  # (root, body)
+    world: int = 0  # how the world accelerates, for closures that end there
+    keeps: list[tuple[int, int]] = field(default_factory=list)
+    summed: list[tuple[int, int]] = field(default_factory=list)
+    roots: list[tuple[int, int]] = field(default_factory=list)
+    moved: list[BodyRecord] = field(default_factory=list)
+    closures: list[ClosureRecord] = field(default_factory=list)
+    columns: list[ColumnRecord] = field(default_factory=list)
+    sizes: dict[int, list[int]] = field(default_factory=dict)
+    held: dict[int, int] = field(default_factory=dict)  # free body -> room for its next row
+    known: dict[int, float] = field(default_factory=dict)  # where sizes stand that are constant while a loop is closed
+
+    def __post_init__(self) -> None:
+        most = len(self.bodies.node) * layout.BODY_ROWS + layout.CLOSURE_ROWS + 3 * layout.MOST_ROWS
+        self.size = self.bodies.size + (0 if self.plane else most * BLOCK)
+
+    def rows(self, count: int, passing: bool = False) -> int:
+        """Room for so many rows; in space, of what is ``passing``, the next closure uses it again."""
+        if passing and not self.plane:
+            self.used += count * BLOCK
+            return self.bodies.size + self.used - count * BLOCK
+        self.size += count * BLOCK
+        return self.size - count * BLOCK
+
+    def numbers(self, *parts: Array | float) -> int:
+        """Append constants; return the offset of the first."""
+        at = len(self.fixed)
+        for part in parts:
+            self.fixed += np.ravel(part).tolist()
+        return at
+
+    def constant_rows(self, count: int, *parts: Array) -> int:
+        """Rows that keep twelve numbers, made once for every call."""
+        at = self.rows(count)
+        self.roots.append((at, self.numbers(*parts)))
+        return at
+
+    def spans(self, columns: int, bodies: int) -> tuple[int, int, int, int]:
+        """The first column and the first body after so many, each with how many there are since then."""
+        return columns, len(self.columns) - columns, bodies, len(self.moved) - bodies
 
 
 class _Loop(NamedTuple):
@@ -58,7 +128,7 @@ def tables(
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
     """
     axes, matrix = IN_PLANE if plane else IN_SPACE, np.zeros((len(rows.closure), mesh.mechanism.nv), dtype=np.int64)
-    t, words = Tables(mesh, bodies, plane, pairs or {}, matrix), [0] * layout.HEADER
+    t, words = _Tables(mesh, bodies, plane, pairs or {}, matrix), [0] * layout.HEADER
     t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
     words[layout.LIMITS], words[layout.SCRATCH] = t.rows(layout.LIMIT_ROWS), t.rows(layout.SCRATCH_ROWS)
     words[layout.PLANE] = int(plane)
@@ -83,22 +153,83 @@ def tables(
     for at, records in lists.items():  # behind the header: where each begins, and how many records it has
         words[at : at + 2] = len(words), len(records)
         words += [word for record in records for word in record]
-    plan, fixed, known = np.array(words, dtype=np.uint64), np.array(t.fixed), frozenset(t.known)
-    return LoopPlan(plan, fixed, t.size, matrix, _sizes(t), known, (), tuple(t.moved), tuple(t.closures))
+    for v, sizes in t.sizes.items():  # of those that are constant the largest is enough
+        known = sorted((at for at in sizes if at in t.known), key=lambda at: -t.known[at])
+        t.sizes[v] = [at for at in sizes if at not in t.known] + known[:1]
+    plan, fixed, constant = np.array(words, dtype=np.uint64), np.array(t.fixed), frozenset(t.known)
+    return LoopPlan(plan, fixed, t.size, matrix, t.sizes, constant, (), tuple(t.moved), tuple(t.closures))
 
 
-def _sizes(tables: Tables) -> dict[int, list[int]]:
-    """Return the offsets of the sizes of columns: of those that are constant the largest is enough."""
-    out = {}
-    for v, sizes in tables.sizes.items():
-        known = sorted((at for at in sizes if at in tables.known), key=lambda at: -tables.known[at])
-        out[v] = [at for at in sizes if at not in tables.known] + known[:1]
-    return out
+def _seated(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
+    """The body that carries a node (-1: the world), R_body,node and the node's place in the body's frame [m]."""
+    if node < 0:
+        return 0, np.eye(3), np.zeros(3)
+    carrier, turn, place = carriers(mesh)
+    body = int(
+        np.flatnonzero(bodies.node == carrier[node])[0]
+    )  # the world's node is -1, its axes are those of the mesh
+    axes = bodies.axes[body].T
+    return body, axes @ turn[node], axes @ place[node]
+
+
+def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
+    """R_parent,body at the coordinate's zero but for the turn about z, and p."""
+    n = bodies.numbers[i]
+    (c, s) = n[27:29]
+    return n[:9].reshape(3, 3) @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), n[9:12]
+
+
+def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
+    """The frame of a root, z that of the first joint of the loop that turns; slides before it turn nothing."""
+    if (root, root) in tables.frames:
+        return
+    axes = []
+    for way in ways:
+        turn = np.eye(3)
+        for body in way[::-1]:
+            turn = turn @ _seat(tables.bodies, body)[0]
+            axes.append((int(tables.bodies.tree[body, 0]) == PRISMATIC, turn[:, 2]))
+            if not axes[-1][0]:
+                break
+    z = min(axes, key=lambda one: one[0])[1]
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    basis, one = np.stack([x, np.cross(z, x), z]), np.eye(3)  # rows: the root's axes z and two at right angles
+    rows = tables.constant_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, one[2], np.zeros(3), one[:2])
+    tables.frames[root, root] = _Frame(rows, rows + int(layout.AT), 0, basis)
+
+
+def _frame(tables: _Tables, root: int, body: int) -> _Frame:
+    """The frame of a body of a loop, made with those of its parents; one that slides in space has its parent's axes."""
+    if (root, body) in tables.frames:
+        return tables.frames[root, body]
+    kind, parent, rows = (int(cell) for cell in tables.bodies.tree[body, :3])
+    above = _frame(tables, root, parent)
+    r, p = (above.turned @ x for x in _seat(tables.bodies, body))
+    is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
+    turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
+    own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
+    known = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
+    how = turn if kind in TURNING else known[kind]
+    numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, 37])
+    tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
+    slides = how == layout.SLIDE
+    axes, turned = above.axes if slides and not tables.plane else own, r if slides else np.eye(3)
+    tables.frames[root, body] = _Frame(axes, own + int(layout.AT), own + int(layout.DIRECTION), turned)
+    return tables.frames[root, body]
+
+
+def _state(tables: _Tables, body: int) -> int:
+    """Return the offset of a body's state (w, al, a); the world accelerates by -g."""
+    if not body and not tables.world:
+        tables.world = tables.constant_rows(12, np.zeros(6), -tables.mesh.mechanism.gravity, np.zeros(3))
+    return int(tables.bodies.tree[body, 3]) if body else tables.world
 
 
 def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     """The loop that the closure of a row makes."""
-    ends = seated(mesh, bodies, int(rows.a[k])), seated(mesh, bodies, int(rows.b[k]))
+    ends = _seated(mesh, bodies, int(rows.a[k])), _seated(mesh, bodies, int(rows.b[k]))
     to_world = [[end[0]] for end in ends]
     for way in to_world:
         while way[-1]:
@@ -108,19 +239,16 @@ def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     return _Loop(ends, root, (way_a, way_b))
 
 
-def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
+def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
-    k, root, before, pair = own[0], loop.root, tables.spans(), tables.pairs.get(int(rows.closure[own[0]]))
+    k, root, pair = own[0], loop.root, tables.pairs.get(int(rows.closure[own[0]]))
+    before = len(tables.columns), len(tables.moved)
     (a, ra, xa), (b, rb, xb) = loop.ends
-    root_of(tables, root, loop.ways[::-1])
-    one, other = frame(tables, root, a), frame(tables, root, b)
+    _root(tables, root, loop.ways[::-1])
+    one, other = _frame(tables, root, a), _frame(tables, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
-    columns = [
-        column
-        for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True)
-        for body in way
-        for column in _columns_of(tables, root, body, sign)
-    ]
+    signed = [(body, sign) for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True) for body in way]
+    columns = [column for body, sign in signed for column in _columns_of(tables, root, body, sign)]
     whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= layout.MOST_COLUMNS)
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
@@ -131,29 +259,22 @@ def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) ->
     fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
     ground = layout.NO_GROUND
     if whole and not tables.plane and 0 in (a, b):
-        ground, fixed = _from_ground(tables, (a, b), (one, other), arms, vectors, fixed)
+        ground, fixed = _from_ground(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
     first = tables.rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
     if pair is None:
         stride = _rows_of(tables, columns, whole, [*positions, *directions])
     else:
         stride = _row_that_is_left(tables, columns, first, pair, positions[0], (b, arms[1]))
-    states = (0, 0) if tables.plane else (state(tables, a), state(tables, b))
+    states = (0, 0) if tables.plane else (_state(tables, a), _state(tables, b))
     kind, count = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
     places = kind, first, one.axes, other.axes, one.place, other.place, *states, fixed, count, len(directions)
-    rest = *tables.spans(before), stride, int(pair is not None), ground
-    tables.closures.append(ClosureRecord._make([*places, *rest]))
+    tables.closures.append(ClosureRecord(*places, *tables.spans(*before), stride, int(pair is not None), ground))
 
 
 def _from_ground(
-    tables: Tables,
-    bodies: tuple[int, int],
-    ends: tuple[Frame, Frame],
-    arms: tuple[Array, Array],
-    vectors: list[Array],
-    fixed: int,
+    tables: _Tables, stands: int, ends: Sequence[_Frame], arms: Sequence[Array], vectors: list[Array], fixed: int
 ) -> tuple[int, int]:
     """Return the end that stands in the world and the constants of `loop_space`; none where the other end is turned."""
-    stands = bodies.index(0)
     moves = 1 - stands
     if not np.array_equal(ends[moves].turned, np.eye(3)):
         return layout.NO_GROUND, fixed
@@ -164,17 +285,13 @@ def _from_ground(
     return layout.B_STANDS if stands else layout.A_STANDS, at
 
 
-def _columns_of(tables: Tables, root: int, body: int, sign: float) -> list[_Column]:
+def _columns_of(tables: _Tables, root: int, body: int, sign: float) -> list[_Column]:
     """The columns of one joint: those of a slide, of a turn about z, or of all axes; sign : 1 on B's way, -1 on A's.
 
     Their accelerations are stored, in the plane for the kernels, in space for the sums.
     """
-    kind, own, m, length = (
-        int(tables.bodies.tree[body, 0]),
-        tables.frames[root, body],
-        tables.mesh.mechanism,
-        tables.mesh.length,
-    )
+    kind, own = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
+    m, length = tables.mesh.mechanism, tables.mesh.length
     slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
     several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
     out, first = [], int(tables.mesh.v_index[tables.bodies.node[body]])
@@ -188,7 +305,7 @@ def _columns_of(tables: Tables, root: int, body: int, sign: float) -> list[_Colu
     return out
 
 
-def _enter(tables: Tables, column: _Column, rows: list[int], stride: int = 0, **where: int) -> None:
+def _enter(tables: _Tables, column: _Column, rows: list[int], stride: int = 0, **where: int) -> None:
     """Write a column with what is known of it now, and note where its size and its entries in these rows stand."""
     record = column.record._replace(**where)
     tables.columns.append(record)
@@ -197,7 +314,7 @@ def _enter(tables: Tables, column: _Column, rows: list[int], stride: int = 0, **
         tables.matrix[row, column.v] = record.entry + j * stride
 
 
-def _rows_of(tables: Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
+def _rows_of(tables: _Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
     """Columns of a closure in all its rows; return how far rows are apart.
 
     In the plane a column's entries are behind its size; in space columns stand side by side, of three positions their sizes, too.
@@ -211,7 +328,7 @@ def _rows_of(tables: Tables, columns: list[_Column], whole: bool, rows: list[int
 
 
 def _row_that_is_left(
-    tables: Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: tuple[int, Array]
+    tables: _Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: tuple[int, Array]
 ) -> int:
     """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
     for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
@@ -220,7 +337,7 @@ def _row_that_is_left(
     body, (x, y, z) = end
     free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, 0]) == FREE else []
     for column in (c for c in columns if c.v not in pair and c not in free):
-        _enter(tables, column, [row], to=tables.rows(4), entry=tables.rows(1))
+        _enter(tables, column, [row], to=tables.rows(1), entry=tables.rows(1))
     if free:
         if body not in tables.held:
             tables.held[body] = tables.rows(6 * len(tables.pairs))
@@ -239,9 +356,9 @@ def _row_that_is_left(
     return 0
 
 
-def _coupling(tables: Tables, rows: Rows, row: int) -> None:
+def _coupling(tables: _Tables, rows: Rows, row: int) -> None:
     """A coupling: its record, a column for each coordinate."""
-    m, before, first = tables.mesh.mechanism, tables.spans(), tables.rows(layout.CLOSURE_ROWS, True)
+    m, before, first = tables.mesh.mechanism, len(tables.columns), tables.rows(layout.CLOSURE_ROWS, True)
     for v in np.flatnonzero(rows.gear[row]).tolist():
         place, rate, second = (int(tables.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
         to, kept, gear = tables.rows(2), tables.rows(1), tables.numbers(rows.gear[row, v])
@@ -249,4 +366,5 @@ def _coupling(tables: Tables, rows: Rows, row: int) -> None:
         record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
         _enter(tables, _Column(v, 0, record), [row])
     places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
-    tables.closures.append(ClosureRecord._make([*places, *tables.spans(before), 0, 0, layout.NO_GROUND]))
+    spans = tables.spans(before, len(tables.moved))
+    tables.closures.append(ClosureRecord(*places, *spans, 0, 0, layout.NO_GROUND))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +14,14 @@ from flexinv.rnea.loop_layout import PLANE, SIX, BodyKind, BodyRecord, ClosureKi
 from flexinv.typing import Array
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """One step of a plan: what it does; where numbers stand in the work space [-], and pairs of such places."""
 
     operation: Operation
-    first: int
-    second: int
-    third: int
-    pairs: tuple[tuple[int, int], ...] = ()
+    first: int = 0
+    second: int = 0
+    third: int = 0
+    pairs: Sequence[tuple[int, int]] = ()
 
     @property
     def words(self) -> tuple[int, ...]:

@@ -41,6 +41,7 @@ from flexinv.kernels.simd import (
     turned,
     vec_of,
 )
+from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
 # Columns of the tables of bodies: see `body_table.Bodies`.
@@ -68,21 +69,9 @@ def _sign(x):
 
 
 @jit_lanes
-def numbers_at(numbers, first):
-    """Return three numbers [any unit] from the ``first`` on, of a body as `body_table.Bodies` has them."""
-    return numbers[first], numbers[first + 1], numbers[first + 2]
-
-
-@jit_lanes
-def matrix_at(numbers, first):
-    """Return three times three numbers [any unit] from the ``first`` on."""
-    return numbers_at(numbers, first), numbers_at(numbers, first + 3), numbers_at(numbers, first + 6)
-
-
-@jit_lanes
 def _leaving(body):
-    """m, h, Sigma: (xx, yy, zz), (xy, xz, yz), and p of the last child's joint in this body's frame."""
-    return body[12], numbers_at(body, 13), numbers_at(body, 16), numbers_at(body, 19), numbers_at(body, 31)
+    """m, h, Sigma: (xx, yy, zz), (xy, xz, yz), and p of the last child's joint, of a body as `body_table.Bodies` has it."""
+    return body[12], vec_at(body, 13), vec_at(body, 16), vec_at(body, 19), vec_at(body, 31)
 
 
 @jit_lanes
@@ -249,7 +238,7 @@ def _turn_inboard(rows, lanes, body):
 @jit_pass
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
-    ct, st, p = body[27], body[28], numbers_at(body, 9)
+    ct, st, p = body[27], body[28], vec_at(body, 9)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -281,7 +270,7 @@ def _float_inboard(rows, lanes):
 @jit_pass
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
-    r, p = matrix_at(body, 0), numbers_at(body, 9)
+    r, p = mat_at(body, 0), vec_at(body, 9)
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
@@ -311,7 +300,7 @@ def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
     if how == ON:
         return
-    r, d = matrix_at(body, 0), numbers_at(body, 34)
+    r, d = mat_at(body, 0), vec_at(body, 34)
     if how == FROM_WORLD:
         a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
@@ -334,7 +323,7 @@ def outboard(tree, numbers, work, lanes):
 
     Returns in how many lanes a joint's cosine and sine are those of no angle.
     """
-    g, lost = numbers_at(numbers[0], 0), 0
+    g, lost = vec_at(numbers[0], 0), 0
     for i in range(1, tree.shape[0]):
         kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
         state, rows, body = work[at:], work[first:], numbers[i]

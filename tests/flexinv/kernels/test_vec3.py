@@ -17,6 +17,7 @@ from flexinv.kernels.vec3 import (
     dot,
     madd,
     mat,
+    mat_at,
     mscale,
     msub,
     mul,
@@ -60,7 +61,7 @@ def every_vector(a, b, c, m, k, out):
 
 
 @jit
-def every_matrix(a, b, m, n, k, out):
+def every_matrix(a, b, m, n, k, flat, out):
     """One (3, 3) block of ``out`` for every function that gives a matrix."""
     x, y, p, q = vec(a), vec(b), mat(m), mat(n)
     put_block(out[0], 0, 0, skew(x))
@@ -74,6 +75,7 @@ def every_matrix(a, b, m, n, k, out):
     put_block(out[8], 0, 0, mul(p, q))
     put_block(out[9], 0, 0, tmul(p, q))
     put_block(out[10], 0, 0, block(n, 0, 0))
+    put_block(out[11], 0, 0, mat_at(flat, 1))
 
 
 def test_vectors_equal_numpy() -> None:
@@ -90,10 +92,11 @@ def test_vectors_equal_numpy() -> None:
 def test_matrices_equal_numpy() -> None:
     rng = np.random.default_rng(2)
     (a, b), (m, n), k = rng.normal(size=(2, 3)), rng.normal(size=(2, 3, 3)), -0.6
-    out = np.zeros((11, 3, 3))
-    every_matrix(a, b, m, n, k, out)
+    flat, out = rng.normal(size=10), np.zeros((12, 3, 3))
+    every_matrix(a, b, m, n, k, flat, out)
     expected = [
         np.cross(a, np.eye(3)).T, k * np.eye(3), m.T, np.outer(a, b), m + n, m - n, k * m, np.diag(a) @ m, m @ n, m.T @ n, n,
+        flat[1:].reshape(3, 3),
     ]  # fmt: skip
     np.testing.assert_allclose(out, expected, rtol=0, atol=ROUNDING)
 

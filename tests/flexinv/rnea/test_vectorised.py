@@ -13,6 +13,7 @@ from flexinv.rnea import loop_allocation, loop_bodies, loop_space, recursion
 
 ROWS = types.Array(types.float64, 1, "C")
 LANES = types.uint64
+SIGNS = types.UniTuple(types.float64, 4)
 # kernel -> its arguments
 LOOPS: dict[str, tuple[Any, ...]] = {
     "_angles": (ROWS, types.uint64),
@@ -27,9 +28,9 @@ LOOPS: dict[str, tuple[Any, ...]] = {
 CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_bodies._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_bodies._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_space.moving(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_space.moving(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_space._moved: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 4), types.float64),
+    loop_space.moving(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
+    loop_space.moving(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
+    loop_space._moved: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS, types.float64),
     loop_space.standing(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_space.standing(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_allocation.six_forces: (ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 6)),
