@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -10,20 +10,22 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Answer, Problem, Refinement, Run, marched, refine, unreached
+from flexinv.accuracy.refinement import Answer, Problem, Refinement, refine, unreached
 from flexinv.accuracy.step_grid import step_grid
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
+from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, thinned
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, Words, last_time, prescribe
+from flexinv.analysis.trajectory import first_step
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Found
+from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import number, refuse
 
-Released = Callable[[Mechanism, Array, Settings], Task]
+TaskOf = Callable[[Mechanism, Array, Settings], Task]
 # Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
 FINEST, COARSEST = 1e-9, 0.1
 # Samples to a coarsest step of a motion that is exact at any step.
@@ -58,38 +60,33 @@ def solve_problem(
     """
     start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
 
-    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
-        return marched(prescribe(meshed, motion, steps, own, start, start_rate, progress), seams)
+    def task_of(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+        return prescribe(meshed, motion, steps, own, start, start_rate, progress)
 
-    forces, switches = _sudden_times(mechanism)
-    breaks = (*getattr(motion, "breaks", ()), *forces)
-    grid = step_grid(breaks, (*motion.jumps, *switches), 0.0, last_time(motion, options.get("end")))
     given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
-    integrated = not mechanism.is_rigid or not (given or mechanism.closures)
-    return Problem(mechanism, grid, run, settings, accuracy, integrated)
+    breaks, span = getattr(motion, "breaks", ()), (0.0, last_time(motion, options.get("end")))
+    problem = problem_of(mechanism, task_of, settings, accuracy, breaks, motion.jumps, span)
+    return replace(problem, marched=not mechanism.is_rigid or not (given or mechanism.closures))
 
 
-def simulate_problem(
-    mechanism: Mechanism, time: Array, accuracy: float, settings: Settings, released: Released
-) -> Problem:
-    """Return the motion that torques give as a problem of any step [s] and mesh; accuracy : asked, part of ranges [-].
+def problem_of(
+    mechanism: Mechanism, task_of: TaskOf, settings: Settings, accuracy: float,
+    breaks: Iterable[float], jumps: Iterable[float], span: tuple[float, float],
+) -> Problem:  # fmt: skip
+    """Return a task as a problem of any step [s] and mesh that is integrated in time; accuracy : asked, part of ranges [-].
 
-    time : of the torque's rows [s], between which it is linear; released : mechanism, instants [s], settings -> Task
+    breaks, jumps : times [s] at which what is given is not smooth, and at which accelerations jump; span : first and last time
     """
 
-    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
-        return marched(released(meshed, steps, own), seams)
+    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
+        task = replace(task_of(meshed, steps, own), seams=seams)
+        (first,) = first_step(task)
+        return task.mesh, first
 
-    forces, switches = _sudden_times(mechanism)
-    jumps = (*time[1:][np.diff(time) == 0.0], *switches)
-    grid = step_grid((*time, *forces), jumps, float(time[0]), float(time[-1]))
-    return Problem(mechanism, grid, run, settings, accuracy)
-
-
-def _sudden_times(mechanism: Mechanism) -> tuple[list[float], list[float]]:
-    """Times [s] between which given forces are linear, and at which closures begin or cease to act."""
-    forces = [float(t) for force in mechanism.forces for t in force.time]
-    return forces, [float(t) for closure in mechanism.closures for interval in closure.active for t in interval]
+    forces = [float(t) for force in mechanism.forces for t in force.time]  # linear between
+    switches = (float(t) for closure in mechanism.closures for interval in closure.active for t in interval)
+    sudden = (*jumps, *switches)
+    return Problem(mechanism, step_grid((*breaks, *forces), sudden, *span), run, settings, accuracy, sudden)
 
 
 def accurate(problem: Problem) -> Solution:
@@ -102,20 +99,19 @@ def accurate(problem: Problem) -> Solution:
         exact = refinement.level(0, EXACT_SAMPLES)
         if exact is None:
             raise unreached(refinement, None)
-        solution = solution_after(exact.made.mesh, exact.first, exact.made.settings)
+        solution = solution_of(exact.mesh, exact.first, exact.settings)
         last = np.finfo(float).eps * solution.mesh.length
         tips = {name: np.full(len(solution.time), last) for name in solution.tip}
         return _told(solution, _rounding(solution), tips, problem.accuracy)
     answer = refine(refinement)
     level = answer.levels[-1]
     steps = [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
-    mesh, grid = level.made.mesh, problem.grid
-    first = extrapolated(mesh.mechanism, steps, answer.weight)
-    found = second_step(mesh, first)
-    solution = solution_of(mesh, first, found, level.made.settings)
-    if not any(closure.active for closure in mesh.mechanism.closures):
-        jumps = {int(np.abs(first.time - t).argmin()) for t in level.made.jumps}
-        work = energy_defect(first, found, grid.seams(answer.kept), jumps)
+    first = extrapolated(level.mesh.mechanism, steps, answer.weight)
+    found = second_step(level.mesh, first)
+    solution = solution_of(level.mesh, first, level.settings, found)
+    if not any(closure.active for closure in problem.mechanism.closures):
+        jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
+        work = energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
     return _with_bars(refinement, answer, solution)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
+from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, largest_nearby, thinned, weights
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Progress, Settings, Stated, check_start, check_task, checked, prescribe, time_grid
@@ -94,7 +94,7 @@ def solve(
     if incremental:
         first = first.differenced(settings.step)
     second = second_step(task.mesh, first)  # P = M (a - g), tau = L T P
-    solution = solution_of(task.mesh, first, second, settings)
+    solution = solution_of(task.mesh, first, settings, second)
     if mechanism.closures and (start or start_rate):
         check_start(task, motion, start, start_rate, solution.q[0], solution.qd[0])
     if not error:
@@ -104,7 +104,7 @@ def solve(
         other = prescribe(meshed, motion, instants, own, start, start_rate, progress)
         (found,) = first_step(other)
         found = found.differenced(own.step) if incremental else found
-        return solution_after(other.mesh, found, own), found
+        return solution_of(other.mesh, found, own), found
 
     # Of the half steps every second is compared, where not all are differenced.
     stride = 2 if incremental or mechanism.closures else 1
@@ -133,7 +133,7 @@ def with_error(
     better, bars = solution, [_scaled_difference(solution, fine, stride, OF_STEPS)]
     if even:
         both = extrapolated(mechanism, [first, thinned(halved, stride)], weights((1, 2)))
-        better = solution_after(solution.mesh, both, settings)
+        better = solution_of(solution.mesh, both, settings)
     if mechanism.beams:
         # doubled where elements are linear (second order), two orders higher else
         linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1

@@ -368,4 +368,4 @@ def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, Found]:
 def _solution(one: Scenario, n: int, out: Trajectory, found: Found) -> Solution:
     trajectory, (q, qd, qdd) = Trajectory._make(part[n] for part in out), (part.copy() for part in one.table)
     first, second = FirstStep(trajectory, one.time, (q, qd, qdd)), Found(*(part[n] for part in found))
-    return solution_of(one.mesh, first, second, one.settings)
+    return solution_of(one.mesh, first, one.settings, second)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import FirstStep, solution_after
+from flexinv.analysis.evaluation import FirstStep, solution_of
 from flexinv.analysis.loops import Switching, with_closures
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, still
@@ -80,7 +80,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     held = still(at, rest[0], rest[0])
     if mechanism.is_rigid:
         (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
-        return solution_after(mesh, first, SETTINGS)
+        return solution_of(mesh, first, SETTINGS)
     switching = Switching(phases(loaded, now))
     solver = Solver.of(mesh, passive)
     switching.begin(mesh, solver.border.ties)
@@ -99,7 +99,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = with_closures(mesh, first, switching)
-    return _judged(solution_after(mesh, first, SETTINGS), solver, joints)
+    return _judged(solution_of(mesh, first, SETTINGS), solver, joints)
 
 
 def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:

@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_after
+from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_of
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve, with_error
@@ -28,7 +28,7 @@ from flexinv.dynamics.system import Trajectory
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
-from flexinv.kinematics.mesh import build
+from flexinv.kinematics.mesh import Mesh, build
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import Horizon, Layout, Placed, TurnedTooMuch
@@ -159,7 +159,7 @@ def follow(
         return out
     first, horizon, left = _inverted(way, out.reach, time, step)
     _check_rest(horizon, left)
-    out = replace(out, solution=solution_after(way.mesh, first, _settings(step)), unrest=left)
+    out = replace(out, solution=solution_of(way.mesh, first, _settings(step)), unrest=left)
     if not error:
         return out
 
@@ -167,7 +167,7 @@ def follow(
         finer = way_of(meshed)
         one, ended, rest = _inverted(finer, finer.reach(steps), steps, own.step)
         _check_rest(ended, rest)
-        return solution_after(finer.mesh, one, own), one
+        return solution_of(finer.mesh, one, own), one
 
     return replace(out, solution=with_error(out.solution, first, time, _settings(step), again, 2, True))
 
@@ -191,7 +191,7 @@ def _beside_rigid(way: RigidWay, time: Array) -> Following:
     """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
     mesh, reach = way.mesh, way.reach(time)
     first = rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd))
-    rigid = solution_after(mesh, first, _settings(float(time[1] - time[0])))
+    rigid = solution_of(mesh, first, _settings(float(time[1] - time[0])))
     return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
@@ -204,7 +204,7 @@ def _accurately(
 ) -> Following:  # fmt: skip
     """The path followed as exactly as was asked; instants of the coarsest step divide the path's time."""
     from flexinv.accuracy.accurate import accurate
-    from flexinv.accuracy.refinement import Problem, Run
+    from flexinv.accuracy.refinement import Problem
     from flexinv.accuracy.step_grid import FEWEST_IN_STRETCH, StepGrid
 
     way = way_of(mechanism)
@@ -212,11 +212,11 @@ def _accurately(
     coarsest = way.path.duration / FEWEST_IN_STRETCH
     ends = _window(way, coarsest, before, after)
 
-    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> Run:
+    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
         own = way_of(meshed)
         first, horizon, rest = _inverted(own, own.reach(steps), steps, settings.step)
         left.append((horizon, rest))
-        return Run(own.mesh, first, _settings(settings.step), set(first.smooth))
+        return own.mesh, first
 
     grid = StepGrid(ends[[0, -1]], (len(ends) - 1,))
     if _is_stiff(mechanism):
