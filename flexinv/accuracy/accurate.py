@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Answer, Problem, Refinement, refine, unreached
+from flexinv.accuracy.refinement import Problem, Refinement, refine, unreached
 from flexinv.accuracy.step_grid import step_grid
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, thinned
@@ -113,7 +113,15 @@ def accurate(problem: Problem) -> Solution:
         jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
         work = energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
-    return _with_bars(refinement, answer, solution)
+    asked, count, rounding = problem.accuracy, solution.torque.shape[1], _rounding(solution)
+    if (rounding > asked * answer.ranges.torque).any():
+        raise unreached(refinement, answer)
+    torque = answer.bars[:, :count] * answer.ranges.torque + rounding
+    links = zip(solution.tip, answer.ranges.tip, strict=True)
+    tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
+    is_plain = len(answer.levels) == 1
+    solution = replace(solution, notes=(*solution.notes, PLAIN)) if is_plain else solution
+    return _told(solution, torque, tips, asked, not is_plain, answer.order)
 
 
 def _rounding(solution: Solution) -> Array:
@@ -121,19 +129,6 @@ def _rounding(solution: Solution) -> Array:
     apart = np.abs(solution.torque_all - solution.reaction)[:, solution.mechanism.actuated]
     floor = np.finfo(float).eps * len(solution.mesh.parent) * np.abs(solution.torque).max(axis=0, initial=0.0)
     return np.asarray(apart + floor)
-
-
-def _with_bars(refinement: Refinement, answer: Answer, solution: Solution) -> Solution:
-    """The solution with the bars of the answer of which it was made."""
-    asked, count, rounding = refinement.problem.accuracy, solution.torque.shape[1], _rounding(solution)
-    torque = answer.bars[:, :count] * answer.ranges.torque + rounding
-    if (rounding > asked * answer.ranges.torque).any():
-        raise unreached(refinement, answer)
-    links = zip(solution.tip, answer.ranges.tip, strict=True)
-    tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
-    is_plain = len(answer.levels) == 1
-    solution = replace(solution, notes=(*solution.notes, PLAIN)) if is_plain else solution
-    return _told(solution, torque, tips, asked, not is_plain, answer.order)
 
 
 def _told(

@@ -190,23 +190,20 @@ class Refinement:
 
     def level(self, mesh: int, finer: int) -> Level | None:
         """Return a run [m, rad, s, N], made where it is not yet."""
-        if (mesh, finer) not in self.levels:
-            self.levels[mesh, finer] = self._run(mesh, finer)
-        return self.levels[mesh, finer]
-
-    def _run(self, mesh: int, finer: int) -> Level | None:
-        p, grid = self.problem, self.problem.grid
-        mechanism = meshed(p.mechanism, mesh)
+        if (mesh, finer) in self.levels:
+            return self.levels[mesh, finer]
+        p, grid, mechanism = self.problem, self.problem.grid, meshed(self.problem.mechanism, mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
         try:
             made, first = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
         except ConvergenceError as error:
-            self.failure = error
+            self.failure, self.levels[mesh, finer] = error, None
             return None
         first = thinned(first, (len(first.time) - 1) // (kept * grid.total))
-        return Level(finer, kept, made, settings, first, quantities(made, first))
+        self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, quantities(made, first))
+        return found
 
     def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""

@@ -22,10 +22,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class StepGrid:
-    """Stretches of equal steps.
-
-    ends : (stretches + 1,) [s], where they begin and end; counts : coarsest steps of each [-]
-    """
+    """Stretches of equal steps, ends : (stretches + 1,) [s], where they begin and end; counts : coarsest steps of each [-]."""
 
     ends: Array
     counts: tuple[int, ...]

@@ -31,7 +31,7 @@ from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kernels.code_cache import compiled
 from flexinv.kinematics.configuration import fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
-from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.mesh import build
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -64,12 +64,14 @@ class Flexible:
         in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
         self.flat = None if in_space else PlanarMarch.of(mesh, set())
         self.joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, still, still)))
-        self.given = np.zeros((1, int((mesh.v_index >= 0).sum()), 3))
         self.masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
         out, driven = self.solver.instant, mechanism.actuated.astype(float)
         self.frames = Frames(*(part[0] for part in out[:6]))
         self.instant = Instant(out.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
-        self.nodes, self.drives = nodes_of(mesh), _drives(mesh)
+        freedoms, table, moves = mesh.freedoms.copy(), np.zeros((5, mesh.size)), mesh.v_index >= 0
+        table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
+        freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
+        self.nodes, self.drives = nodes_of(mesh), Drives(freedoms, mesh.slide, mesh.turn, *table)
         self.scheme, self.early = scheme, start_up(scheme)
         self.system: System | PlanarSystem
         march_in: Any
@@ -79,6 +81,7 @@ class Flexible:
             self.rest: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
         else:
             march_in, self.system, row = planar_march, self.flat.system, np.zeros(1, dtype=np.int64)
+            self.given = np.zeros((1, int(moves.sum()), 3))
             self.rest = np.zeros((0, 3)), False, self.given, row, out
         self.march = compiled(march_in, self.system, scheme, *self.rest)
         parts = self.nodes, self.drives, self.masses, self.frames, (mechanism.neutral.copy(), driven, driven)
@@ -172,14 +175,6 @@ class Flexible:
             self.tau -= np.where(driven, project(mesh, motion, applied)[0], 0.0)
 
 
-def _drives(mesh: Mesh) -> Drives:
-    freedoms = mesh.freedoms.copy()
-    table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
-    table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
-    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
-    return Drives(freedoms, mesh.slide, mesh.turn, *table)
-
-
 @dataclass(eq=False)
 class Controller:
     """Torques of a mechanism call by call; with beams, joints without drives move as the dynamics have it.
@@ -245,8 +240,7 @@ class Controller:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
 
         q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
-            there are beams, and their efforts are zero
-        (Springs between points and given forces do allocate.)
+            there are beams, and their efforts are zero.  (Springs between points and given forces do allocate.)
 
         Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
         """

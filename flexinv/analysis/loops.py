@@ -15,11 +15,7 @@ from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import GivenLoops, check_carried, share_out
 from flexinv.constraints.allocation_kernel import Shares
-from flexinv.constraints.closures import (
-    captured,
-    constraint_jacobian,
-    constraint_rows,
-)
+from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows
 from flexinv.constraints.continuation import closed_motion, closed_start
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
@@ -30,13 +26,7 @@ from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import (
-    applied_forces,
-    joint_wrenches,
-    nodal_forces,
-    own_efforts,
-    project,
-)
+from flexinv.inverse.inverse_dynamics import applied_forces, joint_wrenches, nodal_forces, own_efforts, project
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -146,9 +136,9 @@ def _phased_shares(
     mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch], jacobian: Array | None
 ) -> Shares:
     """Shares of the drives phase by phase."""
-    if len(stretches) == 1:
-        return _shares(mesh, stretches[0], motion.samples(stretches[0].span), tree[stretches[0].span], jacobian)
-    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span]) for one in stretches]
+    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], jacobian) for one in stretches]
+    if len(parts) == 1:
+        return parts[0]
     width = max(part.preload.shape[2] for part in parts)
     for k, part in enumerate(parts):
         missing = (0, 0), (0, 0), (0, width - part.preload.shape[2])

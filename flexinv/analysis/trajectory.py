@@ -75,8 +75,12 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
-    march, stops = _March(task), task.seams or _jump_samples(task.steps, task.jumps)
-    kept, last, every = len(task.time), len(task.steps) - 1, task.settings.every
+    march, steps, kept, every = _March(task), task.steps, len(task.time), task.settings.every
+    last, step = len(steps) - 1, steps[1] - steps[0] if len(steps) > 1 else 1.0
+    stops = {*task.seams}
+    if not stops:  # all steps are equal: samples at which accelerations jump
+        found = {round((jump - steps[0]) / step) for jump in task.jumps}
+        stops = {k for k in found if 0 < k <= last and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
     switches = march.switching.samples
     start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, AT_ONCE // task.mesh.size)
@@ -99,14 +103,6 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
 def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
     return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.ready(mesh, passive)
-
-
-def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
-    """Samples after the first at which the acceleration jumps."""
-    step = time[1] - time[0] if len(time) > 1 else 1.0
-    found = {round((jump - time[0]) / step) for jump in jumps}
-    met = (k for k in found if 0 < k < len(time) and np.abs(time[k] - np.array(jumps)).min() < SAME_TIME * step)
-    return sorted(met)
 
 
 class _March:

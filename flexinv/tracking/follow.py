@@ -143,7 +143,13 @@ def follow(
         from flexinv.accuracy.accurate import check_accuracy
 
         asked = check_accuracy(accuracy, step)
-    _check(mechanism)
+    drive_columns(mechanism)
+    for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
+        if items:
+            raise InputError(
+                f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
+                "give the joints a motion with solve instead"
+            )
 
     def way_of(meshed: Mechanism) -> RigidWay:
         mesh = build(meshed)
@@ -175,7 +181,7 @@ def follow(
 def _inverted(way: RigidWay, reach: Reach, time: Array, step: float) -> tuple[FirstStep, Horizon, tuple[float, float]]:
     """The first step [m, rad, s, N] of a mechanism that bends, its equations, and what moves at both ends of the window [-]."""
     mesh, m = way.mesh, way.mesh.mechanism
-    horizon = Horizon(Layout.of(mesh), way, reach, time, step)
+    horizon = Horizon(Layout(mesh), way, reach, time, step)
     trajectory, moves = invert(horizon), {joint.name for joint in m.joints if joint.nv}
     q, qd, qdd = reach.q.copy(), np.zeros((len(time), m.nv)), np.zeros((len(time), m.nv))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
@@ -227,16 +233,6 @@ def _accurately(
     return replace(_beside_rigid(way_of(solution.mechanism), solution.time), solution=solution, unrest=rest)
 
 
-def _check(mechanism: Mechanism) -> None:
-    drive_columns(mechanism)
-    for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
-        if items:
-            raise InputError(
-                f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
-                "give the joints a motion with solve instead"
-            )
-
-
 def _window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
     """Instants (samples,) [s], 0 among them."""
     path = way.path
@@ -248,7 +244,7 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
         )
     ends = np.array([0.0, path.duration])
     if before is None or after is None:
-        horizon = Horizon(Layout.of(way.mesh), way, way.reach(ends), ends, step)
+        horizon = Horizon(Layout(way.mesh), way, way.reach(ends), ends, step)
         waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, path.duration + last]) / step * (1 - 1e-9))
@@ -357,7 +353,7 @@ def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
     allowed = [scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T)]
     n, w = (sizes[:, None] * part for part in allowed)
     with np.errstate(divide="ignore", invalid="ignore"):
-        squared = scipy.linalg.eigvals(-w.T @ one.k[0] @ n, w.T @ one.m[0] @ n)
+        squared = scipy.linalg.eigvals(-w.T @ one.tangent[0, 0] @ n, w.T @ one.tangent[2, 0] @ n)
     squared = squared[np.isfinite(squared)]
     rates = np.sqrt(squared[np.abs(squared) < ENDLESS * np.abs(squared).min(initial=np.inf)].astype(complex))
     return np.asarray(rates[np.argsort(rates.real)])

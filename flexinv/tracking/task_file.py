@@ -117,17 +117,14 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
     moving = [joint.name for joint in mechanism.joints if joint.nv]
     start = read_places(table.start, mechanism, moving, where.inner("start"))
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
-    frame, path = _frame(table, mechanism, where), _path(table, where)
-    return Task(name, table.title, frame, path, table.step_s, table.before_s, table.after_s, start, mesh)
-
-
-def _frame(table: TaskTable, mechanism: Mechanism, where: Location) -> str | Attachment:
     if table.station is not None and mechanism.link_of[table.frame].beam is None:
         raise where.wrong("station", f"station = {table.station:g}", f"no station: {table.frame} is rigid", "at_m")
-    if table.station is None and table.at_m is None:
-        return table.frame
-    point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
-    return Attachment(table.frame, Placement(point), table.station)
+    frame: str | Attachment = table.frame
+    if table.station is not None or table.at_m is not None:
+        point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
+        frame = Attachment(table.frame, Placement(point), table.station)
+    path = _path(table, where)
+    return Task(name, table.title, frame, path, table.step_s, table.before_s, table.after_s, start, mesh)
 
 
 def _path(table: TaskTable, where: Location) -> Path:
