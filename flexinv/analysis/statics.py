@@ -64,8 +64,6 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
 
     Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
     """
-    from flexinv.linearized.natural_modes import unstable_motions
-
     of_kind("mechanism", mechanism, Mechanism)
     at = mechanism.neutral if q is None else floats("statics: q", q)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
@@ -82,11 +80,10 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     if mechanism.is_rigid:
         (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
         return solution_of(mesh, first, SETTINGS)
-    switching = Switching(phases(loaded, now))
-    solver = Solver.of(mesh, passive)
-    switching.begin(mesh, solver.border.ties)
+    solver, (phase,) = Solver.of(mesh, passive), phases(loaded, now)
+    switching = Switching(mesh, phase, solver.border.ties)
     if mechanism.closures:
-        rows = constraint_rows(mesh).of(switching.phases[0].active)
+        rows = constraint_rows(mesh).of(phase.active)
         at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
@@ -100,6 +97,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = with_closures(mesh, first, switching)
+    from flexinv.linearized.natural_modes import unstable_motions
+
     found = solution_of(mesh, first, SETTINGS)
     unstable = unstable_motions(solver, joints)  # a word on whether a structure stays there
     if not unstable:

@@ -82,7 +82,7 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
         found = {round((jump - steps[0]) / step) for jump in task.jumps}
         stops = {k for k in found if 0 < k <= last and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
-    switches = march.switching.samples
+    switches = {phase.first: phase for phase in march.phases[1:]}
     start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, AT_ONCE // task.mesh.size)
     for stop in sorted({*stops, *switches, *ends, last}):
         while start <= stop:
@@ -118,13 +118,14 @@ class _March:
         mesh = task.mesh
         self.task, self.scheme, self.origin, self.early = task, task.settings.scheme, 0, 0
         self.last: Array | None = None
-        self.switching = Switching(phases(mesh.mechanism, task.steps))
+        self.phases = phases(mesh.mechanism, task.steps)
         self.flat = None if task.efforts is not None else in_plane(mesh, task.passive)
-        alone = self.flat is not None and task.settings.initial == "consistent" and self.switching.never
+        never_switches = len(self.phases) == 1 and self.phases[0].active.all()
+        alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
         self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
         self.out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh)))
-        self.switching.begin(mesh, None if self.solver is None else self.solver.border.ties)
+        self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
     def go_on(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""

@@ -315,17 +315,14 @@ def steady_modes(
     n = allowed_motions(motion.solver)
     root, shapes = roots(*(n.T @ part @ n for part in motion.matrices))
     last = len(root) if count is None else count
-    moves = _unit(nodal_shapes(motion.solver, n @ shapes[:, :last]), mesh.length)
+    moves: Complex = nodal_shapes(motion.solver, n @ shapes[:, :last])
+    moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
+    moves /= np.where(moved > NOTHING * mesh.length * turned, moved, turned)[
+        :, None, None
+    ]  # displacements may be rounding
     frames = motion.solver.frames
     place, turn = frames.x.copy(), frames.r.copy()
     return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, rates, root[:last])
-
-
-def _unit(moves: Complex, length: float) -> Complex:
-    """Shapes with a largest displacement of 1, or rotation where the displacements are its rounding."""
-    place, turn = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
-    size = np.where(place > NOTHING * length * turn, place, turn)
-    return np.asarray(moves / size[:, None, None])
 
 
 def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Complex]:
