@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Problem, Refinement, refine, unreached
-from flexinv.accuracy.step_grid import step_grid
+from flexinv.accuracy.refinement import Problem, Refinement, StepGrid, refine, unreached
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, thinned
 from flexinv.analysis.solution import Solution
@@ -28,6 +27,14 @@ from flexinv.validation import number, refuse
 TaskOf = Callable[[Mechanism, Array, Settings], Task]
 # Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
 FINEST, COARSEST = 1e-9, 0.1
+# Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
+FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
+# After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
+# (From 14 on the accelerations of such short steps are rounding; with 7 a damped arm takes four times as long to 1e-5:
+# docs/studies/accuracy.py.)
+GRADES = 11
+# Instants closer than this part of the run are one.
+SAME = 1e-9
 # Samples to a coarsest step of a motion that is exact at any step.
 EXACT_SAMPLES = 8
 # What a solution says where nothing was extrapolated.
@@ -87,6 +94,40 @@ def problem_of(
     switches = (float(t) for closure in mechanism.closures for interval in closure.active for t in interval)
     sudden = (*jumps, *switches)
     return Problem(mechanism, step_grid((*breaks, *forces), sudden, *span), run, settings, accuracy, sudden)
+
+
+def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, last: float) -> StepGrid:
+    """Return the coarsest grid from ``first`` to ``last`` [s] that meets the ``breaks`` [s] between them.
+
+    jumps : breaks [s] at which accelerations jump: after them steps are short and double; at all others stretches of equal
+        steps are joined
+    """
+    span = last - first
+    ends = _apart([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)
+    longest = min(span / FEWEST_IN_RUN, max(np.diff(ends).max() / FEWEST_IN_STRETCH, span / MOST_IN_RUN))
+    sudden = [t for t in ends[:-1] if any(abs(t - jump) <= SAME * span for jump in jumps)]
+    graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
+    ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
+    stretches = np.diff(ends)
+    counts = [int(np.ceil(part / longest * (1 - SAME))) for part in stretches]
+    kept, joined = [0], [counts[0]]
+    for k in range(1, len(counts)):
+        alike = abs(stretches[k] / counts[k] - stretches[k - 1] / counts[k - 1]) <= SAME * longest
+        if alike and not any(abs(ends[k] - t) <= SAME * span for t in jumps):
+            joined[-1] += counts[k]
+        else:
+            kept.append(k)
+            joined.append(counts[k])
+    return StepGrid(ends[[*kept, -1]], tuple(joined))
+
+
+def _apart(times: list[float], least: float) -> Array:
+    """Times [s] without those that are the same as one before, the last one kept."""
+    kept = [times[0]]
+    for t in times[1:-1]:
+        if t - kept[-1] > least and times[-1] - t > least:
+            kept.append(t)
+    return np.array([*kept, times[-1]])
 
 
 def accurate(problem: Problem) -> Solution:

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.accuracy.step_grid import StepGrid
 from flexinv.analysis.evaluation import FirstStep, second_step, with_drives
 from flexinv.analysis.extrapolation import combined, largest_nearby, thinned, weights
 from flexinv.analysis.task import Settings
@@ -98,6 +98,35 @@ def ranges(mesh: Mesh, known: Quantities) -> Quantities:
     tip = np.maximum(np.linalg.norm(np.ptp(known.tip, axis=0), axis=1), SMALLEST * mesh.length)
     free = np.maximum(np.ptp(known.free, axis=0), SMALLEST)
     return Quantities(np.maximum(torque, tiny), np.maximum(tip, tiny), free)
+
+
+@dataclass(frozen=True)
+class StepGrid:
+    """Stretches of equal steps, ends : (stretches + 1,) [s], where they begin and end; counts : coarsest steps of each [-]."""
+
+    ends: Array
+    counts: tuple[int, ...]
+
+    @property
+    def total(self) -> int:
+        """Return the number of coarsest steps [-]."""
+        return sum(self.counts)
+
+    def steps(self, finer: int) -> Array:
+        """Return all instants [s] where ``finer`` steps [-] make a coarsest one."""
+        parts = [
+            first + (last - first) * (np.arange(finer * count) / (finer * count))
+            for (first, last), count in zip(pairwise(self.ends), self.counts, strict=True)
+        ]
+        return np.concatenate([*parts, self.ends[-1:]])
+
+    def seams(self, finer: int) -> tuple[int, ...]:
+        """Return the samples [-] of `steps` at which one stretch ends and the next begins."""
+        return tuple(int(k) for k in finer * np.cumsum(self.counts)[:-1])
+
+    def spacing(self, finer: int) -> float:
+        """Return the longest step [s] of `steps`."""
+        return float((np.diff(self.ends) / np.array(self.counts)).max()) / finer
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.accuracy.accurate import accurate, check_accuracy
-from flexinv.accuracy.refinement import Problem
-from flexinv.accuracy.step_grid import FEWEST_IN_STRETCH, StepGrid
+from flexinv.accuracy.accurate import FEWEST_IN_STRETCH, accurate, check_accuracy
+from flexinv.accuracy.refinement import Problem, StepGrid
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_of
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution

@@ -129,8 +129,9 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
 
 def _path(table: TaskTable, where: Location) -> Path:
     stated = [shape for shape in SHAPES if getattr(table, shape) is not None]
+    shape = stated[0] if len(stated) == 1 else "line"
+    write = str((TaskTable.model_fields[shape].examples or [""])[0])
     if len(stated) != 1:
-        write = str((TaskTable.model_fields["line"].examples or [""])[0])
         raise where.wrong("", " and ".join(stated) or "no path", f"one of {', '.join(SHAPES)}", write)
     time: dict[str, Any] = {"duration": table.duration_s, "law": table.law}
     try:
@@ -142,8 +143,7 @@ def _path(table: TaskTable, where: Location) -> Path:
         else:
             path = Path.points(table.points_m or [], **time)
     except InputError as error:
-        write = str((TaskTable.model_fields[stated[0]].examples or [""])[0])
-        raise where.wrong(stated[0], stated[0], str(error), write) from None
+        raise where.wrong(shape, shape, str(error), write) from None
     if table.turn_rpy_deg is None:
         return path
     rotations = scipy.spatial.transform.Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True)
