@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from itertools import repeat
-from numbers import Real
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any
@@ -240,17 +239,13 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
     try:
         if set(options) - ALIKE or mechanism.is_rigid or mechanism.closures or motion.jumps:
             return None
-        given = options["step"], options.get("tolerance", EXACT), options.get("spectral_radius", 0.8)
-        if not all(isinstance(number, Real) and not isinstance(number, bool) for number in given):
-            return None
-        step, tolerance, radius = (float(number) for number in given)
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
             return None
-        mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)
+        mesh, time = build(mechanism), time_grid(motion, options["step"], options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
-        table = motion_table(motion, mechanism, step, len(time))
-        return Scenario(mesh, motion, table, time, checked(step, radius, tolerance))
+        settings = checked(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
+        return Scenario(mesh, motion, motion_table(motion, mechanism, settings.step, len(time)), time, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
 
