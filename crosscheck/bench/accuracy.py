@@ -19,7 +19,7 @@ from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.accuracy.accurate import solve_problem
-from flexinv.accuracy.refinement import Problem, Refinement, Run, mixed
+from flexinv.accuracy.refinement import Problem, Refinement, mixed
 from flexinv.analysis.evaluation import FirstStep, second_step
 from flexinv.analysis.extrapolation import extrapolated, thinned, weights
 from flexinv.analysis.solution import Solution
@@ -27,6 +27,7 @@ from flexinv.analysis.solve import solve
 from flexinv.analysis.task import Settings
 from flexinv.errors import ConvergenceError
 from flexinv.files.load_cases import load_cases
+from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.model.motion import Motion
 
@@ -163,25 +164,25 @@ class Marches:
     known: Array
     mechanism: Mechanism | None = None
 
-    def first(self, finer: int) -> tuple[Run, FirstStep]:
+    def first(self, finer: int) -> tuple[Mesh, FirstStep]:
         """Return a march at 1/``finer`` of the coarsest step [-], and its samples that are compared [m, rad, s, N]."""
         p, mechanism = self.problem, self.mechanism or self.problem.mechanism
         whole = bool(mechanism.closures)
         own = replace(p.settings, step=p.grid.spacing(finer), every=1 if whole else finer // KEPT)
-        made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
-        return made, thinned(made.first, finer // KEPT if whole else 1)
+        mesh, made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
+        return mesh, thinned(made, finer // KEPT if whole else 1)
 
     def plain(self, finer: int) -> Array:
         """Return the torques [N m], [N] of one march."""
-        made, first = self.first(finer)
-        return np.asarray(second_step(made.mesh, first).tau[:, made.mesh.mechanism.actuated])
+        mesh, first = self.first(finer)
+        return np.asarray(second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
     def several(self, finer: tuple[int, ...]) -> Array:
         """Return the torques [N m], [N] of some marches, extrapolated."""
         marched = [self.first(n) for n in finer]
-        made, _ = marched[-1]
-        first = extrapolated(made.mesh.mechanism, [first for _, first in marched], weights(finer))
-        return np.asarray(second_step(made.mesh, first).tau[:, made.mesh.mechanism.actuated])
+        mesh, _ = marched[-1]
+        first = extrapolated(mesh.mechanism, [first for _, first in marched], weights(finer))
+        return np.asarray(second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
     def error(self, torque: Array) -> float:
         """Return the error of torques [N m], [N] over their peaks [-]."""

@@ -25,8 +25,7 @@ from crosscheck.bench.timing import Call, in_turns, ratio
 from crosscheck.engines import calls
 from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
-from flexinv.accuracy.refinement import Problem, meshed
-from flexinv.accuracy.step_grid import StepGrid
+from flexinv.accuracy.refinement import Problem, StepGrid, meshed
 from flexinv.analysis.task import Settings
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism

@@ -136,7 +136,7 @@ def reference(subject: Subject) -> Reference:
         if first is None or second is None:
             raise SystemExit(f"no reference: {refinement.failure}")
         found = mixed([first.found, second.found.rows(second.kept // first.kept)], weights((finer // 2, finer)))
-        made.append((first.first.time, found, second.made.mesh))
+        made.append((first.first.time, found, second.mesh))
     (_, rough, _), (time, fine, mesh) = made
     scale = ranges(mesh, fine)
     fine_there = fine.rows((len(fine.torque) - 1) // (len(rough.torque) - 1))

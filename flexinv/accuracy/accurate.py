@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -10,22 +10,31 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Answer, Problem, Refinement, Run, marched, refine, unreached
-from flexinv.accuracy.step_grid import step_grid
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
+from flexinv.accuracy.refinement import Problem, Refinement, StepGrid, refine, unreached
+from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, thinned
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, Words, last_time, prescribe
+from flexinv.analysis.trajectory import first_step
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Found
+from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import number, refuse
 
-Released = Callable[[Mechanism, Array, Settings], Task]
+TaskOf = Callable[[Mechanism, Array, Settings], Task]
 # Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
 FINEST, COARSEST = 1e-9, 0.1
+# Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
+FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
+# After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
+# (From 14 on the accelerations of such short steps are rounding; with 7 a damped arm takes four times as long to 1e-5:
+# docs/studies/accuracy.py.)
+GRADES = 11
+# Instants closer than this part of the run are one.
+SAME = 1e-9
 # Samples to a coarsest step of a motion that is exact at any step.
 EXACT_SAMPLES = 8
 # What a solution says where nothing was extrapolated.
@@ -58,38 +67,67 @@ def solve_problem(
     """
     start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
 
-    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
-        return marched(prescribe(meshed, motion, steps, own, start, start_rate, progress), seams)
+    def task_of(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+        return prescribe(meshed, motion, steps, own, start, start_rate, progress)
 
-    forces, switches = _sudden_times(mechanism)
-    breaks = (*getattr(motion, "breaks", ()), *forces)
-    grid = step_grid(breaks, (*motion.jumps, *switches), 0.0, last_time(motion, options.get("end")))
     given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
-    integrated = not mechanism.is_rigid or not (given or mechanism.closures)
-    return Problem(mechanism, grid, run, settings, accuracy, integrated)
+    breaks, span = getattr(motion, "breaks", ()), (0.0, last_time(motion, options.get("end")))
+    problem = problem_of(mechanism, task_of, settings, accuracy, breaks, motion.jumps, span)
+    return replace(problem, marched=not mechanism.is_rigid or not (given or mechanism.closures))
 
 
-def simulate_problem(
-    mechanism: Mechanism, time: Array, accuracy: float, settings: Settings, released: Released
-) -> Problem:
-    """Return the motion that torques give as a problem of any step [s] and mesh; accuracy : asked, part of ranges [-].
+def problem_of(
+    mechanism: Mechanism, task_of: TaskOf, settings: Settings, accuracy: float,
+    breaks: Iterable[float], jumps: Iterable[float], span: tuple[float, float],
+) -> Problem:  # fmt: skip
+    """Return a task as a problem of any step [s] and mesh that is integrated in time; accuracy : asked, part of ranges [-].
 
-    time : of the torque's rows [s], between which it is linear; released : mechanism, instants [s], settings -> Task
+    breaks, jumps : times [s] at which what is given is not smooth, and at which accelerations jump; span : first and last time
     """
 
-    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
-        return marched(released(meshed, steps, own), seams)
+    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
+        task = replace(task_of(meshed, steps, own), seams=seams)
+        (first,) = first_step(task)
+        return task.mesh, first
 
-    forces, switches = _sudden_times(mechanism)
-    jumps = (*time[1:][np.diff(time) == 0.0], *switches)
-    grid = step_grid((*time, *forces), jumps, float(time[0]), float(time[-1]))
-    return Problem(mechanism, grid, run, settings, accuracy)
+    forces = [float(t) for force in mechanism.forces for t in force.time]  # linear between
+    switches = (float(t) for closure in mechanism.closures for interval in closure.active for t in interval)
+    sudden = (*jumps, *switches)
+    return Problem(mechanism, step_grid((*breaks, *forces), sudden, *span), run, settings, accuracy, sudden)
 
 
-def _sudden_times(mechanism: Mechanism) -> tuple[list[float], list[float]]:
-    """Times [s] between which given forces are linear, and at which closures begin or cease to act."""
-    forces = [float(t) for force in mechanism.forces for t in force.time]
-    return forces, [float(t) for closure in mechanism.closures for interval in closure.active for t in interval]
+def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, last: float) -> StepGrid:
+    """Return the coarsest grid from ``first`` to ``last`` [s] that meets the ``breaks`` [s] between them.
+
+    jumps : breaks [s] at which accelerations jump: after them steps are short and double; at all others stretches of equal
+        steps are joined
+    """
+    span = last - first
+    ends = _apart([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)
+    longest = min(span / FEWEST_IN_RUN, max(np.diff(ends).max() / FEWEST_IN_STRETCH, span / MOST_IN_RUN))
+    sudden = [t for t in ends[:-1] if any(abs(t - jump) <= SAME * span for jump in jumps)]
+    graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
+    ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
+    stretches = np.diff(ends)
+    counts = [int(np.ceil(part / longest * (1 - SAME))) for part in stretches]
+    kept, joined = [0], [counts[0]]
+    for k in range(1, len(counts)):
+        alike = abs(stretches[k] / counts[k] - stretches[k - 1] / counts[k - 1]) <= SAME * longest
+        if alike and not any(abs(ends[k] - t) <= SAME * span for t in jumps):
+            joined[-1] += counts[k]
+        else:
+            kept.append(k)
+            joined.append(counts[k])
+    return StepGrid(ends[[*kept, -1]], tuple(joined))
+
+
+def _apart(times: list[float], least: float) -> Array:
+    """Times [s] without those that are the same as one before, the last one kept."""
+    kept = [times[0]]
+    for t in times[1:-1]:
+        if t - kept[-1] > least and times[-1] - t > least:
+            kept.append(t)
+    return np.array([*kept, times[-1]])
 
 
 def accurate(problem: Problem) -> Solution:
@@ -102,22 +140,29 @@ def accurate(problem: Problem) -> Solution:
         exact = refinement.level(0, EXACT_SAMPLES)
         if exact is None:
             raise unreached(refinement, None)
-        solution = solution_after(exact.made.mesh, exact.first, exact.made.settings)
+        solution = solution_of(exact.mesh, exact.first, exact.settings)
         last = np.finfo(float).eps * solution.mesh.length
         tips = {name: np.full(len(solution.time), last) for name in solution.tip}
         return _told(solution, _rounding(solution), tips, problem.accuracy)
     answer = refine(refinement)
     level = answer.levels[-1]
     steps = [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
-    mesh, grid = level.made.mesh, problem.grid
-    first = extrapolated(mesh.mechanism, steps, answer.weight)
-    found = second_step(mesh, first)
-    solution = solution_of(mesh, first, found, level.made.settings)
-    if not any(closure.active for closure in mesh.mechanism.closures):
-        jumps = {int(np.abs(first.time - t).argmin()) for t in level.made.jumps}
-        work = energy_defect(first, found, grid.seams(answer.kept), jumps)
+    first = extrapolated(level.mesh.mechanism, steps, answer.weight)
+    found = second_step(level.mesh, first)
+    solution = solution_of(level.mesh, first, level.settings, found)
+    if not any(closure.active for closure in problem.mechanism.closures):
+        jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
+        work = energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
-    return _with_bars(refinement, answer, solution)
+    asked, count, rounding = problem.accuracy, solution.torque.shape[1], _rounding(solution)
+    if (rounding > asked * answer.ranges.torque).any():
+        raise unreached(refinement, answer)
+    torque = answer.bars[:, :count] * answer.ranges.torque + rounding
+    links = zip(solution.tip, answer.ranges.tip, strict=True)
+    tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
+    is_plain = len(answer.levels) == 1
+    solution = replace(solution, notes=(*solution.notes, PLAIN)) if is_plain else solution
+    return _told(solution, torque, tips, asked, not is_plain, answer.order)
 
 
 def _rounding(solution: Solution) -> Array:
@@ -125,19 +170,6 @@ def _rounding(solution: Solution) -> Array:
     apart = np.abs(solution.torque_all - solution.reaction)[:, solution.mechanism.actuated]
     floor = np.finfo(float).eps * len(solution.mesh.parent) * np.abs(solution.torque).max(axis=0, initial=0.0)
     return np.asarray(apart + floor)
-
-
-def _with_bars(refinement: Refinement, answer: Answer, solution: Solution) -> Solution:
-    """The solution with the bars of the answer of which it was made."""
-    asked, count, rounding = refinement.problem.accuracy, solution.torque.shape[1], _rounding(solution)
-    torque = answer.bars[:, :count] * answer.ranges.torque + rounding
-    if (rounding > asked * answer.ranges.torque).any():
-        raise unreached(refinement, answer)
-    links = zip(solution.tip, answer.ranges.tip, strict=True)
-    tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
-    is_plain = len(answer.levels) == 1
-    solution = replace(solution, notes=(*solution.notes, PLAIN)) if is_plain else solution
-    return _told(solution, torque, tips, asked, not is_plain, answer.order)
 
 
 def _told(

@@ -15,15 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.accuracy.step_grid import StepGrid
 from flexinv.analysis.evaluation import FirstStep, second_step, with_drives
 from flexinv.analysis.extrapolation import combined, largest_nearby, thinned, weights
-from flexinv.analysis.task import Settings, Task
-from flexinv.analysis.trajectory import first_step
+from flexinv.analysis.task import Settings
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS
@@ -81,11 +80,11 @@ class Quantities(NamedTuple):
         return largest_nearby(self.errors(one, other), AROUND)
 
 
-def quantities(mesh: Mesh, first: FirstStep, passive: set[str]) -> Quantities:
-    """Return the results of the second step [N m], [N], [m] and the coordinates of the joints ``passive`` [rad], [m], [-]."""
+def quantities(mesh: Mesh, first: FirstStep) -> Quantities:
+    """Return the results of the second step [N m], [N], [m] and the coordinates of the passive joints [rad], [m], [-]."""
     m, found = mesh.mechanism, second_step(mesh, first)
     tau = with_drives(m, first, found.tau, found.reaction)[0]
-    free = [j.name in passive for j in m.joints for _ in range(j.nq)]
+    free = [j.name in first.smooth for j in m.joints for _ in range(j.nq)]
     return Quantities(tau[:, m.actuated], np.swapaxes(found.tip, 0, 1), first.joints[0][:, np.array(free, dtype=bool)])
 
 
@@ -101,29 +100,50 @@ def ranges(mesh: Mesh, known: Quantities) -> Quantities:
     return Quantities(np.maximum(torque, tiny), np.maximum(tip, tiny), free)
 
 
-class Run(NamedTuple):
-    """One run: the first step of the paper, at all instants or at those that are kept; jumps : of its accelerations [s]."""
+@dataclass(frozen=True)
+class StepGrid:
+    """Stretches of equal steps, ends : (stretches + 1,) [s], where they begin and end; counts : coarsest steps of each [-]."""
 
-    mesh: Mesh
-    first: FirstStep
-    settings: Settings
-    passive: set[str]
-    jumps: tuple[float, ...] = ()
+    ends: Array
+    counts: tuple[int, ...]
+
+    @property
+    def total(self) -> int:
+        """Return the number of coarsest steps [-]."""
+        return sum(self.counts)
+
+    def steps(self, finer: int) -> Array:
+        """Return all instants [s] where ``finer`` steps [-] make a coarsest one."""
+        parts = [
+            first + (last - first) * (np.arange(finer * count) / (finer * count))
+            for (first, last), count in zip(pairwise(self.ends), self.counts, strict=True)
+        ]
+        return np.concatenate([*parts, self.ends[-1:]])
+
+    def seams(self, finer: int) -> tuple[int, ...]:
+        """Return the samples [-] of `steps` at which one stretch ends and the next begins."""
+        return tuple(int(k) for k in finer * np.cumsum(self.counts)[:-1])
+
+    def spacing(self, finer: int) -> float:
+        """Return the longest step [s] of `steps`."""
+        return float((np.diff(self.ends) / np.array(self.counts)).max()) / finer
 
 
 @dataclass(frozen=True)
 class Problem:
     """A task that can be solved at any steps and on any mesh.
 
-    run : mechanism, instants [s], samples at which steps change, settings -> Run; accuracy : asked, part of ranges [-]
+    run : mechanism, instants [s], samples at which steps change, settings -> mesh, first step at the instants that are kept
+    accuracy : asked, part of ranges [-]; jumps : of its accelerations [s]
     marched : whether it is integrated in time, not exact at every sample
     """
 
     mechanism: Mechanism
     grid: StepGrid
-    run: Callable[[Mechanism, Array, tuple[int, ...], Settings], Run]
+    run: Callable[[Mechanism, Array, tuple[int, ...], Settings], tuple[Mesh, FirstStep]]
     settings: Settings
     accuracy: float
+    jumps: tuple[float, ...] = ()
     marched: bool = True
 
 
@@ -133,7 +153,8 @@ class Level:
 
     finer: int
     kept: int
-    made: Run
+    mesh: Mesh
+    settings: Settings
     first: FirstStep
     found: Quantities
 
@@ -198,34 +219,25 @@ class Refinement:
 
     def level(self, mesh: int, finer: int) -> Level | None:
         """Return a run [m, rad, s, N], made where it is not yet."""
-        if (mesh, finer) not in self.levels:
-            self.levels[mesh, finer] = self._run(mesh, finer)
-        return self.levels[mesh, finer]
-
-    def _run(self, mesh: int, finer: int) -> Level | None:
-        p, grid = self.problem, self.problem.grid
-        mechanism = meshed(p.mechanism, mesh)
+        if (mesh, finer) in self.levels:
+            return self.levels[mesh, finer]
+        p, grid, mechanism = self.problem, self.problem.grid, meshed(self.problem.mechanism, mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
         try:
-            made = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
+            made, first = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
         except ConvergenceError as error:
-            self.failure = error
+            self.failure, self.levels[mesh, finer] = error, None
             return None
-        first = thinned(made.first, (len(made.first.time) - 1) // (kept * grid.total))
-        return Level(finer, kept, made, first, quantities(made.mesh, first, made.passive))
+        first = thinned(first, (len(first.time) - 1) // (kept * grid.total))
+        self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, quantities(made, first))
+        return found
 
     def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""
         a, b, c = (self.level(mesh, rung(index + k)) for k in range(3))
         return None if a is None or b is None or c is None else (a, b, c)
-
-
-def marched(task: Task, seams: tuple[int, ...]) -> Run:
-    """Return the run of a task [m, rad, s, N] whose steps are equal between its ``seams`` [-]."""
-    (first,) = first_step(replace(task, seams=seams))
-    return Run(task.mesh, first, task.settings, task.passive, task.jumps)
 
 
 def refine(refinement: Refinement) -> Answer:
@@ -291,7 +303,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     a, b, c = three
     found = [level.found.rows(level.kept // a.kept) for level in three]
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
-    scale = ranges(c.made.mesh, found[2])
+    scale = ranges(c.mesh, found[2])
     bars = scale.apart(fine, coarse)
     apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
@@ -305,7 +317,7 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
     a, c = three[0], three[2]
     found = [level.found.rows(level.kept // a.kept) for level in three]
-    scale = ranges(c.made.mesh, found[2])
+    scale = ranges(c.mesh, found[2])
     first, second, both = (scale.apart(found[k], found[j]) for k, j in ((1, 0), (2, 1), (2, 0)))
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
     return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0, a.finer)
@@ -321,12 +333,12 @@ def _mesh_apart(refinement: Refinement, mesh: int, finer: int) -> Array:
     here, there = refinement.level(mesh, finer), refinement.level(mesh + 1, finer)
     if here is None or there is None:
         return np.array([[np.inf]])
-    return ranges(there.made.mesh, there.found).apart(there.found, here.found)
+    return ranges(there.mesh, there.found).apart(there.found, here.found)
 
 
 def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> None:
     """Raise an error where the rungs from ``index`` [-] on take too many steps, or will before the answer is good enough."""
-    nodes = 1 if answer is None else answer.levels[-1].made.mesh.size
+    nodes = 1 if answer is None else answer.levels[-1].mesh.size
     most = MOST_NODE_STEPS / (nodes * refinement.problem.grid.total)
     if rung(index + 2) > most:
         raise unreached(refinement, answer)

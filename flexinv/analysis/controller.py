@@ -12,8 +12,7 @@ which is carried on like the deformation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,9 +29,9 @@ from flexinv.inverse.balance import Instant, add_step, carried, guarded_torques,
 from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, project, winding
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kernels.code_cache import compiled
-from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
+from flexinv.kinematics.configuration import fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
-from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.mesh import build
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -46,7 +45,6 @@ from flexinv.validation import choice, floats, number, of_kind
 FLOAT = np.dtype(float)
 
 
-@dataclass(eq=False)
 class Flexible:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
@@ -55,59 +53,40 @@ class Flexible:
     before : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
     """
 
-    solver: Solver
-    flat: PlanarMarch | None
-    system: System | PlanarSystem
-    scheme: Scheme
-    early: Scheme
-    nodes: Nodes
-    drives: Drives
-    joints: Joints
-    given: Array
-    masses: Masses
-    frames: Frames
-    instant: Instant
-    mechanism: Mechanism
-    nq: int
-    nv: int
-    passive: set[str]
-    applied: bool
-    winds: bool
-    march: Callable[..., tuple[int, int, int, float]]
-    rest: tuple[Any, ...]
-    torques: Callable[..., tuple[bool, float, float]]
-    tau: Array
-    left: int = 0
-    before: list[Array] = field(default_factory=list)
-    wound: dict[str, float] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, mechanism: Mechanism, scheme: Scheme, tau: Array) -> Flexible:
-        """Return the arrays of a mechanism [m, rad, s, N], its kernels compiled; efforts are written into ``tau`` (nv,)."""
-        mesh = build(mechanism)
-        passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
-        solver, applied = Solver.of(mesh, passive), bool(mechanism.springs or mechanism.forces)
-        in_space = isinstance(find_plane(mesh), NotPlanar) or passive or applied
-        flat = None if in_space else PlanarMarch.of(mesh, set())
-        joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
-        out, one = solver.instant, Joints(*(part[None] for part in joints))
-        driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
-        loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
-        given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
-        masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
-        frames = Frames(*(part[0] for part in out[:6]))
-        here = Instant(out.energy[0], driven, line, np.zeros(7))
-        nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
-        march_in: Any = march if flat is None else planar_march
-        rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
-        rest, system = (*rest, out), solver.system if flat is None else flat.system
-        return cls(
-            solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here,
-            mechanism, mechanism.nq, mechanism.nv, passive, applied,
-            any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
-            compiled(march_in, system, scheme, *rest), rest,
-            compiled(guarded_torques, nodes, drives, masses, frames, motion, here, driven), tau,
-        )  # fmt: skip
+    def __init__(self, mechanism: Mechanism, scheme: Scheme, tau: Array) -> None:
+        """Allocate the arrays of a mechanism, its kernels compiled; efforts are written into ``tau`` (nv,) [N m], [N]."""
+        mesh, still = build(mechanism), np.zeros(mechanism.nv)
+        self.mechanism, self.nq, self.nv, self.tau = mechanism, mechanism.nq, mechanism.nv, tau
+        self.passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
+        self.applied = bool(mechanism.springs or mechanism.forces)
+        self.winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints)
+        self.solver = Solver.of(mesh, self.passive)
+        in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
+        self.flat = None if in_space else PlanarMarch.of(mesh, set())
+        self.joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, still, still)))
+        self.masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
+        out, driven = self.solver.instant, mechanism.actuated.astype(float)
+        self.frames = Frames(*(part[0] for part in out[:6]))
+        self.instant = Instant(out.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
+        freedoms, table, moves = mesh.freedoms.copy(), np.zeros((5, mesh.size)), mesh.v_index >= 0
+        table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
+        freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
+        self.nodes, self.drives = nodes_of(mesh), Drives(freedoms, mesh.slide, mesh.turn, table)
+        self.scheme, self.early = scheme, start_up(scheme)
+        self.system: System | PlanarSystem
+        march_in: Any
+        if self.flat is None:
+            march_in, self.system, one = march, self.solver.system, Joints(*(part[None] for part in self.joints))
+            loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
+            self.rest: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
+        else:
+            march_in, self.system, row = planar_march, self.flat.system, np.zeros(1, dtype=np.int64)
+            self.given = np.zeros((1, int(moves.sum()), 3))
+            self.rest = np.zeros((0, 3)), False, self.given, row, out
+        self.march = compiled(march_in, self.system, scheme, *self.rest)
+        parts = self.nodes, self.drives, self.masses, self.frames, (mechanism.neutral.copy(), driven, driven)
+        self.torques = compiled(guarded_torques, *parts, self.instant, driven)
+        self.left, self.before, self.wound = 0, list[Array](), dict[str, float]()
 
     def start(self, now: list[Array], initial: str) -> Array:
         """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
@@ -196,14 +175,6 @@ class Flexible:
             self.tau -= np.where(driven, project(mesh, motion, applied)[0], 0.0)
 
 
-def _drives(mesh: Mesh) -> Drives:
-    freedoms = mesh.freedoms.copy()
-    table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
-    table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
-    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
-    return Drives(freedoms, mesh.slide, mesh.turn, table)
-
-
 @dataclass(eq=False)
 class Controller:
     """Torques of a mechanism call by call; with beams, joints without drives move as the dynamics have it.
@@ -246,7 +217,7 @@ class Controller:
                 "write step = the time between two calls in seconds, for example step=1e-3"
             )
         tau = np.zeros(mechanism.nv)
-        out = cls(mechanism, tau, None, Flexible.of(mechanism, generalized_alpha(step, radius), tau))
+        out = cls(mechanism, tau, None, Flexible(mechanism, generalized_alpha(step, radius), tau))
         still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
         out.start(*still)
         out.step(*still)
@@ -269,8 +240,7 @@ class Controller:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
 
         q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
-            there are beams, and their efforts are zero
-        (Springs between points and given forces do allocate.)
+            there are beams, and their efforts are zero.  (Springs between points and given forces do allocate.)
 
         Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
         """

@@ -51,13 +51,12 @@ class FirstStep:
         return replace(self, trajectory=Trajectory(*moved.parts, *self.trajectory[6:]))
 
 
-def solution_after(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution:
-    """Return the Solution of a motion [m, rad, s, N]: the paper's second step, and all else that follows from nodal motion."""
-    return solution_of(mesh, first, second_step(mesh, first), settings)
+def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: Found | None = None) -> Solution:
+    """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names.
 
-
-def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) -> Solution:
-    """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names."""
+    found : of the second step, where that is made already
+    """
+    found = second_step(mesh, first) if found is None else found
     mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
     tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
     loops = first.loops

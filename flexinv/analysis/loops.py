@@ -5,7 +5,7 @@ Of rigid links the loops are closed at every sample; with beams the march keeps 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -132,9 +132,9 @@ def _phased_shares(
     mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch], jacobian: Array | None
 ) -> Shares:
     """Shares of the drives phase by phase."""
-    if len(stretches) == 1:
-        return _shares(mesh, stretches[0], motion.samples(stretches[0].span), tree[stretches[0].span], jacobian)
-    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span]) for one in stretches]
+    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], jacobian) for one in stretches]
+    if len(parts) == 1:
+        return parts[0]
     width = max(part.preload.shape[2] for part in parts)
     for k, part in enumerate(parts):
         missing = (0, 0), (0, 0), (0, width - part.preload.shape[2])
@@ -239,30 +239,15 @@ def _damped_after(dissipated: Array, switches: list[int], time: Array) -> Array:
     return out
 
 
-@dataclass
 class Switching:
-    """Phases of the march still to come, and the stretches and impacts [N s] of those that have begun."""
+    """Stretches and impacts [N s] of the phases of a march that have begun."""
 
-    phases: list[Phase]
-    stretches: list[Stretch] = field(default_factory=list)
-    impacts: list[Impact] = field(default_factory=list)
-
-    @property
-    def never(self) -> bool:
-        """Return True if all closures act all the time [-]."""
-        return len(self.phases) == 1 and bool(self.phases[0].active.all())
-
-    def begin(self, mesh: Mesh, ties: Ties | None) -> None:
+    def __init__(self, mesh: Mesh, phase: Phase, ties: Ties | None) -> None:
         """Let the closures of the first phase act, with the frames [m] that the mechanism states."""
-        rows = constraint_rows(mesh)
-        self.stretches.append(Stretch(self.phases[0], rows))
+        rows, self.impacts = constraint_rows(mesh), list[Impact]()
+        self.stretches = [Stretch(phase, rows)]
         if ties is not None:
-            set_ties(ties, rows, self.phases[0].active)
-
-    @property
-    def samples(self) -> dict[int, Phase]:
-        """Phases after the first by the sample at which they begin."""
-        return {phase.first: phase for phase in self.phases[1:]}
+            set_ties(ties, rows, phase.active)
 
     def switch(self, solver: Solver, phase: Phase, joints: Joints, qd: Array, time: float, out: Trajectory) -> None:
         """Go over to another phase at one sample of ``out``, which holds its left-hand limit and gets the right-hand one.

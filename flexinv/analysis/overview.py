@@ -65,10 +65,14 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
-def joint_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per joint that moves; drives that are not zero in columns with their units, such as [N m]."""
-    moving = [j for j in mechanism.joints if j.nv]
-    columns = {
+def tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
+    """Return tables with one row per joint that moves, closure, link and beam, by title; columns have units, such as [N m].
+
+    Drives that are not zero stand with their joints, when closures act [s] with these; stiffness and mass of a beam: at its root.
+    """
+    moving, closures = [j for j in mechanism.joints if j.nv], mechanism.closures
+    beams = [(link.name, link.beam) for link in mechanism.links if link.beam is not None]
+    joints = {
         "joint": [j.name for j in moving],
         "kind": [j.kind for j in moving],
         "parent": [j.parent if j.station is None else f"{j.parent} at {j.station:g}" for j in moving],
@@ -79,41 +83,28 @@ def joint_table(mechanism: Mechanism) -> pd.DataFrame:
     for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
         values = [getattr(j, key) for j in moving]
         if any(values):
-            columns[f"{key.replace('_', ' ')} [{unit}]"] = values
-    return pd.DataFrame(columns if moving else {})
-
-
-def closure_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per closure: its kind, what it joins, its constraints [-], and when it acts [s]."""
-    columns = ["closure", "kind", "first", "second", "constraints", "acts [s]"]
-    rows = [
-        (c.name, c.kind, c.first.link, c.second.link, CLOSURES[c.kind],
-         " and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always")
-        for c in mechanism.closures
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns)
-
-
-def link_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per link: rigid or beam, its mass [kg], and what it carries."""
-    columns = {
+            joints[f"{key.replace('_', ' ')} [{unit}]"] = values
+    tied = {
+        "closure": [c.name for c in closures],
+        "kind": [c.kind for c in closures],
+        "first": [c.first.link for c in closures],
+        "second": [c.second.link for c in closures],
+        "constraints": [CLOSURES[c.kind] for c in closures],
+        "acts [s]": [" and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always" for c in closures],
+    }
+    links = {
         "link": [link.name for link in mechanism.links],
         "kind": ["rigid" if link.beam is None else "beam" for link in mechanism.links],
         "mass [kg]": [link_mass(link) for link in mechanism.links],
         "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in mechanism.links],
     }
-    return pd.DataFrame(columns)
-
-
-def beam_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per beam: length [m], mesh, and the root's stiffness [N], [N m^2] and mass per length [kg/m]."""
-    rows = []
-    for link in mechanism.beams:
-        beam = link.beam
-        if beam is not None:
-            ea, _, _, gj, ei_y, ei_z = beam.section.stiffness[0]
-            mesh = f"{beam.elements} x order {beam.order}"
-            density = beam.section.mass_per_length[0]
-            rows.append((link.name, beam.length, mesh, ea, gj, ei_y, ei_z, density))
-    columns = ["beam", "length [m]", "mesh", "EA [N]", "GJ [N m^2]", "EI_y [N m^2]", "EI_z [N m^2]", "mass [kg/m]"]
-    return pd.DataFrame(rows, columns=columns)
+    bending = {
+        "beam": [name for name, _ in beams],
+        "length [m]": [beam.length for _, beam in beams],
+        "mesh": [f"{beam.elements} x order {beam.order}" for _, beam in beams],
+    }
+    for k, label in ((0, "EA [N]"), (3, "GJ [N m^2]"), (4, "EI_y [N m^2]"), (5, "EI_z [N m^2]")):
+        bending[label] = [beam.section.stiffness[0][k] for _, beam in beams]
+    bending["mass [kg/m]"] = [beam.section.mass_per_length[0] for _, beam in beams]
+    found = {"joints": joints, "closures": tied, "links": links, "beams": bending}
+    return {title: pd.DataFrame(columns) for title, columns in found.items()}

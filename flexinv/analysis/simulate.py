@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import solution_after
+from flexinv.analysis.evaluation import solution_of
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, checked, still
 from flexinv.analysis.trajectory import SAME_TIME, first_step
@@ -85,12 +85,13 @@ def simulate(
             raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
         task = released(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
         (one,) = first_step(task)
-        solution = solution_after(task.mesh, one, settings)
+        solution = solution_of(task.mesh, one, settings)
     else:
-        from flexinv.accuracy.accurate import accurate, check_accuracy, simulate_problem
+        from flexinv.accuracy.accurate import accurate, check_accuracy, problem_of
 
         asked, settings = check_accuracy(accuracy, step), checked(1.0, spectral_radius, EXACT, initial)
-        solution = accurate(simulate_problem(mechanism, table[0], asked, settings, released))
+        span, jumps = (float(table[0][0]), float(table[0][-1])), _jumps(table[0])
+        solution = accurate(problem_of(mechanism, released, settings, asked, table[0], jumps, span))
     if settles:  # an equilibrium may leave what was stated of the start
         check_settled(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
     return solution

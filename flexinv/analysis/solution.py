@@ -213,7 +213,14 @@ class Solution:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
         m = self.mechanism
         columns: dict[str, Array] = {}
-        series = ("position", "", self._scalar_q()), ("rate", "/s", self.qd), ("acceleration", "/s^2", self.qdd)
+        places = np.full_like(self.qd, np.nan)  # angles or lengths; some joints have none (rotations in space)
+        for joint in m.joints:
+            own, at = self.q[:, m.q_slices[joint.name]], m.v_slices[joint.name]
+            if joint.nv == 1:
+                places[:, at] = scalar_coordinate(joint, own)[:, None]
+            elif KINDS[joint.kind].scalar:
+                places[:, at] = own
+        series = ("position", "", places), ("rate", "/s", self.qd), ("acceleration", "/s^2", self.qdd)
         for label, per, values in series:
             units = (unit for joint in m.joints for unit in KINDS[joint.kind].units)
             for name, unit, column in zip(m.velocity_names, units, values.T, strict=True):
@@ -221,17 +228,6 @@ class Solution:
                     columns[f"{label} {name} [{unit}{per}]"] = column
         columns |= dict(zip(effort_labels(m), self.torque_all.T, strict=True))
         return _framed(columns, self.time)
-
-    def _scalar_q(self) -> Array:
-        """(samples, nv) coordinates as angles or lengths; nan where a joint has none (rotations in space)."""
-        out = np.full_like(self.qd, np.nan)
-        for joint in self.mechanism.joints:
-            own, at = self.q[:, self.mechanism.q_slices[joint.name]], self.mechanism.v_slices[joint.name]
-            if joint.nv == 1:
-                out[:, at] = scalar_coordinate(joint, own)[:, None]
-            elif KINDS[joint.kind].scalar:
-                out[:, at] = own
-        return out
 
     def tip_frame(self) -> pd.DataFrame:
         """Return tip positions [m] and deflections [m] of the links over time [s]."""

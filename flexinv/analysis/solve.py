@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
+from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, largest_nearby, thinned, weights
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Progress, Settings, Stated, check_start, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
+from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import check_samples
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
@@ -23,7 +24,7 @@ from flexinv.validation import flag
 
 # Differences near each sample: of torque [N m], [N], and of every link's tip [m].
 Bars = tuple[Array, dict[str, Array]]
-Again = Callable[[Mechanism, Array, Settings], tuple[Solution, FirstStep]]
+Again = Callable[[Mechanism, Array, tuple[int, ...], Settings], tuple[Mesh, FirstStep]]
 
 # Times the difference of steps h and h/2 [-]: the error of h, where that falls with the square of the step.  The answer that is
 # extrapolated from both is better, but nothing beside them tells by how much: where modes ring that no step resolves, it is not.
@@ -94,17 +95,16 @@ def solve(
     if incremental:
         first = first.differenced(settings.step)
     second = second_step(task.mesh, first)  # P = M (a - g), tau = L T P
-    solution = solution_of(task.mesh, first, second, settings)
+    solution = solution_of(task.mesh, first, settings, second)
     if mechanism.closures and (start or start_rate):
         check_start(task, motion, start, start_rate, solution.q[0], solution.qd[0])
     if not error:
         return solution
 
-    def again(meshed: Mechanism, instants: Array, own: Settings) -> tuple[Solution, FirstStep]:
+    def again(meshed: Mechanism, instants: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
         other = prescribe(meshed, motion, instants, own, start, start_rate, progress)
         (found,) = first_step(other)
-        found = found.differenced(own.step) if incremental else found
-        return solution_after(other.mesh, found, own), found
+        return other.mesh, found.differenced(own.step) if incremental else found
 
     # Of the half steps every second is compared, where not all are differenced.
     stride = 2 if incremental or mechanism.closures else 1
@@ -124,21 +124,22 @@ def with_error(
 ) -> Solution:
     """Return a solution with error bars [N m], [N], [m] from half the step and from refined meshes, extrapolated if ``even``.
 
-    first, steps, settings : of the solution; again : mechanism, instants [s], settings -> the same of another mesh or step
+    first, steps, settings : of the solution; again : as `refinement.Problem.run`
     stride : samples of half the step that there are for each of its own [-]; even : whether the steps' errors have even powers
     """
     mechanism, half = solution.mechanism, settings.step / 2
     finest = replace(settings, step=half, every=2 * settings.every // stride)
-    fine, halved = again(mechanism, steps[0] + half * np.arange(2 * len(steps) - 1), finest)
-    better, bars = solution, [_scaled_difference(solution, fine, stride, OF_STEPS)]
+    mesh, halved = again(mechanism, steps[0] + half * np.arange(2 * len(steps) - 1), (), finest)
+    better, bars = solution, [_scaled_difference(solution, solution_of(mesh, halved, finest), stride, OF_STEPS)]
     if even:
         both = extrapolated(mechanism, [first, thinned(halved, stride)], weights((1, 2)))
-        better = solution_after(solution.mesh, both, settings)
+        better = solution_of(solution.mesh, both, settings)
     if mechanism.beams:
         # doubled where elements are linear (second order), two orders higher else
         linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
         finer, factor = (mechanism.refined(elements=2), 4 / 3) if linear else (mechanism.refined(order=2), 1.0)
-        bars.append(_scaled_difference(solution, again(finer, steps, settings)[0], 1, factor))
+        mesh, first = again(finer, steps, (), settings)
+        bars.append(_scaled_difference(solution, solution_of(mesh, first, settings), 1, factor))
     torque = np.asarray(sum(bar[0] for bar in bars))
     tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
     return replace(better, torque_error=torque, tip_error=tip)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from flexinv.analysis.evaluation import solution_after
+from flexinv.analysis.evaluation import solution_of
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Progress, Stated, Task, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
@@ -55,6 +55,6 @@ def _parts(task: Task) -> Iterator[Solution]:
     """Solutions of the parts, in which springs of joints that turn without end go on from where they were wound."""
     wound: dict[str, float] = {}
     for first in first_step(task):
-        one = solution_after(task.mesh, first, task.settings)
+        one = solution_of(task.mesh, first, task.settings)
         more = winding(one.mechanism, one.q, wound)
         yield replace(one, torque_all=one.torque_all + more, reaction=one.reaction + more)

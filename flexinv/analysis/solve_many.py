@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from itertools import repeat
-from numbers import Real
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any
@@ -26,8 +25,8 @@ from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solut
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.analysis.task import Progress, Settings, checked, time_grid
-from flexinv.analysis.trajectory import Turned, failure
-from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, early_rows, early_times, start_up
+from flexinv.analysis.trajectory import failure
+from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, early_rows, early_times, start_up
 from flexinv.dynamics.system import Trajectory, has_padding, history_shapes
 from flexinv.errors import FlexinvError, InputError
 from flexinv.inverse.nodal_sums import Found
@@ -59,8 +58,7 @@ AT_ONCE = 1 << 12
 class Batch:
     """Results of the scenarios of one `solve_many`, in their order.
 
-    solutions : a Solution for each scenario, None where it failed
-    errors : number of the scenario -> what stopped it
+    solutions : a Solution for each scenario, None where it failed; errors : number of the scenario -> what stopped it
     """
 
     solutions: tuple[Solution | None, ...]
@@ -216,7 +214,6 @@ class Scenario:
     motion: Motion
     table: Triple
     time: Array
-    scheme: Scheme
     settings: Settings
 
 
@@ -242,17 +239,13 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
     try:
         if set(options) - ALIKE or mechanism.is_rigid or mechanism.closures or motion.jumps:
             return None
-        given = options["step"], options.get("tolerance", EXACT), options.get("spectral_radius", 0.8)
-        if not all(isinstance(number, Real) and not isinstance(number, bool) for number in given):
-            return None
-        step, tolerance, radius = (float(number) for number in given)
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
             return None
-        mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)
+        mesh, time = build(mechanism), time_grid(motion, options["step"], options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
-        settings = checked(step, radius, tolerance)
-        return Scenario(mesh, motion, motion_table(motion, mechanism, step, len(time)), time, settings.scheme, settings)
+        settings = checked(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
+        return Scenario(mesh, motion, motion_table(motion, mechanism, settings.step, len(time)), time, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
 
@@ -261,7 +254,7 @@ def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
     """Return the numbers [-] of those that are alike, in runs that stand in one piece of memory."""
     groups: dict[Any, list[int]] = {}
     for k, one in scenarios.items():
-        groups.setdefault((_structure(one.mesh), one.scheme, len(one.time)), []).append(k)
+        groups.setdefault((_structure(one.mesh), one.settings, len(one.time)), []).append(k)
     runs = []
     for group in groups.values():
         one = scenarios[group[0]]
@@ -305,9 +298,16 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
         while ahead[0] < len(scenarios):
             done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
-                results[n] = _solution(scenarios[n], n, out, found)
+                one, second = scenarios[n], Found(*(part[n] for part in found))
+                q, qd, qdd = (part.copy() for part in one.table)
+                step = FirstStep(Trajectory._make(part[n] for part in out), one.time, (q, qd, qdd))
+                results[n] = solution_of(one.mesh, step, one.settings, second)
             if done < most and (n := int(mine[done])) < len(scenarios):
-                results[n] = _failure(scenarios[n], ended[n].tolist(), float(left[n]), own.turned)
+                one, (status, instant, count) = scenarios[n], ended[n].tolist()
+                early = instant < 0  # see `batch_kernel`
+                times, parts = (early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
+                result = status, -1 - instant if early else instant, count, float(left[n])
+                results[n] = failure(one.mesh, result, times, one.settings.step, not early, own.turned, parts)
                 own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break
@@ -318,14 +318,6 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
 
     side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results
-
-
-def _failure(one: Scenario, ended: list[int], left: float, turned: Turned) -> Exception | None:
-    (status, instant, count), step = ended, one.scheme.h
-    if instant < 0:  # see `batch_kernel`
-        times, result = early_times(one.time[: EARLY + 1]), (status, -1 - instant, count, left)
-        return failure(one.mesh, result, times, step, begins=False, turned=turned, parts=SUBSTEPS)
-    return failure(one.mesh, (status, instant, count, left), one.time, step, turned=turned)
 
 
 def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
@@ -348,7 +340,7 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
         joint=joint, given=given, qd=np.stack([one.table[1] for one in firsts.values()]),
         early=early, early_row=early_rows(instants[1 : EARLY + 1]),
         row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
-        scheme=first.scheme, first_scheme=start_up(first.scheme),
+        scheme=first.settings.scheme, first_scheme=start_up(first.settings.scheme),
     )  # fmt: skip
 
 
@@ -363,9 +355,3 @@ def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, Found]:
     none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
     found = Found(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
     return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found
-
-
-def _solution(one: Scenario, n: int, out: Trajectory, found: Found) -> Solution:
-    trajectory, (q, qd, qdd) = Trajectory._make(part[n] for part in out), (part.copy() for part in one.table)
-    first, second = FirstStep(trajectory, one.time, (q, qd, qdd)), Found(*(part[n] for part in found))
-    return solution_of(one.mesh, first, second, one.settings)

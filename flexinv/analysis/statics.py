@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import FirstStep, solution_after
+from flexinv.analysis.evaluation import FirstStep, solution_of
 from flexinv.analysis.loops import Switching, with_closures
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, still
@@ -25,7 +25,6 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.tree import Joints
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
 from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
 
@@ -79,42 +78,37 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     held = still(at, rest[0], rest[0])
     if mechanism.is_rigid:
         (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
-        return solution_after(mesh, first, SETTINGS)
-    switching = Switching(phases(loaded, now))
-    solver = Solver.of(mesh, passive)
-    switching.begin(mesh, solver.border.ties)
+        return solution_of(mesh, first, SETTINGS)
+    solver, (phase,) = Solver.of(mesh, passive), phases(loaded, now)
+    switching = Switching(mesh, phase, solver.border.ties)
     if mechanism.closures:
-        rows = constraint_rows(mesh).of(switching.phases[0].active)
+        rows = constraint_rows(mesh).of(phase.active)
         at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")
-    count = solver.solve_instant(STATICS, joints, "statics")
+    iterations = solver.solve_instant(STATICS, joints, "statics")
     out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     record_instant(solver, 0, out)
-    out.iterations[0] = count
+    out.iterations[0] = iterations
     joint_motion = at[None].copy(), rest, rest.copy()
     fill_passive(mesh, out.motion, passive, *joint_motion)
     first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = with_closures(mesh, first, switching)
-    return _judged(solution_after(mesh, first, SETTINGS), solver, joints)
-
-
-def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:
-    """The equilibrium with a word on whether a structure stays in it."""
     from flexinv.linearized.natural_modes import unstable_motions
 
-    unstable = unstable_motions(solver, joints)
+    found = solution_of(mesh, first, SETTINGS)
+    unstable = unstable_motions(solver, joints)  # a word on whether a structure stays there
     if not unstable:
         return replace(found, stable=True)
     count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)}"
     note = (
-        f"statics of '{found.mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
+        f"statics of '{mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
         "leaves it, as a column does under more than its buckling load; write a smaller load, or let flexinv.solve show where it "
         "goes, with a load across and damped beams"
     )
-    warnings.warn(note, ModelWarning, stacklevel=3)
+    warnings.warn(note, ModelWarning, stacklevel=2)
     return replace(found, stable=False, notes=(*found.notes, note))
 
 

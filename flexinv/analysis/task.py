@@ -121,16 +121,15 @@ def prescribe(
     """
     mesh = build(mechanism)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    time = steps if settings.every == 1 else steps[:: settings.every]
     stated = start_coordinates(mechanism, passive, start, start_rate)
-    before, after = joint_histories(motion, mechanism, stated, settings, time)
+    before, after = joint_histories(motion, mechanism, stated, settings, steps)
     if mechanism.closures and start and passive:
-        now = (part[0] for part in after(time[:1]))
-        q = picked_start(mesh, float(time[0]), stated_of(mechanism, passive), stated_of(mechanism, start), *now)
+        now = (part[0] for part in after(steps[:1]))
+        q = picked_start(mesh, float(steps[0]), stated_of(mechanism, passive), stated_of(mechanism, start), *now)
         if q is not None:  # from which the loops close where the start says, or nearest to that
             start = {name: q[mechanism.q_slices[name]] for name in passive}
             stated = start_coordinates(mechanism, passive, start, start_rate)
-            before, after = joint_histories(motion, mechanism, stated, settings, time)
+            before, after = joint_histories(motion, mechanism, stated, settings, steps)
     return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress)
 
 
@@ -138,7 +137,7 @@ def check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, q
     """Raise an error where closures contradict what was told of the first instant, found at q (nq,), qd (nv,) [rad or m, s]."""
     mesh, m = task.mesh, task.mesh.mechanism
     stated = start_coordinates(m, task.passive, start, start_rate)
-    told = joint_histories(motion, m, stated, task.settings, np.empty(0))[1](task.steps[:1])
+    told = joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
     most = SAGGED if task.settings.initial == "static" and not m.is_rigid else ROUNDED
     check_rates(mesh, stated_of(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)
@@ -191,7 +190,7 @@ def joint_histories(
 ) -> tuple[JointHistory, JointHistory]:  # fmt: skip
     """Return joint motion [rad or m, s] with the passive joints at their start: left-hand limits at jumps, and right-hand ones.
 
-    stated : start coordinates and rates by joint; grid : the times of which a table may be kept, an empty one for none
+    stated : start coordinates and rates by joint; grid : the times of which a table may be kept
     """
     places, rates = stated
     uniform = len(grid) > 1 and grid[1] == settings.step and grid[-1] == grid[1] * (len(grid) - 1)

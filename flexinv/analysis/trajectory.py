@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
 from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
 from flexinv.analysis.task import Task, looked_up
-from flexinv.constraints.closures import constraint_rows, phases
+from flexinv.constraints.closures import Phase, constraint_rows, phases
 from flexinv.dynamics.dofs import Indices
-from flexinv.dynamics.generalized_alpha import ACCELERATIONS, EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
+from flexinv.dynamics.generalized_alpha import ACCELERATIONS, EARLY, SUBSTEPS, early_rows, early_times, start_up
 from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint, record_instant
@@ -74,22 +74,23 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
-    march, stops = _March.of(task), task.seams or _jump_samples(task.steps, task.jumps)
-    kept, last, every = len(task.time), len(task.steps) - 1, task.settings.every
+    march, steps, kept, every = _March(task), task.steps, len(task.time), task.settings.every
+    last, step = len(steps) - 1, steps[1] - steps[0] if len(steps) > 1 else 1.0
+    stops = {*task.seams}
+    if not stops:  # all steps are equal: samples at which accelerations jump
+        found = {round((jump - steps[0]) / step) for jump in task.jumps}
+        stops = {k for k in found if 0 < k <= last and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
-    switches = march.switching.samples
+    switches = {phase.first: phase for phase in march.phases[1:]}
     start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, AT_ONCE // task.mesh.size)
     for stop in sorted({*stops, *switches, *ends, last}):
         while start <= stop:
-            leg = march.leg(start, min(start + chunk, stop + 1))
-            result = leg.kernel(*leg.arguments)
-            first, start = start, march.arrive(leg, result)
+            kernel, arguments, arrive = march.leg(start, min(start + chunk, stop + 1))
+            first, start = start, arrive(kernel(*arguments))
             if task.progress is not None:
                 task.progress(start - max(first, 1))
-        if stop in switches:
-            march.switch(stop)
-        elif stop in stops:
-            march.restart(stop)
+        if stop in switches or stop in stops:
+            march.restart(stop, switches.get(stop))
         if stop in ends:
             yield march.moved(ends=False)
             march.go_on(stop // every)
@@ -103,32 +104,6 @@ def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.ready(mesh, passive)
 
 
-def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
-    """Samples after the first at which the acceleration jumps."""
-    step = time[1] - time[0] if len(time) > 1 else 1.0
-    found = {round((jump - time[0]) / step) for jump in jumps}
-    met = (k for k in found if 0 < k < len(time) and np.abs(time[k] - np.array(jumps)).min() < SAME_TIME * step)
-    return sorted(met)
-
-
-class _Leg(NamedTuple):
-    """One call of a compiled march: kernel and arguments, instants ``time`` [s], first sample that is not done when it ends.
-
-    begins : whether it begins at the first instant; parts : of a step, where they are the instants; row, whole : rows of the
-    histories that are kept, and a trajectory of all instants of which they are taken, None where they are written themselves
-    """
-
-    kernel: Callable[..., Status]
-    arguments: tuple[Any, ...]
-    time: Array
-    last: int
-    begins: bool = False
-    parts: int = 1
-    row: Indices | None = None
-    whole: Trajectory | None = None
-
-
-@dataclass
 class _March:
     """A march that fills ``out``: in the plane if there is one (``flat``), else in space.
 
@@ -137,28 +112,19 @@ class _March:
     last : coordinates (nq,) with which the part before has ended, from which turns of passive joints are counted
     """
 
-    task: Task
-    scheme: Scheme
-    solver: Solver | None
-    flat: PlanarMarch | None
-    switching: Switching
-    out: Trajectory
-    origin: int = 0
-    early: int = 0
-    last: Array | None = None
-
-    @classmethod
-    def of(cls, task: Task) -> _March:
-        """Return the march of a task, in the plane where the mechanism lies in one and begins undeformed."""
-        mesh, m, settings = task.mesh, task.mesh.mechanism, task.settings
-        switching = Switching(phases(m, task.steps))
-        flat = None if task.efforts is not None else in_plane(mesh, task.passive)
-        alone = flat is not None and settings.initial == "consistent" and switching.never
-        solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
+    def __init__(self, task: Task) -> None:
+        """Prepare the march of a task, in the plane where the mechanism lies in one and begins undeformed."""
+        mesh = task.mesh
+        self.task, self.scheme, self.origin, self.early = task, task.settings.scheme, 0, 0
+        self.last: Array | None = None
+        self.phases = phases(mesh.mechanism, task.steps)
+        self.flat = None if task.efforts is not None else in_plane(mesh, task.passive)
+        never_switches = len(self.phases) == 1 and self.phases[0].active.all()
+        alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
+        self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
-        out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh).closure))
-        switching.begin(mesh, None if solver is None else solver.border.ties)
-        return cls(task, settings.scheme, solver, flat, switching, out)
+        self.out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh).closure))
+        self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
     def go_on(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
@@ -200,30 +166,46 @@ class _March:
             flat.take(solver.state, solver.border.ties)
         return 1
 
-    def leg(self, first: int, last: int) -> _Leg:
-        """Return the call that marches from the sample ``first`` to before ``last``, or less far [-].
+    def leg(self, first: int, last: int) -> tuple[Callable[..., Status], tuple[Any, ...], Callable[[Status], int]]:
+        """Return the call that marches from the sample ``first`` to before ``last``, or less far [-]: kernel and arguments.
 
         With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do after it.
+        Last what takes the result of the call and returns the first sample that is not done, or raises the error of `failure`.
         """
-        if self.early == 0:
-            return self._leg(self.scheme, self.task.steps[first:last], self.rows(first, last), last, first == 0)
-        last = min(last, first + self.early)
-        time, row = early_times(self.task.steps[first - 1 : last]), early_rows(self.rows(first, last))
-        return self._leg(start_up(self.scheme), time, row, last)._replace(parts=SUBSTEPS)
+        mesh, scheme, parts, begins = self.task.mesh, self.scheme, 1, first == 0
+        time, row = self.task.steps[first:last], self.rows(first, last)
+        if self.early > 0:
+            last, scheme, parts = min(last, first + self.early), start_up(scheme), SUBSTEPS
+            time, row = early_times(self.task.steps[first - 1 : last]), early_rows(self.rows(first, last))
+        given = self.task.before(time[1:] if begins else time)
+        whole: Trajectory | None = None  # a trajectory of all instants, of which those that are kept are taken
+        kernel: Callable[..., Status] = march if self.flat is None else planar_march
+        if self.flat is not None:
+            start = self.task.after(time[:1]) if begins else None
+            arguments = self.flat.arguments(scheme, start, given, row, self.out)
+        else:
+            solver = self._in_space()
+            if (np.diff(row) == 1).all() and row[0] >= 0:
+                out = self.out.rows(int(row[0]), int(row[-1]) + 1)
+            else:
+                out = whole = Trajectory.empty(len(row), mesh, self.out.multipliers.shape[1])
+            rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(mesh, *given)))
+            instants = Instants(rel, load_table(mesh, time), solver.drives(time), solver.given(*given))
+            arguments = solver.arguments(scheme, instants, out)
 
-    def arrive(self, leg: _Leg, result: Status) -> int:
-        """Take what a call returns; return the first sample that is not done [-].  Raises the error of `failure`."""
-        result = int(result[0]), int(result[1]), int(result[2]), float(result[3])
-        if leg.whole is not None and leg.row is not None:
-            self.out.put(leg.row[leg.row >= 0], leg.whole, leg.row >= 0)
-        self.check(result, leg.time, leg.begins, leg.parts)
-        if leg.parts == 1:
-            self.early = EARLY * (result[0] == SUDDEN_START)
-            return leg.last - len(leg.time) + result[1]
-        self.early -= len(leg.time) // leg.parts
-        if self.early == 0 and (march := self.flat or self.solver) is not None:
-            end_early(march.system.state)
-        return leg.last
+        def arrive(result: Status) -> int:
+            if whole is not None:
+                self.out.put(row[row >= 0], whole, row >= 0)
+            self.check(result, time, begins, parts)
+            if parts == 1:
+                self.early = EARLY * (result[0] == SUDDEN_START)
+                return first + result[1]
+            self.early -= last - first
+            if self.early == 0:
+                end_early((self.flat or self._in_space()).system.state)
+            return last
+
+        return kernel, arguments, arrive
 
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
         """Raise the error [-] of `failure` if there is one."""
@@ -237,26 +219,9 @@ class _March:
         samples, every = np.arange(first, last), self.task.settings.every
         return np.where(samples % every == 0, samples // every - self.origin, -1)
 
-    def _leg(self, scheme: Scheme, time: Array, row: Indices, last: int, begins: bool = False) -> _Leg:
-        """The call that marches to the instants ``time``, in a plane from the first of them where it ``begins`` there."""
-        if self.flat is not None:
-            start = self.task.after(time[:1]) if begins else None
-            steps = self.task.before(time[1:] if begins else time)
-            arguments = self.flat.arguments(scheme, start, steps, row, self.out)
-            return _Leg(planar_march, arguments, time, last, begins)
+    def _in_space(self) -> Solver:
         assert self.solver is not None
-        q, qd, qdd = self.task.before(time)
-        solver, dense = self.solver, bool((np.diff(row) == 1).all() and row[0] >= 0)
-        carried = self.out.multipliers.shape[1]
-        whole = (
-            self.out.rows(int(row[0]), int(row[-1]) + 1)
-            if dense
-            else Trajectory.empty(len(row), self.task.mesh, carried)
-        )
-        rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.task.mesh, q, qd, qdd)))
-        table, drives = load_table(self.task.mesh, time), solver.drives(time)
-        arguments = solver.arguments(scheme, Instants(rel, table, drives, solver.given(q, qd, qdd)), whole)
-        return _Leg(march, arguments, time, last, row=row, whole=None if dense else whole)
+        return self.solver
 
     def pace(self, sample: int) -> None:
         """Take the step [s] that the task makes after a sample; nothing to do where all steps are equal."""
@@ -266,41 +231,33 @@ class _March:
             step = float(steps[ends[0]] - steps[sample]) / (ends[0] - sample)
             self.scheme = replace(self.task.settings, step=step).scheme
 
-    def restart(self, sample: int) -> None:
-        """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
+    def restart(self, sample: int, phase: Phase | None) -> None:
+        """Solve the accelerations anew where those of the task jump, or go over to a phase; record the right-hand limit."""
         self.pace(sample)
-        time, row = self.task.steps[sample : sample + 1], self.rows(sample, sample + 1)
-        motion, when = self.task.after(time), f"at t = {time[0]:g} s"
-        if self.flat is not None:
-            result = self.flat.restart(self.scheme, *motion, row, self.out)
+        task, flat, row = self.task, self.flat, self.rows(sample, sample + 1)
+        time = task.steps[sample : sample + 1]
+        motion, now, when = task.after(time), float(time[0]), f"at t = {time[0]:g} s"
+        if flat is not None and phase is None:
+            result = flat.restart(self.scheme, *motion, row, self.out)
             self.check(result, time, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return
-        assert self.solver is not None
-        q, qd, qdd = (part[0] for part in motion)
-        s = self.solver.state
-        s.u[:], s.du[:] = s.u0, s.du0
-        self.solver.load_at(float(time[0]), q, qd, qdd)
-        joints = instant(self.task.mesh, q, qd, qdd)
-        self.solver.solve_instant(ACCELERATIONS, joints, when)
-        if row[0] >= 0:
-            record_instant(self.solver, int(row[0]), self.out)
-        self.early = EARLY * begin_step(self.solver, joints, self.scheme, when)
-
-    def switch(self, sample: int) -> None:
-        """Go over to the phase that begins at a sample."""
-        solver, flat, time = self.solver, self.flat, float(self.task.steps[sample])
-        self.pace(sample)
-        assert solver is not None
+        solver, (q, qd, qdd) = self._in_space(), (part[0] for part in motion)
+        s = solver.state
         if flat is not None:
-            flat.give(solver.state, solver.border.ties)
-        q, qd, qdd = (part[0] for part in self.task.after(self.task.steps[sample : sample + 1]))
-        solver.load_at(time, q, qd, qdd)
-        joints = instant(self.task.mesh, q, qd, qdd)
-        self.switching.switch(solver, self.switching.samples[sample], joints, qd, time, self.out)
-        self.early = EARLY * begin_step(solver, joints, self.scheme, f"at t = {time:g} s")
+            flat.give(s, solver.border.ties)
+        solver.load_at(now, q, qd, qdd)
+        joints = instant(task.mesh, q, qd, qdd)
+        if phase is not None:
+            self.switching.switch(solver, phase, joints, qd, now, self.out)
+        else:
+            s.u[:], s.du[:] = s.u0, s.du0
+            solver.solve_instant(ACCELERATIONS, joints, when)
+            if row[0] >= 0:
+                record_instant(solver, int(row[0]), self.out)
+        self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
-            flat.take(solver.state, solver.border.ties)
+            flat.take(s, solver.border.ties)
 
 
 def failure(

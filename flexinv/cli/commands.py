@@ -129,12 +129,7 @@ def info(model: Path) -> None:
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
     if mechanism.closures:
         click.echo(overview.mobility_line(mechanism, next(iter(cases.values()), None)))
-    for title, table in (
-        ("joints", overview.joint_table(mechanism)),
-        ("closures", overview.closure_table(mechanism)),
-        ("links", overview.link_table(mechanism)),
-        ("beams", overview.beam_table(mechanism)),
-    ):
+    for title, table in overview.tables(mechanism).items():
         if len(table):
             click.echo(f"\n{title}")
             show(table)

@@ -45,11 +45,21 @@ REDUNDANT = 1e-10
 NAMED = 4
 
 
+@dataclass(frozen=True)
 class Shapes:
-    """Shapes in which the nodes of a mesh move, displacement : (modes, nodes, 3) [m]."""
+    """Shapes in which the nodes of a mesh move about a configuration q (nq,) [rad], [m].
+
+    free : names of the free joints; displacement : (modes, nodes, 3) [m] world; rotation : (modes, nodes, 3) [rad] own frame
+    position : (nodes, 3) [m] world, orientation : (nodes, 3, 3), where the nodes stand there
+    """
 
     mesh: Mesh
+    q: Array
+    free: tuple[str, ...]
     displacement: NDArray[Any]
+    rotation: NDArray[Any]
+    position: Array
+    orientation: Array
 
     @property
     def link(self) -> tuple[str, ...]:
@@ -63,20 +73,12 @@ class Modes(Shapes):
     """Small motions about a rest position, in the order of their frequencies.
 
     squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable
-    displacement : (modes, nodes, 3) [m] world; rotation : (modes, nodes, 3) [rad] own frame; of modal mass 1 kg m^2:
-        sum of m |displacement|^2 + rotation . J rotation (and of the rotors of free joints)
-    position : (nodes, 3) [m] world, orientation : (nodes, 3, 3), the rest position; free : names of the free joints
+    displacement, rotation : of modal mass 1 kg m^2, the sum of m |displacement|^2 + rotation . J rotation (and of the rotors of
+        free joints)
     friction : (modes,) y . D y [1/s], of dampers and damped beams in each mode (no dry friction)
     """
 
-    mesh: Mesh
-    q: Array
-    free: tuple[str, ...]
     squared: Array
-    displacement: Array
-    rotation: Array
-    position: Array
-    orientation: Array
     friction: Array
 
     @property
@@ -121,7 +123,7 @@ def natural_modes(
     moves = nodal_shapes(solver, shapes[:, :last])
     lost = np.einsum("um,uw,wm->m", shapes, damping, shapes)[:last]  # (mode,)
     place, turn = solver.frames.x.copy(), solver.frames.r.copy()
-    return Modes(mesh, at, moving, squared[:last], moves[..., :3], moves[..., 3:], place, turn, lost)
+    return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost)
 
 
 def chosen(

@@ -273,20 +273,12 @@ class SteadyModes(Shapes):
     """Small motions Re(shape exp(root t)) about a steady motion, seen in the axes that turn along, slowest first.
 
     root : (modes,) [1/s], of a pair the one with positive imaginary part
-    displacement : (modes, nodes, 3) [m] world, as the axes stand at q; rotation : (modes, nodes, 3) [rad] own frame; the largest
-        displacement (or, without one, rotation) is 1
-    position : (nodes, 3) [m] world, orientation : (nodes, 3, 3), the deformed shape; rates : of the joints that turn [rad/s]
+    displacement, rotation : complex, as the axes stand at q; the largest displacement (or, without one, rotation) is 1
+    rates : of the joints that turn [rad/s]
     """
 
-    mesh: Mesh
-    q: Array
     rates: dict[str, float]
-    free: tuple[str, ...]
     root: Complex
-    displacement: Complex
-    rotation: Complex
-    position: Array
-    orientation: Array
 
     @property
     def frequency(self) -> Array:
@@ -324,18 +316,13 @@ def steady_modes(
     root, shapes = roots(*(n.T @ part @ n for part in motion.matrices))
     last = len(root) if count is None else count
     moves: Complex = nodal_shapes(motion.solver, n @ shapes[:, :last])
-    moves = _unit(moves, mesh.length)
+    moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
+    moves /= np.where(moved > NOTHING * mesh.length * turned, moved, turned)[
+        :, None, None
+    ]  # displacements may be rounding
     frames = motion.solver.frames
-    return SteadyModes(
-        mesh, at, rates, names, root[:last], moves[..., :3], moves[..., 3:], frames.x.copy(), frames.r.copy()
-    )  # fmt: skip
-
-
-def _unit(moves: Complex, length: float) -> Complex:
-    """Shapes with a largest displacement of 1, or rotation where the displacements are its rounding."""
-    place, turn = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
-    size = np.where(place > NOTHING * length * turn, place, turn)
-    return np.asarray(moves / size[:, None, None])
+    place, turn = frames.x.copy(), frames.r.copy()
+    return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, rates, root[:last])
 
 
 def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Complex]:

@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.initial_state import instant
@@ -140,7 +139,6 @@ class Placed:
     turn: Array
 
 
-@dataclass(frozen=True)
 class Layout:
     """Layout of the unknowns of a mechanism whose joints are all free.
 
@@ -150,32 +148,20 @@ class Layout:
     drives : (nv, unknowns) rows of the drives alone, by coordinate
     """
 
-    solver: Solver
-    joints: Joints
-    triple: NDArray[np.int64]
-    node: NDArray[np.int64]
-    section: NDArray[np.int64]
-    place: NDArray[np.int64]
-    pick: Array
-    planar: bool
-    drives: Array
-
-    @classmethod
-    def of(cls, mesh: Mesh) -> Layout:
-        """Return the unknowns of a mesh with every joint free [m], [rad]."""
-        m = mesh.mechanism
-        solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
-        t = solver.topology
+    def __init__(self, mesh: Mesh) -> None:
+        """Lay out the unknowns of a mesh with every joint free [m], [rad]."""
+        m, zero = mesh.mechanism, np.zeros(mesh.mechanism.nv)
+        self.solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
+        self.joints, t = instant(mesh, m.neutral, zero, zero), self.solver.topology
         first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
-        node, section = np.flatnonzero(t.independent | (t.triple >= 0)), np.flatnonzero(t.independent)
-        triple, place = (part[:, None] + np.arange(3) for part in (first[node], t.offset[t.block[section]]))
-        zero = np.zeros(m.nv)
+        self.node, self.section = np.flatnonzero(t.independent | (t.triple >= 0)), np.flatnonzero(t.independent)
+        starts = first[self.node], t.offset[t.block[self.section]]
+        self.triple, self.place = (part[:, None] + np.arange(3) for part in starts)
         springless = replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints))  # springs stay in the plane
         plane = find_plane(build(springless))
-        pick = _in_plane(mesh, solver, plane) if isinstance(plane, Plane) else np.eye(len(t.scale))
-        drives = by_unknown(mesh, t) * m.actuated[:, None]
-        joints = instant(mesh, m.neutral, zero, zero)
-        return cls(solver, joints, triple, node, section, place, pick, isinstance(plane, Plane), drives[m.actuated])
+        self.planar = isinstance(plane, Plane)
+        self.pick = _in_plane(mesh, self.solver, plane) if isinstance(plane, Plane) else np.eye(len(t.scale))
+        self.drives = by_unknown(mesh, t)[m.actuated]
 
     def undeformed(self, q: Array) -> Placed:
         """Return the poses of the stress-free mechanism at q (samples, nq) [rad], [m]."""
@@ -244,13 +230,11 @@ def _in_plane(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
 class Linearised:
     """The equations at all instants: residuals and derivatives in the unknowns that are picked; trajectory as evaluated.
 
-    residual : (samples, rows); k, c, m : (samples, rows, rows); missed, by : (samples, tasks), (samples, tasks, rows)
+    residual : (samples, rows); tangent : (3, samples, rows, rows) K, C, M; missed, by : (samples, tasks), (samples, tasks, rows)
     """
 
     residual: Array
-    k: Array
-    c: Array
-    m: Array
+    tangent: Array
     missed: Array
     by: Array
     trajectory: Trajectory
@@ -291,11 +275,9 @@ class Horizon:
         u, du, _ = self.layout.differences(at, self.h)
         rows, mesh, size = len(self.layout.pick), self.layout.solver.mesh, len(self.time)
         tasks = self.reach.within.shape[2] + self.reach.idle.shape[2]
-        shape = (size if want else 0, rows, rows)
-        out = Linearised(
-            np.zeros((size, rows)), np.zeros(shape), np.zeros(shape), np.zeros(shape),
-            np.zeros((size, tasks)), np.zeros((size, tasks, rows)), Trajectory.empty(size, mesh),
-        )  # fmt: skip
+        shapes = (size, rows), (3, size if want else 0, rows, rows), (size, tasks), (size, tasks, rows)
+        residual, tangents, missed, derivatives = (np.zeros(shape) for shape in shapes)
+        out = Linearised(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
         solver, pick, joints = self.layout.solver, self.layout.pick, self.layout.joints
         beams = solver.elements._replace(stiffness=stiffness * solver.elements.stiffness)
         system, unknowns = solver.system._replace(elements=beams), u.shape[1]
@@ -313,8 +295,8 @@ class Horizon:
             out.residual[part] = now.residual @ pick.T
             out.missed[part], by = self._missed(part, at, own, reach)
             if want:
-                for which, whole_out in enumerate((out.k, out.c, out.m)):
-                    whole_out[part] = pick @ tangent[:, which] @ pick.T
+                for which in range(3):
+                    out.tangent[which, part] = pick @ tangent[:, which] @ pick.T
                 out.by[part] = by @ pick.T
         return out
 
@@ -357,17 +339,16 @@ class Horizon:
 
     def _blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
         """Derivatives of each instant's equations of motion by the poses before, at and after it."""
-        h = self.h
-        ahead, back = now.m / h**2 + now.c / (2 * h), now.m / h**2 - now.c / (2 * h)
+        h, (k, c, m) = self.h, now.tangent
+        ahead, back = m / h**2 + c / (2 * h), m / h**2 - c / (2 * h)
         for ends in (0, -1):  # at rest whatever comes after
             ahead[ends], back[ends] = 0.0, 0.0
         if self.layout.planar or not len(self.layout.triple):
-            return back, now.k - ahead - back, ahead
+            return back, k - ahead - back, ahead
         delta = self.layout.differences(at, h)[2]
         none = np.zeros((1, *delta.shape[1:]))
         after, before = np.concatenate([delta, none]), np.concatenate([none, -delta])
-        own = now.k.copy()
-        own -= self._through(ahead, after, True) + self._through(back, before, True)
+        own = k - (self._through(ahead, after, True) + self._through(back, before, True))
         return self._through(back, before, False), own, self._through(ahead, after, False)
 
     def _through(self, block: Array, delta: Array, transposed: bool) -> Array:

@@ -11,7 +11,7 @@ boundary-value problem of multibody systems Seifried, *Dynamics of Underactuated
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,9 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_after
+from flexinv.accuracy.accurate import FEWEST_IN_STRETCH, accurate, check_accuracy
+from flexinv.accuracy.refinement import Problem, StepGrid
+from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_of
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve, with_error
@@ -28,7 +30,7 @@ from flexinv.dynamics.system import Trajectory
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
-from flexinv.kinematics.mesh import build
+from flexinv.kinematics.mesh import Mesh, build
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import Horizon, Layout, Placed, TurnedTooMuch
@@ -138,96 +140,7 @@ def follow(
     of_kind("mechanism", mechanism, Mechanism)
     of_kind("path", path, Path)
     error = flag("error", error)
-    asked = None
-    if accuracy is not None or step is None:
-        from flexinv.accuracy.accurate import check_accuracy
-
-        asked = check_accuracy(accuracy, step)
-    _check(mechanism)
-
-    def way_of(meshed: Mechanism) -> RigidWay:
-        mesh = build(meshed)
-        return RigidWay(mesh, frame_of(mesh, frame), path, start)
-
-    if asked is not None:
-        return _accurately(mechanism, asked, way_of, before, after)
-    step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    way = way_of(mechanism)
-    time = _window(way, step, before, after)
-    out = _beside_rigid(way, time)
-    if _is_stiff(mechanism):
-        return out
-    first, horizon, left = _inverted(way, out.reach, time, step)
-    _check_rest(horizon, left)
-    out = replace(out, solution=solution_after(way.mesh, first, _settings(step)), unrest=left)
-    if not error:
-        return out
-
-    def again(meshed: Mechanism, steps: Array, own: Settings) -> tuple[Solution, FirstStep]:
-        finer = way_of(meshed)
-        one, ended, rest = _inverted(finer, finer.reach(steps), steps, own.step)
-        _check_rest(ended, rest)
-        return solution_after(finer.mesh, one, own), one
-
-    return replace(out, solution=with_error(out.solution, first, time, _settings(step), again, 2, True))
-
-
-def _inverted(way: RigidWay, reach: Reach, time: Array, step: float) -> tuple[FirstStep, Horizon, tuple[float, float]]:
-    """The first step [m, rad, s, N] of a mechanism that bends, its equations, and what moves at both ends of the window [-]."""
-    mesh, m = way.mesh, way.mesh.mechanism
-    horizon = Horizon(Layout.of(mesh), way, reach, time, step)
-    trajectory, moves = invert(horizon), {joint.name for joint in m.joints if joint.nv}
-    q, qd, qdd = reach.q.copy(), np.zeros((len(time), m.nv)), np.zeros((len(time), m.nv))
-    fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
-    applied = applied_forces(mesh, trajectory.motion, time)
-    first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves)
-    # the speed just inside the window's start and end over the largest in it: zero where it is long enough
-    speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
-    largest = float(speed.max()) or 1.0
-    return first, horizon, (float(speed[1] / largest), float(speed[-2] / largest))
-
-
-def _beside_rigid(way: RigidWay, time: Array) -> Following:
-    """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
-    mesh, reach = way.mesh, way.reach(time)
-    first = rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd))
-    rigid = solution_after(mesh, first, _settings(float(time[1] - time[0])))
-    return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
-
-
-def _is_stiff(mechanism: Mechanism) -> bool:
-    return mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv)
-
-
-def _accurately(
-    mechanism: Mechanism, asked: float, way_of: Callable[[Mechanism], RigidWay], before: float | None, after: float | None
-) -> Following:  # fmt: skip
-    """The path followed as exactly as was asked; instants of the coarsest step divide the path's time."""
-    from flexinv.accuracy.accurate import accurate
-    from flexinv.accuracy.refinement import Problem, Run
-    from flexinv.accuracy.step_grid import FEWEST_IN_STRETCH, StepGrid
-
-    way = way_of(mechanism)
-    left: list[tuple[Horizon, tuple[float, float]]] = []
-    coarsest = way.path.duration / FEWEST_IN_STRETCH
-    ends = _window(way, coarsest, before, after)
-
-    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> Run:
-        own = way_of(meshed)
-        first, horizon, rest = _inverted(own, own.reach(steps), steps, settings.step)
-        left.append((horizon, rest))
-        return Run(own.mesh, first, _settings(settings.step), set(first.smooth))
-
-    grid = StepGrid(ends[[0, -1]], (len(ends) - 1,))
-    if _is_stiff(mechanism):
-        return _beside_rigid(way, grid.steps(1))
-    solution = accurate(Problem(mechanism, grid, run, _settings(coarsest), asked))
-    horizon, rest = left[-1]
-    _check_rest(horizon, rest)
-    return replace(_beside_rigid(way_of(solution.mechanism), solution.time), solution=solution, unrest=rest)
-
-
-def _check(mechanism: Mechanism) -> None:
+    asked = check_accuracy(accuracy, step) if accuracy is not None or step is None else None
     drive_columns(mechanism)
     for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
         if items:
@@ -235,6 +148,59 @@ def _check(mechanism: Mechanism) -> None:
                 f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
                 "give the joints a motion with solve instead"
             )
+    if step is None:  # the coarsest one: steps divide the path's time
+        step = path.duration / FEWEST_IN_STRETCH
+    settings = _settings(seconds("step", step, "a positive number of seconds, for example step=1e-3"))
+    runs: list[tuple[Horizon, tuple[float, float]]] = []  # equations, and what moves at both ends of the window
+
+    def way_of(meshed: Mechanism) -> RigidWay:
+        mesh = build(meshed)
+        return RigidWay(mesh, frame_of(mesh, frame), path, start)
+
+    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
+        way = way_of(meshed)
+        horizon = Horizon(Layout(way.mesh), way, way.reach(steps), steps, own.step)
+        first, left = _inverted(horizon)
+        runs.append((horizon, left))
+        if asked is None:
+            _check_rest(horizon, left)
+        return way.mesh, first
+
+    way = way_of(mechanism)
+    time = _window(way, settings.step, before, after)
+    if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
+        return _beside_rigid(way, way.reach(time), time)
+    if asked is None:
+        mesh, first = run(mechanism, time, (), settings)
+        solution, (horizon, left) = solution_of(mesh, first, settings), runs[0]
+        if error:
+            solution = with_error(solution, first, time, settings, run, 2, True)
+        return replace(_beside_rigid(way, horizon.reach, time), solution=solution, unrest=left)
+    solution = accurate(Problem(mechanism, StepGrid(time[[0, -1]], (len(time) - 1,)), run, settings, asked))
+    _check_rest(*runs[-1])
+    way = way_of(solution.mechanism)
+    return replace(_beside_rigid(way, way.reach(solution.time), solution.time), solution=solution, unrest=runs[-1][1])
+
+
+def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
+    """The first step [m, rad, s, N] of a mechanism that bends, and what moves at both ends of the window [-]."""
+    mesh, time, q = horizon.way.mesh, horizon.time, horizon.reach.q.copy()
+    trajectory, moves = invert(horizon), {joint.name for joint in mesh.mechanism.joints if joint.nv}
+    qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
+    fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
+    applied = applied_forces(mesh, trajectory.motion, time)
+    # the speed just inside the window's start and end over the largest in it: zero where it is long enough
+    speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
+    largest = float(speed.max()) or 1.0
+    left = float(speed[1] / largest), float(speed[-2] / largest)
+    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), left
+
+
+def _beside_rigid(way: RigidWay, reach: Reach, time: Array) -> Following:
+    """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
+    first = rigid_motion_of(way.mesh, time, (reach.q, reach.qd, reach.qdd))
+    rigid = solution_of(way.mesh, first, _settings(float(time[1] - time[0])))
+    return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
 def _window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
@@ -248,7 +214,7 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
         )
     ends = np.array([0.0, path.duration])
     if before is None or after is None:
-        horizon = Horizon(Layout.of(way.mesh), way, way.reach(ends), ends, step)
+        horizon = Horizon(Layout(way.mesh), way, way.reach(ends), ends, step)
         waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, path.duration + last]) / step * (1 - 1e-9))
@@ -357,7 +323,7 @@ def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
     allowed = [scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T)]
     n, w = (sizes[:, None] * part for part in allowed)
     with np.errstate(divide="ignore", invalid="ignore"):
-        squared = scipy.linalg.eigvals(-w.T @ one.k[0] @ n, w.T @ one.m[0] @ n)
+        squared = scipy.linalg.eigvals(-w.T @ one.tangent[0, 0] @ n, w.T @ one.tangent[2, 0] @ n)
     squared = squared[np.isfinite(squared)]
     rates = np.sqrt(squared[np.abs(squared) < ENDLESS * np.abs(squared).min(initial=np.inf)].astype(complex))
     return np.asarray(rates[np.argsort(rates.real)])

@@ -59,8 +59,9 @@ class Path:
     @staticmethod
     def line(start: ArrayLike, end: ArrayLike, duration: float, law: str = "nonic") -> Path:
         """Run straight from ``start`` to ``end``, (3,) [m] in the world, in ``duration`` [s].  Raises InputError."""
-        a, b = _point(start, "start"), _point(end, "end")
-        return _checked(partial(_line, a, b), duration, law, "line")
+        ends = [_point(start, "start"), _point(end, "end")]
+        spline = scipy.interpolate.make_interp_spline([0.0, 1.0], ends, k=1)
+        return _checked(partial(_spline, spline), duration, law, "line")
 
     @staticmethod
     def arc(
@@ -140,11 +141,6 @@ def _point(value: ArrayLike, name: str) -> Array:
     if point.shape != (3,) or not np.isfinite(point).all():
         raise InputError(f"{name} = {shown(value)}: expected three finite numbers [m]")
     return point
-
-
-def _line(start: Array, end: Array, u: Array) -> tuple[Array, Array, Array]:
-    along = np.tile(end - start, (len(u), 1))
-    return start + u[:, None] * along, along, np.zeros_like(along)
 
 
 def _arc(start: Array, centre: Array, turn: Array, u: Array) -> tuple[Array, Array, Array]:

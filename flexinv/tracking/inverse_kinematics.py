@@ -53,8 +53,6 @@ class Frame:
         """Return the motion of the frame [m, rad, s]."""
         r, w, al = motion.rotation[:, self.node], motion.omega[:, self.node], motion.alpha[:, self.node]
         x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
-        if not self.point.any():  # at the node itself, as a beam's tip
-            return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
         spin = np.cross(w, self.point)
         swing = np.cross(al, self.point) + np.cross(w, spin)
         x, v, a = x + r @ self.point, v + _turned(r, spin), a + _turned(r, swing)
@@ -116,8 +114,7 @@ def drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
 class RigidWay:
     """The way of the undeformed mechanism along a path, for several sets of times.
 
-    Angles are (samples, nv), a continuous joint's too.
-    mesh, frame, path : what follows what
+    Angles are (samples, nv), a continuous joint's too; mesh, frame, path : what follows what
     start : guess of joint coordinates at the start of the path, zero unless given [rad], [m]; joints without a drive stay where
         it puts them
     """
@@ -151,25 +148,19 @@ class RigidWay:
     @cached_property
     def _knots(self) -> scipy.interpolate.BSpline:
         """A spline through the angles at places of the path, found one after the other."""
-        knots = np.linspace(0.0, self.path.duration, KNOTS)
-        angles = np.empty((KNOTS, self.mesh.mechanism.nv))
-        first = self._guess()
-        for k, at in enumerate(knots):
-            angles[k] = first = self._approach(first, self.path.evaluate(np.array([at])), float(at))
-        return scipy.interpolate.make_interp_spline(knots, angles, k=5)
-
-    def _guess(self) -> Array:
-        m = self.mesh.mechanism
+        m, knots = self.mesh.mechanism, np.linspace(0.0, self.path.duration, KNOTS)
         places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, self.start)
-        out = np.zeros(m.nv)
+        angles, first = np.empty((KNOTS, m.nv)), np.zeros(m.nv)
         for joint in m.joints:
             own = m.v_slices[joint.name]
             if joint.name in places and joint.kind in SCALAR:
                 place = places[joint.name]
-                out[own] = np.arctan2(place[1], place[0]) if KINDS[joint.kind].circle else place
+                first[own] = np.arctan2(place[1], place[0]) if KINDS[joint.kind].circle else place
             elif joint.stiffness:
-                out[own] = joint.rest
-        return out
+                first[own] = joint.rest
+        for k, at in enumerate(knots):
+            angles[k] = first = self._approach(first, self.path.evaluate(np.array([at])), float(at))
+        return scipy.interpolate.make_interp_spline(knots, angles, k=5)
 
     def _coordinates(self, angles: Array) -> Array:
         """q (samples, nq) of angles (samples, nv)."""

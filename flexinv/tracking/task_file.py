@@ -117,23 +117,21 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
     moving = [joint.name for joint in mechanism.joints if joint.nv]
     start = read_places(table.start, mechanism, moving, where.inner("start"))
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
-    frame, path = _frame(table, mechanism, where), _path(table, where)
-    return Task(name, table.title, frame, path, table.step_s, table.before_s, table.after_s, start, mesh)
-
-
-def _frame(table: TaskTable, mechanism: Mechanism, where: Location) -> str | Attachment:
     if table.station is not None and mechanism.link_of[table.frame].beam is None:
         raise where.wrong("station", f"station = {table.station:g}", f"no station: {table.frame} is rigid", "at_m")
-    if table.station is None and table.at_m is None:
-        return table.frame
-    point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
-    return Attachment(table.frame, Placement(point), table.station)
+    frame: str | Attachment = table.frame
+    if table.station is not None or table.at_m is not None:
+        point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
+        frame = Attachment(table.frame, Placement(point), table.station)
+    path = _path(table, where)
+    return Task(name, table.title, frame, path, table.step_s, table.before_s, table.after_s, start, mesh)
 
 
 def _path(table: TaskTable, where: Location) -> Path:
     stated = [shape for shape in SHAPES if getattr(table, shape) is not None]
+    shape = stated[0] if len(stated) == 1 else "line"
+    write = str((TaskTable.model_fields[shape].examples or [""])[0])
     if len(stated) != 1:
-        write = str((TaskTable.model_fields["line"].examples or [""])[0])
         raise where.wrong("", " and ".join(stated) or "no path", f"one of {', '.join(SHAPES)}", write)
     time: dict[str, Any] = {"duration": table.duration_s, "law": table.law}
     try:
@@ -145,8 +143,7 @@ def _path(table: TaskTable, where: Location) -> Path:
         else:
             path = Path.points(table.points_m or [], **time)
     except InputError as error:
-        write = str((TaskTable.model_fields[stated[0]].examples or [""])[0])
-        raise where.wrong(stated[0], stated[0], str(error), write) from None
+        raise where.wrong(shape, shape, str(error), write) from None
     if table.turn_rpy_deg is None:
         return path
     rotations = scipy.spatial.transform.Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexible_examples import arm
 
-from flexinv.accuracy.refinement import Level, Quantities, Run, extrapolated_answer, meshed, plain_answer, rung
+from flexinv.accuracy.refinement import Level, Quantities, extrapolated_answer, meshed, plain_answer, rung
 from flexinv.analysis.task import Settings
 from flexinv.kinematics.mesh import build
 
@@ -22,7 +22,7 @@ def level(finer: int, error: float) -> Level:
     """A run whose torque is a wave and an error of one shape [N m]."""
     torque = (WAVE + error * SHAPE)[:, None]
     found = Quantities(torque, np.zeros((41, 1, 3)), np.zeros((41, 0)))
-    return Level(finer, 1, Run(MESH, cast(Any, None), Settings(), set()), cast(Any, None), found)
+    return Level(finer, 1, MESH, Settings(), cast(Any, None), found)
 
 
 def test_rungs_grow_by_a_third_and_a_half() -> None:

@@ -46,7 +46,7 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
     way = RigidWay(mesh, frame_of(mesh, link), path, start)
-    return Horizon(Layout.of(mesh), way, way.reach(time), time, float(time[1] - time[0]))
+    return Horizon(Layout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
 
 
 # -------------------------------------------------------------------------------------------------------- the equations
