@@ -111,7 +111,16 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     sample = table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
-    _check_quantities(table, mechanism, where)
+    for quantity in table.quantities:
+        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
+            given = f'"{quantity}" of a mechanism without beams'
+            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
+            raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
+    for k, limit in enumerate(table.limits):
+        if limit.quantity not in table.quantities:
+            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
+            write = f'"{limit.quantity}" in quantities, or no limit for it'
+            raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
     measured = None
     if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
         measured = where.file.parent / table.measured
@@ -153,23 +162,6 @@ def _is_multiple(value: float, part: float) -> bool:
     return abs(ratio - round(ratio)) <= WHOLE * max(ratio, 1.0)
 
 
-def _check_quantities(table: schema.CaseTable, mechanism: Mechanism, where: Location) -> None:
-    for quantity in table.quantities:
-        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
-            given = f'"{quantity}" of a mechanism without beams'
-            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
-            raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
-    for k, limit in enumerate(table.limits):
-        if limit.quantity not in table.quantities:
-            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
-            write = f'"{limit.quantity}" in quantities, or no limit for it'
-            raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
-
-
-# Joints that move alike: law, duration, hold and delay [s] -> where from and where to
-Groups = dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]]
-
-
 def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:
     """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
     if (table.law == "sampled") != (table.csv is not None):
@@ -178,7 +170,8 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         raise where.wrong(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
         return _sampled(table, table.csv, mechanism, where)
-    groups: Groups = {}
+    # joints that move alike: law, duration, hold and delay [s] -> where from and where to
+    groups: dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]] = {}
     for name, data in table.joints.items():
         here = where.inner(f"joints.{name}")
         model, parts, write = schema.MOVES[KINDS[_joint(name, mechanism, where).kind].units]
@@ -192,7 +185,16 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         first, last = groups.setdefault((move.law or table.law, duration, hold, delay), ({}, {}))
         ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
         first[name], last[name] = map(np.concatenate, ends)
-    _add_others(groups, table, mechanism, where)
+    if table.others is None:  # a missing joint that has an actuator is an error; else it is held at zero
+        _check_complete(set(table.joints), mechanism, where)
+    elif not groups:
+        write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
+        raise where.wrong("joints", "nothing", "at least one joint that moves", write)
+    else:
+        first, last = next(iter(groups.values()))
+        for joint in mechanism.joints:
+            if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
+                first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
     motions = [
         Motion.point_to_point(first, last, duration, hold, law, delay)
         for (law, duration, hold, delay), (first, last) in groups.items()
@@ -235,20 +237,6 @@ def _ends(move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, wh
         raise where.wrong("", given, f"{expected}, each once", write)
     values = [part[u].read(getattr(move, f"{when}_{u}")) for when, u in stated]
     return values[0], values[-1]
-
-
-def _add_others(groups: Groups, table: schema.MotionTable, mechanism: Mechanism, where: Location) -> None:
-    """Hold what is not listed at zero if the table says so; a missing joint that has an actuator is an error."""
-    if table.others is None:
-        return _check_complete(set(table.joints), mechanism, where)
-    if not groups:
-        write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
-        raise where.wrong("joints", "nothing", "at least one joint that moves", write)
-    first, last = next(iter(groups.values()))
-    for joint in mechanism.joints:
-        if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
-            first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
-    return None
 
 
 def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files import schema
-from flexinv.files.bodies import SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, find_urdf, read_urdf
 from flexinv.files.joints import DRIVES, MOTORS, depth_first, drive, read_drive, read_joint, read_placement
+from flexinv.files.schema import SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.sections import CrossSection, read_section, section_along
 from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
 from flexinv.model.links import WORLD, Beam, Body, Inertia, Link, Placement
