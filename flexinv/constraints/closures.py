@@ -22,9 +22,8 @@ from flexinv.constraints.equations import RowArrays, closure_samples
 from flexinv.errors import InputError
 from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kinematics.configuration import nodes_of
-from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.nodal_motion import NodalMotion, slides
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
