@@ -15,11 +15,7 @@ from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import GivenLoops, check_carried, share_out
 from flexinv.constraints.allocation_kernel import Shares
-from flexinv.constraints.closures import (
-    captured,
-    constraint_jacobian,
-    constraint_rows,
-)
+from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows
 from flexinv.constraints.continuation import closed_motion, closed_start
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
@@ -30,13 +26,7 @@ from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import (
-    applied_forces,
-    joint_wrenches,
-    nodal_forces,
-    own_efforts,
-    project,
-)
+from flexinv.inverse.inverse_dynamics import applied_forces, joint_wrenches, nodal_forces, own_efforts, project
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints

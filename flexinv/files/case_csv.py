@@ -37,7 +37,22 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     rows = list(_rows(path))
     header = [name.strip() for name in rows[0][1]] if rows else []
     columns = _columns(header, mechanism, path)
-    table = np.array([_numbers(row, header, line, path) for line, row in rows[1:]])
+    samples: list[list[float]] = []
+    for line, row in rows[1:]:
+        if len(row) != len(header):
+            given, expected = f"{len(row)} cells", f"{len(header)}, as in the first line"
+            raise complaint(f"{path}: line {line}", given, expected, "a number in each column")
+        samples.append([])
+        for name, cell in zip(header, row, strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                where = f"{path}: line {line}, column {name}"
+                raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
+            samples[-1].append(value)
+    table = np.array(samples)
     if len(table) < 2:
         raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
     lines = [line for line, _ in rows[1:]]
@@ -96,23 +111,6 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
             given = f"some coordinates of joint {owner}"
             raise complaint(where, given, "all its coordinates", f"a column {name}")
     return columns
-
-
-def _numbers(row: list[str], header: list[str], line: int, path: Path) -> list[float]:
-    if len(row) != len(header):
-        expected = f"{len(header)}, as in the first line"
-        raise complaint(f"{path}: line {line}", f"{len(row)} cells", expected, "a number in each column")
-    values = []
-    for name, cell in zip(header, row, strict=True):
-        try:
-            value = float(cell)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            where = f"{path}: line {line}, column {name}"
-            raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
-        values.append(value)
-    return values
 
 
 def _check_times(time: Array, gap: float, lines: list[int], path: Path) -> None:

@@ -209,23 +209,19 @@ def _joint(element: Element, path: Path) -> Joint:
         value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
         if value < 0:
             raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
-    limits = _limits(element, kind, f"{where}, limit")
+    limits, limit, at = Limits(), element.find("limit"), f"{where}, limit"
+    if (
+        limit is not None
+    ):  # effort and speed of 0 are how URDF writers say "not stated"; a continuous joint has no other limits
+        effort, velocity = (abs(number(limit, k, 0.0, at, FLOATS)) or np.inf for k in ("effort", "velocity"))
+        limits = Limits(effort, velocity)
+        if kind != "continuous":
+            lower, upper = (number(limit, k, 0.0, at, FLOATS) for k in ("lower", "upper"))
+            limits = replace(limits, lower=lower, upper=upper)
+            if lower > upper:
+                given = f'lower="{lower:g}" upper="{upper:g}"'
+                raise complaint(at, given, "lower <= upper", "the two exchanged, if so meant")
     return Joint(element.get("name", ""), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
-
-
-def _limits(element: Element, kind: str, where: str) -> Limits:
-    """Effort and speed of 0 are how URDF writers say "not stated"; a continuous joint has no position limits."""
-    limit = element.find("limit")
-    if limit is None:
-        return Limits()
-    effort, velocity = (number(limit, name, 0.0, where, FLOATS) or np.inf for name in ("effort", "velocity"))
-    if kind == "continuous":
-        return Limits(abs(effort), abs(velocity))
-    lower, upper = (number(limit, name, 0.0, where, FLOATS) for name in ("lower", "upper"))
-    if lower > upper:
-        given = f'lower="{lower:g}" upper="{upper:g}"'
-        raise complaint(where, given, "lower <= upper", "the two exchanged, if so meant")
-    return Limits(abs(effort), abs(velocity), lower, upper)
 
 
 def _based(

@@ -256,21 +256,16 @@ def drive(table: Table, where: Location) -> dict[str, Any]:
     names = ("rotor_inertia", "damping", "friction", "stiffness", "actuated", "weight")
     stated = {name: value for key, value in table if (name := split_unit(key)[0]) in names}
     if "stiffness" in stated:
-        stated["rest"] = _rest(table, stated["stiffness"], where)
+        named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
+        if len(named) > 1:
+            raise where.wrong(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
+        if named and not stated["stiffness"]:
+            spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
+            expected = f"a stiffness too: {type(table).model_fields[spring].description}"
+            raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
+        value = float(getattr(table, named[0])) if named else 0.0
+        stated["rest"] = float(np.radians(value)) if named == ["rest_deg"] else value
     return stated if "actuated" in stated else {**stated, "actuated": False}
-
-
-def _rest(table: Table, stiffness: float, where: Location) -> float:
-    """Return the position at which the joint's spring has no effort [rad] or [m]."""
-    named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
-    if len(named) > 1:
-        raise where.wrong(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
-    if named and not stiffness:
-        spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
-        expected = f"a stiffness too: {type(table).model_fields[spring].description}"
-        raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
-    value = float(getattr(table, named[0])) if named else 0.0
-    return float(np.radians(value)) if named == ["rest_deg"] else value
 
 
 def read_axes(table: Table, where: Location) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from flexinv import validation as arguments
 from flexinv.files import case_schema as schema
 from flexinv.files.case_csv import read_samples
-from flexinv.files.toml_tables import Location, Table, check_names, validate
+from flexinv.files.toml_tables import Location, check_names, validate
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -274,13 +274,12 @@ def read_places(
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
         model, parts, write = schema.STARTS[KINDS[mechanism.joint_of[name].kind].units]
-        table = validate(model, data, where.inner(name))
-        out[name] = np.concatenate([_start(table, part, write, where.inner(name)) for part in parts])
+        table, values = validate(model, data, where.inner(name)), []
+        for part in parts:
+            stated = [key for key in part if getattr(table, key) is not None]
+            if len(stated) != 1:
+                given, expected = " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}"
+                raise where.inner(name).wrong("", given, expected, write)
+            values.append(part[stated[0]].read(getattr(table, stated[0])))
+        out[name] = np.concatenate(values)
     return out
-
-
-def _start(table: Table, part: Mapping[str, schema.Way], write: str, where: Location) -> Array:
-    stated = [key for key in part if getattr(table, key) is not None]
-    if len(stated) != 1:
-        raise where.wrong("", " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}", write)
-    return part[stated[0]].read(getattr(table, stated[0]))

@@ -215,30 +215,26 @@ def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, q
     for name in passive & mesh.mechanism.joint_of.keys():
         span = mesh.mechanism.v_slices[name]
         for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
-            _fill(mesh, motion, int(node), q, qd, qdd)
-
-
-def _fill(mesh: Mesh, motion: NodalMotion, node: int, q: Array, qd: Array, qdd: Array) -> None:
-    kind, axis = int(mesh.kind[node]), mesh.axis[node]
-    nq, nv = mesh.q_index[node], mesh.v_index[node]
-    p, dp, ddp, turn, rate, acceleration = _relative(mesh, motion, node)
-    if kind == SPHERICAL:
-        q[:, nq : nq + 4] = _quaternion(turn, q[0, nq : nq + 4])
-        qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = rate, acceleration
-    elif kind == FREE:
-        v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
-        dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
-        q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn, q[0, nq + 3 : nq + 7])])
-        qd[:, nv : nv + 6], qdd[:, nv : nv + 6] = np.hstack([v, rate]), np.hstack([dv, acceleration])
-    elif not mesh.turn[node].any():
-        q[:, nq], qd[:, nv], qdd[:, nv] = p @ axis, dp @ axis, ddp @ axis
-    else:
-        angle = np.unwrap(log_so3(turn) @ axis)
-        if kind == CONTINUOUS:
-            q[:, nq], q[:, nq + 1] = np.cos(angle), np.sin(angle)
-        else:
-            q[:, nq] = angle + 2 * np.pi * np.round((q[0, nq] - angle[0]) / (2 * np.pi))
-        qd[:, nv], qdd[:, nv] = rate @ axis, acceleration @ axis
+            kind, axis = int(mesh.kind[node]), mesh.axis[node]
+            nq, nv = mesh.q_index[node], mesh.v_index[node]
+            p, dp, ddp, turn, rate, acceleration = _relative(mesh, motion, int(node))
+            if kind == SPHERICAL:
+                q[:, nq : nq + 4] = _quaternion(turn, q[0, nq : nq + 4])
+                qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = rate, acceleration
+            elif kind == FREE:
+                v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
+                dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
+                q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn, q[0, nq + 3 : nq + 7])])
+                qd[:, nv : nv + 6], qdd[:, nv : nv + 6] = np.hstack([v, rate]), np.hstack([dv, acceleration])
+            elif not mesh.turn[node].any():
+                q[:, nq], qd[:, nv], qdd[:, nv] = p @ axis, dp @ axis, ddp @ axis
+            else:
+                angle = np.unwrap(log_so3(turn) @ axis)
+                if kind == CONTINUOUS:
+                    q[:, nq], q[:, nq + 1] = np.cos(angle), np.sin(angle)
+                else:
+                    q[:, nq] = angle + 2 * np.pi * np.round((q[0, nq] - angle[0]) / (2 * np.pi))
+                qd[:, nv], qdd[:, nv] = rate @ axis, acceleration @ axis
 
 
 def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:

@@ -23,8 +23,17 @@ from flexinv.errors import InputError
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.time_laws import SNAP, find_law
-from flexinv.model.track import Sampling, Track, check_sampling, joint_path, listed, parts, unit_quaternions
+from flexinv.model.track import (
+    SNAP,
+    Sampling,
+    Track,
+    check_sampling,
+    find_law,
+    joint_path,
+    listed,
+    parts,
+    unit_quaternions,
+)
 from flexinv.typing import Array, Triple
 
 Values = ArrayLike | Mapping[str, ArrayLike]
@@ -50,7 +59,7 @@ class Motion:
         start, end : (nq,) [rad], [m] in the order of the mechanism (a continuous joint as cos, sin or as one angle),
             or joint name -> value (number; 2 of a universal joint; quaternion x, y, z, w; position and quaternion)
         duration : of the move [s]; hold : rest after it [s]; delay : rest before it [s]
-        law : "cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
+        law : "cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.track``
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
