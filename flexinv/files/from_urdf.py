@@ -210,9 +210,7 @@ def _joint(element: Element, path: Path) -> Joint:
         if value < 0:
             raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
     limits, limit, at = Limits(), element.find("limit"), f"{where}, limit"
-    if (
-        limit is not None
-    ):  # effort and speed of 0 are how URDF writers say "not stated"; a continuous joint has no other limits
+    if limit is not None:  # 0 is how URDF writers say "not stated"; a continuous joint has no position limits
         effort, velocity = (abs(number(limit, k, 0.0, at, FLOATS)) or np.inf for k in ("effort", "velocity"))
         limits = Limits(effort, velocity)
         if kind != "continuous":

@@ -36,7 +36,7 @@ SAME_STATION = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where joints, sections and bodies of a mechanism are among its nodes.
+    """Nodes of the joints, sections and bodies of a mechanism, by name.
 
     joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
     section_nodes : beam link name -> node numbers along the beam, root first
@@ -100,15 +100,13 @@ class Mesh(Places):
 class _Builder(Places):
     """Grows the node and element lists; becomes a Mesh at the end."""
 
-    rows: list[tuple[int, int, Placement, int]] = field(default_factory=list)
-    moves: list[tuple[Array, int, int, Array, Array]] = field(default_factory=list)  # of each node as `_NO_JOINT`
+    rows: list[list[Any]] = field(default_factory=list)  # parent, kind, placement, link, and as `_NO_JOINT`
     mass: list[float] = field(default_factory=list)
     inertia: list[Array] = field(default_factory=list)
     elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
 
     def node(self, parent: int, kind: int, placement: Placement, link: int) -> int:
-        self.rows.append((parent, kind, placement, link))
-        self.moves.append(_NO_JOINT)
+        self.rows.append([parent, kind, placement, link, *_NO_JOINT])
         self.mass.append(0.0)
         self.inertia.append(np.zeros((3, 3)))
         return len(self.rows) - 1
@@ -119,7 +117,7 @@ class _Builder(Places):
         number, owner = KINDS[joint.kind].number, self.mechanism.links[link]
         for axis in joint.axes:
             node = self.node(node, number, placement, link)
-            self.moves[node] = (axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis))
+            self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis)
             placement, q, v = Placement(), q + CONFIGURATIONS[number], v + VELOCITIES[number]
         self.joint_node[joint.name] = node
         if owner.beam is not None:
@@ -250,8 +248,8 @@ def build(mechanism: Mechanism) -> Mesh:
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
-    parent, kind, placement, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 4
-    axis, q, v, moved, turned = zip(*builder.moves, strict=True) if builder.rows else ((),) * 5
+    columns = zip(*builder.rows, strict=True) if builder.rows else 9 * [()]
+    parent, kind, placement, link, axis, q, v, moved, turned = columns
     slide, turn = np.zeros((2, len(moved), 6, 3))
     for n, count in enumerate(map(len, moved)):
         slide[n, :count], turn[n, :count] = moved[n], turned[n]

@@ -140,18 +140,13 @@ class Sampling:
     degree: int = 5
     rest: bool = False
 
+    @kept_with_owner()
     def spline(self, values: Array) -> scipy.interpolate.BSpline:
         """Return the interpolating spline of values (samples, columns) [any unit]; it is kept, as motions ask time by time."""
-        return _spline(self, np.asarray(values, dtype=np.float64).tobytes(), values.shape[1])
-
-
-@kept_with_owner()
-def _spline(sampling: Sampling, values: bytes, columns: int) -> scipy.interpolate.BSpline:
-    zero = np.zeros(columns)
-    at_rest = [(order, zero) for order in range(1, (sampling.degree + 1) // 2)]
-    ends = (at_rest, at_rest) if sampling.rest else None
-    rows = np.frombuffer(values).reshape(-1, columns)
-    return scipy.interpolate.make_interp_spline(sampling.time, rows, k=sampling.degree, bc_type=ends)
+        zero = np.zeros(values.shape[1])
+        at_rest = [(order, zero) for order in range(1, (self.degree + 1) // 2)]
+        ends = (at_rest, at_rest) if self.rest else None
+        return scipy.interpolate.make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
 
 
 def check_sampling(sampling: Sampling, max_gap: float | None) -> None:
