@@ -34,9 +34,6 @@ class MoveTable(Table):
     delay_s: NotNegative | None = optional("rest before the move, >= 0 [s]", "0.1")
 
 
-Reader = Callable[[Any], Array]
-
-
 def plain(value: Any) -> Array:
     """Read numbers that are in SI units already [rad], [m], [-]."""
     return np.atleast_1d(np.array(value, dtype=np.float64))
@@ -59,7 +56,7 @@ class Way(NamedTuple):
     kind: Any
     words: str
     unit: str
-    read: Reader
+    read: Callable[[Any], Array]
     rests: str
     examples: tuple[str, str, str, str]
 

@@ -190,13 +190,11 @@ def arc(beam: Beam, length: float) -> Placement:
 
 def _interpolate(beam: Beam, at: Array, *tables: Array) -> list[Array]:
     """Section tables at fractions ``at``, linear between the stations, constant beyond them."""
-    stations = beam.section.stations
-    out = []
-    for table in tables:
-        columns = table.reshape(len(stations), -1)
-        values = [np.interp(at, stations, column) for column in columns.T]
-        out.append(np.stack(values, axis=-1).reshape(len(at), *table.shape[1:]))
-    return out
+
+    def along(column: Array) -> Array:
+        return np.interp(at, beam.section.stations, column)
+
+    return [np.apply_along_axis(along, 0, table) for table in tables]
 
 
 def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:

@@ -183,7 +183,8 @@ def motion_at(motion: Motion, mechanism: Mechanism, time: NDArray[np.floating]) 
     """
     if len(time) > LARGE or type(motion) is not Motion:
         return _evaluated(motion, mechanism, time)
-    return _kept(motion, _Layout.of(mechanism), np.asarray(time, dtype=np.float64).tobytes())
+    joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
+    return _kept(motion, _Layout(joints, bool(mechanism.closures), mechanism), np.asarray(time, dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -194,15 +195,10 @@ class _Layout:
     closed: bool
     mechanism: Mechanism = field(compare=False)
 
-    @classmethod
-    def of(cls, mechanism: Mechanism) -> _Layout:
-        joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
-        return cls(joints, bool(mechanism.closures), mechanism)
-
 
 @kept_with_owner(most=8)
-def _kept(motion: Motion, layout: _Layout, time: bytes) -> Triple:
-    return _evaluated(motion, layout.mechanism, np.frombuffer(time))
+def _kept(motion: Motion, layout: _Layout, time: Array) -> Triple:
+    return _evaluated(motion, layout.mechanism, time)
 
 
 def _evaluated(motion: Motion, mechanism: Mechanism, time: ArrayLike) -> Triple:
