@@ -235,9 +235,8 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
         raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
-    limits = Limits(
-        **{split_unit(key)[0]: value for key, value in getattr(table, "limits", None) or () if value is not None}
-    )
+    stated = getattr(table, "limits", None) or ()
+    limits = Limits(**{split_unit(key)[0]: value for key, value in stated if value is not None})
     if limits.lower > limits.upper:
         given = f"lower {limits.lower:g}, upper {limits.upper:g}"
         raise where.inner("limits").wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")

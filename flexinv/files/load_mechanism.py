@@ -239,13 +239,10 @@ def _flexible(
     section = section_along(table.section, sections, where)
     beam = Beam(length, section, table.elements, table.order, placement=root)
     bodies = []
-    for body in (
-        link.bodies if table.own_inertia == "at_root" else ()
-    ):  # seen from there: c' = R^T (c - p), I' = R^T I R
-        com, tensor = (
-            root.rotation.T @ (body.inertia.com - start),
-            root.rotation.T @ body.inertia.tensor @ root.rotation,
-        )
+    carried = link.bodies if table.own_inertia == "at_root" else ()
+    for body in carried:  # seen from there: c' = R^T (c - p), I' = R^T I R
+        com = root.rotation.T @ (body.inertia.com - start)
+        tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
         bodies.append(replace(body, inertia=Inertia(body.inertia.mass, com, tensor), station=0.0))
     density = section.mass_per_length
     mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length

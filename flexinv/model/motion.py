@@ -23,17 +23,7 @@ from flexinv.errors import InputError
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.track import (
-    SNAP,
-    Sampling,
-    Track,
-    check_sampling,
-    find_law,
-    joint_path,
-    listed,
-    parts,
-    unit_quaternions,
-)
+from flexinv.model.track import SNAP, Sampling, Track, find_law, joint_path, listed, parts, unit_quaternions
 from flexinv.typing import Array, Triple
 
 Values = ArrayLike | Mapping[str, ArrayLike]
@@ -101,7 +91,7 @@ class Motion:
         longest = None if max_gap is None else arguments.number("max_gap", max_gap, "the longest interval [s], or None")
         if longest is not None and not longest > 0.0:
             arguments.refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
-        check_sampling(sampling, longest)
+        sampling.check(longest)
         columns, values, widths = _table(q, names, sampling.time.size)
         track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
         return Motion((track,), track.move)

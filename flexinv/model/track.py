@@ -148,32 +148,31 @@ class Sampling:
         ends = (at_rest, at_rest) if self.rest else None
         return scipy.interpolate.make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
 
-
-def check_sampling(sampling: Sampling, max_gap: float | None) -> None:
-    """Raise InputError unless the times can carry a spline; max_gap [s], None for 10 times the median interval."""
-    time, degree = sampling.time, sampling.degree
-    if degree not in (3, 5):
-        raise InputError(f"degree = {degree}: expected 5 (smooth jerk) or 3 (continuous acceleration)")
-    if time.ndim != 1:
-        raise InputError(f"time: expected one finite number per sample [s], got an array of shape {time.shape}")
-    least = 2 if sampling.rest else degree + 1
-    if time.size < least:
-        raise InputError(f"{time.size} samples: a spline of degree {degree} needs at least {least}")
-    steps = np.diff(time)
-    if np.any(steps <= 0.0):
-        k = int(np.argmax(steps <= 0.0))
-        raise InputError(
-            f"time: sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s; "
-            "sort the samples and remove repeated ones"
-        )
-    if time[0] != 0.0:
-        raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
-    longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
-    if steps[longest] > allowed:
-        raise InputError(
-            f"time: a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s, "
-            f"more than {allowed:g} s; fill the gap, or write max_gap if the spline may cross it"
-        )
+    def check(self, max_gap: float | None) -> None:
+        """Raise InputError unless the times can carry a spline; max_gap [s], None for 10 times the median interval."""
+        time, degree = self.time, self.degree
+        if degree not in (3, 5):
+            raise InputError(f"degree = {degree}: expected 5 (smooth jerk) or 3 (continuous acceleration)")
+        if time.ndim != 1:
+            raise InputError(f"time: expected one finite number per sample [s], got an array of shape {time.shape}")
+        least = 2 if self.rest else degree + 1
+        if time.size < least:
+            raise InputError(f"{time.size} samples: a spline of degree {degree} needs at least {least}")
+        steps = np.diff(time)
+        if np.any(steps <= 0.0):
+            k = int(np.argmax(steps <= 0.0))
+            raise InputError(
+                f"time: sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s; "
+                "sort the samples and remove repeated ones"
+            )
+        if time[0] != 0.0:
+            raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
+        longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
+        if steps[longest] > allowed:
+            raise InputError(
+                f"time: a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s, "
+                f"more than {allowed:g} s; fill the gap, or write max_gap if the spline may cross it"
+            )
 
 
 def unit_quaternions(quaternions: Array, where: str) -> Array:
@@ -184,8 +183,7 @@ def unit_quaternions(quaternions: Array, where: str) -> Array:
         raise InputError(
             f"{where}: a quaternion of norm {norm[wrong][0]:g}; expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
         )
-    unit: Array = quaternions / norm
-    return unit
+    return np.asarray(quaternions / norm)
 
 
 def continuous_signs(quaternions: Array, where: str) -> Array:
@@ -199,8 +197,7 @@ def continuous_signs(quaternions: Array, where: str) -> Array:
             "a spline of rotations needs samples less than 90 deg apart"
         )
     signs = np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))
-    continued: Array = quaternions * signs[:, None]
-    return continued
+    return np.asarray(quaternions * signs[:, None])
 
 
 def _rest_outside(
@@ -222,8 +219,7 @@ def _rest_outside(
 
 def _vector_of_product(a: Array, b: Array) -> Array:
     """Vector part of conj(a) b for quaternions x, y, z, w: a_w b_v - b_w a_v - a_v x b_v."""
-    vector: Array = a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3])
-    return vector
+    return np.asarray(a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3]))
 
 
 @dataclass(frozen=True, eq=False)
