@@ -126,16 +126,13 @@ def floats(name: str, value: Any) -> NDArray[np.float64]:
         return value
     try:
         given = np.asarray(value)
-        if given.dtype.kind in "iuf" or (given.dtype == object and _all_real(given)):
+        real = given.ndim > 0 and all(isinstance(one, Real) or np.ndim(one) for one in given.ravel())
+        if given.dtype.kind in "iuf" or (given.dtype == object and real):
             return np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):  # lists of unequal length, among others
         raise InputError(f"{name}: expected numbers, got {shown(value)}; write lists of equal length") from None
     what, write = _WRONG.get(given.dtype.kind, (shown(value), ""))
     raise InputError(f"{name}: expected numbers, got {what}{write}")
-
-
-def _all_real(values: NDArray[Any]) -> bool:
-    return values.ndim > 0 and all(isinstance(one, Real) or np.ndim(one) for one in values.ravel())
 
 
 def of_kind(name: str, value: object, kind: type[T], does: tuple[str, ...] = ()) -> T:

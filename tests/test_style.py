@@ -53,7 +53,6 @@ ALONE = {
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
-    "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.regressor_kernel": KERNEL,
     "crosscheck.bench.cores": "pins threads to processors, apart from the clock",

@@ -14,7 +14,7 @@ from crosscheck.beyond.fault import ALL, Array, Chapter, Fault, Scene, Truth, pi
 from crosscheck.measures.record import Record, Series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.time_laws import find_law
+from flexinv.model.track import find_law
 
 CHAPTER = Chapter("signals and time")
 POUND_FOOT = 1.3558179483314004  # N m

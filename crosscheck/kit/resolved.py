@@ -34,7 +34,8 @@ from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, effort_units
 from crosscheck.measures.series_csv import STATION
 from flexinv.files.load_cases import Case
 from flexinv.model.attachments import GasLaw, Law
-from flexinv.model.mechanism import COORDINATES, Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
 
 Array = NDArray[np.float64]
 COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
@@ -166,7 +167,7 @@ def idle(mechanism: Mechanism, case: Case) -> tuple[str, ...]:
         j.name + suffix
         for j in mechanism.joints
         if not j.actuated and (mechanism.closures or j.name not in given)
-        for suffix in COORDINATES[j.kind][1]
+        for suffix in KINDS[j.kind].v
     )
 
 
@@ -229,7 +230,7 @@ def _beam(beam: Beam) -> BeamData:
 
 
 def _joint(joint: Joint) -> JointData:
-    q, v = COORDINATES[joint.kind]
+    q, v = KINDS[joint.kind].q, KINDS[joint.kind].v
     plain = {
         key: getattr(joint, key)
         for key in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight")

@@ -21,8 +21,7 @@ from flexinv.files.closures import TABLES as CLOSURES
 from flexinv.files.closures import CouplingTable, ForceTable, GasSpringTable, LinearSpringTable, TableSpringTable
 from flexinv.files.joints import DRIVES, MOTORS
 from flexinv.files.joints import TABLES as JOINTS
-from flexinv.files.load_mechanism import LINKS
-from flexinv.files.schema import MechanismTable, OverlayLinkTable, RigidLinkTable
+from flexinv.files.schema import BeamLinkTable, MechanismTable, OverlayLinkTable, RigidLinkTable
 from flexinv.files.sections import SHAPES, StiffnessSectionTable
 
 FOLDER = Path(__file__).with_name("schema")
@@ -33,7 +32,7 @@ KIT: dict[str, type[BaseModel]] = {"case": CaseFile, "certificate": CertificateF
 Places = Mapping[tuple[str, str, str], Alternatives]
 MECHANISM: Places = {
     ("MechanismTable", "sections", "shape"): {"": StiffnessSectionTable, **SHAPES},
-    ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": LINKS["beam"]},
+    ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": BeamLinkTable},
     ("MechanismTable", "joints", "kind"): JOINTS,
     ("MechanismTable", "closures", "kind"): {**CLOSURES, "coupling": CouplingTable},
     ("MechanismTable", "springs", "law"): {"": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable},

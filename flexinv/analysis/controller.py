@@ -30,8 +30,8 @@ from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, pro
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kernels.code_cache import compiled
 from flexinv.kinematics.configuration import fill_given, fill_relative, nodes_of
-from flexinv.kinematics.configuration_arrays import between
 from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import between
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism

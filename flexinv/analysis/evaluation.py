@@ -135,7 +135,7 @@ def skeleton(mesh: Mesh) -> Skeleton:
             place += turn @ mesh.offset[node]
             turn = turn @ mesh.rotation[node]
     numbers = [list(mesh.joint_node.values()), [n for n, _ in end]]
-    numbers += [[nodes[link.name] for link in m.beams] for nodes in (mesh.root_node, mesh.tip_node)]
+    numbers += [[int(mesh.section_nodes[link.name][k]) for link in m.beams] for k in (0, -1)]
     joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
     points = np.array([point for _, point in end], dtype=float).reshape(-1, 3)
     gravity = np.array(m.gravity, dtype=float)

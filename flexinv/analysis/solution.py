@@ -319,7 +319,7 @@ def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -
 
     What else hangs on the root's node is not the beam's.
     """
-    root, outer = mesh.root_node[link.name], beyond(mesh, int(mesh.section_nodes[link.name][1]))
+    root, outer = mesh.section_nodes[link.name][0], beyond(mesh, int(mesh.section_nodes[link.name][1]))
     arm = motion.x[:, outer] - motion.x[:, [root]]
     mass, inertia = mesh.mass[root], mesh.inertia[root].copy()
     for body in (one for one in link.bodies if mesh.body_node[(link.name, one.name)] == root):

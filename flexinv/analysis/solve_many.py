@@ -35,7 +35,7 @@ from flexinv.kernels.records import stacked
 from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, motion_table
+from flexinv.model.motion import Motion, motion_at
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.planar.model import planar_model
@@ -245,7 +245,8 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
         settings = checked(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
-        return Scenario(mesh, motion, motion_table(motion, mechanism, settings.step, len(time)), time, settings)
+        moved = motion_at(motion, mechanism, settings.step * np.arange(len(time)))
+        return Scenario(mesh, motion, moved, time, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
 

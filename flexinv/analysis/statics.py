@@ -23,8 +23,8 @@ from flexinv.dynamics.solver import Solver, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import applied_forces
-from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
 from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
 

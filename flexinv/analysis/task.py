@@ -15,7 +15,7 @@ from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, motion_table, start_coordinates
+from flexinv.model.motion import Motion, motion_at, start_coordinates
 from flexinv.typing import Array, Triple
 from flexinv.validation import choice, function, number, of_kind, seconds, whole
 
@@ -197,7 +197,7 @@ def joint_histories(
 
     def joint_motion(time: Array, side: str) -> Triple:
         if time is grid and side == "right" and uniform:
-            q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, settings.step, len(grid)))
+            q, qd, qdd = (part.copy() for part in motion_at(motion, mechanism, settings.step * np.arange(len(grid))))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
         for name, value in places.items():

@@ -21,9 +21,8 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import applied_forces
-from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import relative_motion
+from flexinv.kinematics.nodal_motion import fill_passive, relative_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch

@@ -23,9 +23,8 @@ from flexinv.constraints.equations import Rows as Rows
 from flexinv.constraints.equations import closure_samples
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration import nodes_of
-from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.nodal_motion import NodalMotion, slides
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism

@@ -37,9 +37,8 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import plain
 from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.kinematics.configuration import nodes_of
-from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import JointHistory, rigid_motion
+from flexinv.kinematics.nodal_motion import JointHistory, moved, rigid_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.typing import Array, Mask, Triple
 

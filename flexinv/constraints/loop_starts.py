@@ -15,8 +15,8 @@ from flexinv.constraints.allocation import STILL_RATE, ranks
 from flexinv.constraints.closures import Rows, acting, constraint_rows, measures
 from flexinv.constraints.continuation import Follower, close_rates, closed_start, standing
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
 from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import moved, nearest_difference, slides
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner

@@ -286,7 +286,7 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
     shape.p[free] = (back @ (frames.x[free] - frames.x[parent])[:, :, None])[:, :, 0]
     shape.r[free] = back @ frames.r[free]
     shape.p[held], shape.r[held] = solver.state.x[held], solver.state.r[held]
-    moving = NodalMotion.empty(1, mesh.size)
+    moving = NodalMotion.unwritten(1, mesh.size)
     carry_samples(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
     _start(solver, moving, shape, qd, qdd)
 

@@ -34,9 +34,6 @@ class MoveTable(Table):
     delay_s: NotNegative | None = optional("rest before the move, >= 0 [s]", "0.1")
 
 
-Reader = Callable[[Any], Array]
-
-
 def plain(value: Any) -> Array:
     """Read numbers that are in SI units already [rad], [m], [-]."""
     return np.atleast_1d(np.array(value, dtype=np.float64))
@@ -59,7 +56,7 @@ class Way(NamedTuple):
     kind: Any
     words: str
     unit: str
-    read: Reader
+    read: Callable[[Any], Array]
     rests: str
     examples: tuple[str, str, str, str]
 
@@ -106,32 +103,25 @@ JOINTS: dict[tuple[str, ...], tuple[str, str, str, Parts, str, str]] = {
 }  # fmt: skip
 
 
-def _move_table(name: str, joint: str, parts: Parts) -> type[MoveTable]:
-    fields: dict[str, Any] = {}
+def _tables(name: str, joint: str, what: str, parts: Parts) -> tuple[type[MoveTable], type[Table]]:
+    moves: dict[str, Any] = {}
+    starts: dict[str, Any] = {}
     for unit, way in (both for part in parts for both in part.items()):
         for k, (at, when) in enumerate((("from", "at the start"), ("to", "at the end"), ("at", way.rests))):
             words = f"{way.words} {when} [{way.unit}]"
-            fields[f"{at}_{unit}"] = (way.kind | None, optional(words, way.examples[k]))
-    return create_model(f"{name}Table", __base__=MoveTable, __doc__=f"{joint[0].upper()}{joint[1:]}.", **fields)
-
-
-def _start_table(name: str, joint: str, what: str, parts: Parts) -> type[Table]:
-    ways = {key: way for part in parts for key, way in part.items()}
-    fields: dict[str, Any] = {
-        key: (way.kind | None, optional(f"{way.words} [{way.unit}]", way.examples[3])) for key, way in ways.items()
-    }
-    return create_model(f"{name}StartTable", __base__=Table, __doc__=f"Start {what} of {joint}.", **fields)
+            moves[f"{at}_{unit}"] = (way.kind | None, optional(words, way.examples[k]))
+        starts[unit] = (way.kind | None, optional(f"{way.words} [{way.unit}]", way.examples[3]))
+    doc = f"{joint[0].upper()}{joint[1:]}."
+    moving = create_model(f"{name}Table", __base__=MoveTable, __doc__=doc, **moves)
+    return moving, create_model(f"{name}StartTable", __base__=Table, __doc__=f"Start {what} of {joint}.", **starts)
 
 
 # Units -> table of a move of such a joint, the parts of its coordinates, an example; and the same of where it starts.
-MOVES: dict[tuple[str, ...], tuple[type[MoveTable], Parts, str]] = {
-    units: (_move_table(name, joint, parts), parts, write)
-    for units, (name, joint, _, parts, write, _) in JOINTS.items()
-}
-STARTS: dict[tuple[str, ...], tuple[type[Table], Parts, str]] = {
-    units: (_start_table(name, joint, what, parts), parts, write)
-    for units, (name, joint, what, parts, _, write) in JOINTS.items()
-}
+MOVES: dict[tuple[str, ...], tuple[type[MoveTable], Parts, str]] = {}
+STARTS: dict[tuple[str, ...], tuple[type[Table], Parts, str]] = {}
+for _units, (_name, _joint, _what, _parts, _move, _start) in JOINTS.items():
+    _moving, _starting = _tables(_name, _joint, _what, _parts)
+    MOVES[_units], STARTS[_units] = (_moving, _parts, _move), (_starting, _parts, _start)
 
 
 class MotionTable(Table):

@@ -9,14 +9,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import PlainValidator, WithJsonSchema
 
-from flexinv.files.bodies import check_station
 from flexinv.files.joints import read_axes, read_placement
-from flexinv.files.schema import SOURCE, PlacementTable, finite
+from flexinv.files.schema import SOURCE, PlacementTable, check_station, finite
 from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Pair, Positive, Text, Vector
 from flexinv.model.attachments import COUPLED_JOINTS, GasLaw, TableLaw
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
-from flexinv.typing import Array
 from flexinv.validation import nearest
 
 KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
@@ -230,16 +228,15 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
         raise where.wrong("time_s", given, "times that increase [s]", write)
     if table.force_N is None and table.moment_Nm is None:
         raise where.wrong("force_N", "nothing", "force_N [N], moment_Nm [N m] or both", "force_N = [0, 0, -10]")
-    parts = [_of_time(getattr(table, k), len(time), k, where) for k in ("force_N", "moment_Nm")]
+    parts = []
+    for word, rows in (("force_N", table.force_N), ("moment_Nm", table.moment_Nm)):
+        values = np.array([[0.0, 0.0, 0.0]] if rows is None else rows)
+        if len(values) not in (1, time.size):
+            given, several = f"{len(values)} rows", f"one row, or {time.size}: one for each of time_s"
+            expected = several if time.size > 1 else "one row, or time_s with the times"
+            raise where.wrong(word, given, expected, f"time_s with {len(values)} times")
+        parts.append(np.broadcast_to(values, (time.size, 3)))
     return Force(name, read_end(table.at, links, where.inner("at")), np.hstack(parts), time, table.follower)
-
-
-def _of_time(rows: list[list[float]] | None, count: int, name: str, where: Location) -> Array:
-    values = np.array(rows if rows is not None else [[0.0, 0.0, 0.0]])
-    if len(values) not in (1, count):
-        expected = f"one row, or {count}: one for each of time_s" if count > 1 else "one row, or time_s with the times"
-        raise where.wrong(name, f"{len(values)} rows", expected, f"time_s with {len(values)} times")
-    return np.broadcast_to(values, (count, 3))
 
 
 def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:

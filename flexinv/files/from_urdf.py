@@ -16,9 +16,8 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.bodies import impossible
 from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
-from flexinv.files.schema import UrdfTable
+from flexinv.files.schema import UrdfTable, impossible
 from flexinv.files.toml_tables import Location, complaint, read_bytes
 from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
@@ -87,11 +86,22 @@ def read_urdf(
         return f'{path}: <{kind} name="{name}">' + (f", {key}" if key else "")
 
     check_ends(joints, inertias, inertias, where)
-    inertias, joints = _based(inertias, joints, _root(inertias, joints, robot, path), base)
+    inertias, joints = _based(inertias, joints, base, location(path, robot))
     ordered = depth_first(joints, inertias, where)
     own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
     links = tuple(Link(j.child, own[j.child]) for j in ordered)
-    warned = _warned(robot, inertias, lock)
+    mimics = [
+        f"{joint.get('name')} (of {mimic.get('joint')})"
+        for joint in robot.findall("joint")
+        for mimic in joint.findall("mimic")[:1]
+        if joint.get("type") != "fixed" and joint.get("name") not in lock
+    ]
+    odd = [name for name, inertia in inertias.items() if inertia is not None and impossible(inertia.tensor)]
+    found = {
+        "mimic": ("mimic joints are coordinates of their own", mimics),
+        "inertia": ("links with an inertia that no body can have, kept as it is", odd),
+    }
+    warned = {subject: f"{text}: {', '.join(which)}" for subject, (text, which) in found.items() if which}
     massless = [name for name, inertia in inertias.items() if inertia is None]
     told = ("links without mass", massless), ("joints locked at zero", lock)
     mechanism = Mechanism(
@@ -144,7 +154,10 @@ def _named(robot: Element, tag: str, path: Path, read: Callable[[Element, Path],
     """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
     found: dict[str, T] = {}
     for element in robot.findall(tag):
-        name = name_of(element, path)
+        name = element.get("name", "")
+        if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+            expected = f"a name of 1 to {LONGEST_NAME} printable characters"
+            raise complaint(f"{path}: <{tag}>", f"name = {name[:60]!a}", expected, f'<{tag} name="...">')
         if name in found:
             raise complaint(location(path, element), f"this {tag} twice", f"each {tag} once", "a name of its own")
         found[name] = read(element, path)
@@ -188,7 +201,7 @@ def _joint(element: Element, path: Path) -> Joint:
             raise complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
     placement = _origin(element, where)
     if kind in ("fixed", "floating"):
-        return Joint(name_of(element, path), KINDS[kind], ends[0], ends[1], placement, actuated=False)
+        return Joint(element.get("name", ""), KINDS[kind], ends[0], ends[1], placement, actuated=False)
     stated = numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
     axis = unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
@@ -196,43 +209,34 @@ def _joint(element: Element, path: Path) -> Joint:
         value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
         if value < 0:
             raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
-    limits = _limits(element, kind, f"{where}, limit")
-    return Joint(name_of(element, path), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
-
-
-def _limits(element: Element, kind: str, where: str) -> Limits:
-    """Effort and speed of 0 are how URDF writers say "not stated"; a continuous joint has no position limits."""
-    limit = element.find("limit")
-    if limit is None:
-        return Limits()
-    effort, velocity = (number(limit, name, 0.0, where, FLOATS) or np.inf for name in ("effort", "velocity"))
-    if kind == "continuous":
-        return Limits(abs(effort), abs(velocity))
-    lower, upper = (number(limit, name, 0.0, where, FLOATS) for name in ("lower", "upper"))
-    if lower > upper:
-        given = f'lower="{lower:g}" upper="{upper:g}"'
-        raise complaint(where, given, "lower <= upper", "the two exchanged, if so meant")
-    return Limits(abs(effort), abs(velocity), lower, upper)
-
-
-def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element, path: Path) -> str:
-    carried = {joint.child for joint in joints}
-    roots = [name for name in links if name not in carried]
-    if len(roots) == 1:
-        return roots[0]
-    expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
-    given = "a joint carries every link: a cycle"
-    advice = "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
-    if roots:
-        given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
-        advice = "a fixed joint between the separate parts"
-    raise complaint(location(path, robot), given, expected, advice)
+    limits, limit, at = Limits(), element.find("limit"), f"{where}, limit"
+    if limit is not None:  # 0 is how URDF writers say "not stated"; a continuous joint has no position limits
+        effort, velocity = (abs(number(limit, k, 0.0, at, FLOATS)) or np.inf for k in ("effort", "velocity"))
+        limits = Limits(effort, velocity)
+        if kind != "continuous":
+            lower, upper = (number(limit, k, 0.0, at, FLOATS) for k in ("lower", "upper"))
+            limits = replace(limits, lower=lower, upper=upper)
+            if lower > upper:
+                given = f'lower="{lower:g}" upper="{upper:g}"'
+                raise complaint(at, given, "lower <= upper", "the two exchanged, if so meant")
+    return Joint(element.get("name", ""), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
 
 
 def _based(
-    links: dict[str, Inertia | None], joints: list[Joint], root: str, base: str
+    links: dict[str, Inertia | None], joints: list[Joint], base: str, where: str
 ) -> tuple[dict[str, Inertia | None], list[Joint]]:
     """Hang the root on the world.  A fixed root named "world" is the world; a moving one gets another name."""
+    carried = {joint.child for joint in joints}
+    roots = [name for name in links if name not in carried]
+    if len(roots) != 1:
+        expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
+        given = "a joint carries every link: a cycle"
+        advice = "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
+        if roots:
+            given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
+            advice = "a fixed joint between the separate parts"
+        raise complaint(where, given, expected, advice)
+    root = roots[0]
     if root == WORLD and base == "fixed":
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
     moved = _free_name("world_link", links)
@@ -258,21 +262,6 @@ def _locked(joints: list[Joint], lock: Sequence[str], path: Path) -> list[Joint]
             raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
     fixed = {j.name: Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) for j in joints}
     return [fixed[j.name] if j.name in lock else j for j in joints]
-
-
-def _warned(robot: Element, links: dict[str, Inertia | None], lock: Sequence[str]) -> dict[str, str]:
-    mimics = [
-        f"{joint.get('name')} (of {mimic.get('joint')})"
-        for joint in robot.findall("joint")
-        for mimic in joint.findall("mimic")[:1]
-        if joint.get("type") != "fixed" and joint.get("name") not in lock
-    ]
-    odd = [name for name, inertia in links.items() if inertia is not None and impossible(inertia.tensor)]
-    found = {
-        "mimic": ("mimic joints are coordinates of their own", mimics),
-        "inertia": ("links with an inertia that no body can have, kept as it is", odd),
-    }
-    return {subject: f"{text}: {', '.join(which)}" for subject, (text, which) in found.items() if which}
 
 
 def read_robot(path: Path) -> Element:
@@ -309,15 +298,6 @@ def location(path: Path, element: Element, key: str = "") -> str:
     name = element.get("name")
     tag = f'<{element.tag} name="{name}">' if name else f"<{element.tag}>"
     return f"{path}: {tag}" + (f", {key}" if key else "")
-
-
-def name_of(element: Element, path: Path) -> str:
-    """Return the element's name [-]: 1 to 100 printable characters."""
-    name = element.get("name", "")
-    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
-        expected = f"a name of 1 to {LONGEST_NAME} printable characters"
-        raise complaint(f"{path}: <{element.tag}>", f"name = {name[:60]!a}", expected, f'<{element.tag} name="...">')
-    return name
 
 
 def numbers(

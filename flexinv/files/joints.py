@@ -235,12 +235,17 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
         raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
+    stated = getattr(table, "limits", None) or ()
+    limits = Limits(**{split_unit(key)[0]: value for key, value in stated if value is not None})
+    if limits.lower > limits.upper:
+        given = f"lower {limits.lower:g}, upper {limits.upper:g}"
+        raise where.inner("limits").wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")
     pitch = getattr(table, "pitch_m", None)
     if pitch == 0.0:
         raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, where.inner("placement")),
-        table.station, **axes, **drive(table, where), limits=_limits(table, where.inner("limits")),
+        table.station, **axes, **drive(table, where), limits=limits,
         drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=pitch or 0.0,
     )  # fmt: skip
 
@@ -250,21 +255,16 @@ def drive(table: Table, where: Location) -> dict[str, Any]:
     names = ("rotor_inertia", "damping", "friction", "stiffness", "actuated", "weight")
     stated = {name: value for key, value in table if (name := split_unit(key)[0]) in names}
     if "stiffness" in stated:
-        stated["rest"] = _rest(table, stated["stiffness"], where)
+        named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
+        if len(named) > 1:
+            raise where.wrong(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
+        if named and not stated["stiffness"]:
+            spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
+            expected = f"a stiffness too: {type(table).model_fields[spring].description}"
+            raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
+        value = float(getattr(table, named[0])) if named else 0.0
+        stated["rest"] = float(np.radians(value)) if named == ["rest_deg"] else value
     return stated if "actuated" in stated else {**stated, "actuated": False}
-
-
-def _rest(table: Table, stiffness: float, where: Location) -> float:
-    """Return the position at which the joint's spring has no effort [rad] or [m]."""
-    named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
-    if len(named) > 1:
-        raise where.wrong(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
-    if named and not stiffness:
-        spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
-        expected = f"a stiffness too: {type(table).model_fields[spring].description}"
-        raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
-    value = float(getattr(table, named[0])) if named else 0.0
-    return float(np.radians(value)) if named == ["rest_deg"] else value
 
 
 def read_axes(table: Table, where: Location) -> dict[str, Any]:
@@ -310,15 +310,6 @@ def read_placement(table: PlacementTable | None, where: Location) -> Placement:
     return Placement(np.array(table.xyz_m, dtype=np.float64), rotation)
 
 
-def _limits(table: JointTable, where: Location) -> Limits:
-    stated = getattr(table, "limits", None) or ()
-    read = Limits(**{split_unit(key)[0]: value for key, value in stated if value is not None})
-    if read.lower > read.upper:
-        given = f"lower {read.lower:g}, upper {read.upper:g}"
-        raise where.wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")
-    return read
-
-
 # ("joint" or "link", its name, the key) -> the words that name the place in the file
 Where = Callable[[str, str, str], str]
 
@@ -346,7 +337,25 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
         joint = waiting.pop()
         ordered.append(joint)
         waiting.extend(children.get(joint.child, [])[::-1])
-    _check_all_reached({joint.child for joint in ordered}, carried, names, where)
+    reached = {joint.child for joint in ordered}
+    unreached = [link for link in names if link not in reached]
+    for link in unreached:
+        if link not in carried:
+            expected = "every link carried by one joint"
+            advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
+            raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
+    if unreached:  # each of them is carried, none from the world: they go round
+        path = [unreached[0]]  # along its parents, from a link back to itself
+        while path[-1] not in path[:-1]:
+            path.append(carried[path[-1]].parent)
+        path = path[path.index(path[-1]) :]
+        given = f"a cycle: {' <- '.join(path)}"
+        name = carried[path[-1]].name
+        expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
+        advice = (
+            f'parent = "{WORLD}" for one of these joints; [closures.{name}] with first and second where the loop closes'
+        )
+        raise complaint(where("joint", name, "parent"), given, expected, advice)
     return tuple(ordered)
 
 
@@ -364,22 +373,3 @@ def check_ends(joints: Sequence[Joint], parents: Iterable[str], links: Iterable[
         if joint.parent == joint.child:
             given = f'parent and child are both "{joint.child}"'
             raise complaint(where("joint", joint.name, "child"), given, "two links", "another parent")
-
-
-def _check_all_reached(reached: set[str], carried: dict[str, Joint], links: Iterable[str], where: Where) -> None:
-    unreached = [link for link in links if link not in reached]
-    for link in unreached:
-        if link not in carried:
-            expected = "every link carried by one joint"
-            advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
-            raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
-    if unreached:  # each of them is carried, none from the world: they go round
-        path = [unreached[0]]  # along its parents, from a link back to itself
-        while path[-1] not in path[:-1]:
-            path.append(carried[path[-1]].parent)
-        path = path[path.index(path[-1]) :]
-        given = f"a cycle: {' <- '.join(path)}"
-        joint = carried[path[-1]].name
-        expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
-        advice = f'parent = "{WORLD}" for one of these joints; [closures.{joint}] with first and second where the loop closes'
-        raise complaint(where("joint", joint, "parent"), given, expected, advice)

@@ -1,9 +1,18 @@
-"""Cases: what a mechanism does, from tables of joints or CSV files, what is compared, and limits with their reasons."""
+"""Cases: what a mechanism does, from tables of joints or CSV files, what is compared, and limits with their reasons.
+
+Sampled motions are CSV: a column ``time_s``, then one column per coordinate, named ``<coordinate>_<unit>``.
+A revolute joint ``elbow`` has the column ``elbow_rad`` or ``elbow_deg``, a prismatic one ``slide_m`` or ``slide_mm``,
+a continuous one its angle; other coordinates are named as in ``mechanism.coordinate_names``: ``ball.qx``,
+``base.x_m``, ``cross.1_deg``.
+"""
 
 from __future__ import annotations
 
+import csv
 import datetime
-from collections.abc import Mapping
+import io
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,8 +21,8 @@ import numpy as np
 
 from flexinv import validation as arguments
 from flexinv.files import case_schema as schema
-from flexinv.files.case_csv import read_samples
-from flexinv.files.toml_tables import Location, Table, check_names, validate
+from flexinv.files.toml_tables import Location, check_names, complaint, read_bytes, validate
+from flexinv.files.values import UNITS
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -23,6 +32,10 @@ from flexinv.validation import nearest
 # Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
 WHOLE = 1e-9
 MOST_PARTS = 1e15  # steps in a case [-]: beyond, a number of them cannot be told from the next
+LARGEST_FILE = 64 << 20  # [byte]: a million samples of a robot
+GAP = 3.0  # an interval this many times the median one is samples lost, not a change of pace
+ANGLES, LENGTHS = ("rad", "deg", "mrad"), ("m", "mm", "cm")
+Column = tuple[str, int, float]  # joint, which of its numbers, factor to SI
 
 
 @dataclass(frozen=True)
@@ -111,7 +124,16 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     sample = table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
-    _check_quantities(table, mechanism, where)
+    for quantity in table.quantities:
+        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
+            given = f'"{quantity}" of a mechanism without beams'
+            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
+            raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
+    for k, limit in enumerate(table.limits):
+        if limit.quantity not in table.quantities:
+            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
+            write = f'"{limit.quantity}" in quantities, or no limit for it'
+            raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
     measured = None
     if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
         measured = where.file.parent / table.measured
@@ -153,23 +175,6 @@ def _is_multiple(value: float, part: float) -> bool:
     return abs(ratio - round(ratio)) <= WHOLE * max(ratio, 1.0)
 
 
-def _check_quantities(table: schema.CaseTable, mechanism: Mechanism, where: Location) -> None:
-    for quantity in table.quantities:
-        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
-            given = f'"{quantity}" of a mechanism without beams'
-            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
-            raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
-    for k, limit in enumerate(table.limits):
-        if limit.quantity not in table.quantities:
-            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
-            write = f'"{limit.quantity}" in quantities, or no limit for it'
-            raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
-
-
-# Joints that move alike: law, duration, hold and delay [s] -> where from and where to
-Groups = dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]]
-
-
 def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:
     """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
     if (table.law == "sampled") != (table.csv is not None):
@@ -178,7 +183,8 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         raise where.wrong(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
         return _sampled(table, table.csv, mechanism, where)
-    groups: Groups = {}
+    # joints that move alike: law, duration, hold and delay [s] -> where from and where to
+    groups: dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]] = {}
     for name, data in table.joints.items():
         here = where.inner(f"joints.{name}")
         model, parts, write = schema.MOVES[KINDS[_joint(name, mechanism, where).kind].units]
@@ -192,7 +198,16 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         first, last = groups.setdefault((move.law or table.law, duration, hold, delay), ({}, {}))
         ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
         first[name], last[name] = map(np.concatenate, ends)
-    _add_others(groups, table, mechanism, where)
+    if table.others is None:  # a missing joint that has an actuator is an error; else it is held at zero
+        _check_complete(set(table.joints), mechanism, where)
+    elif not groups:
+        write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
+        raise where.wrong("joints", "nothing", "at least one joint that moves", write)
+    else:
+        first, last = next(iter(groups.values()))
+        for joint in mechanism.joints:
+            if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
+                first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
     motions = [
         Motion.point_to_point(first, last, duration, hold, law, delay)
         for (law, duration, hold, delay), (first, last) in groups.items()
@@ -237,20 +252,6 @@ def _ends(move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, wh
     return values[0], values[-1]
 
 
-def _add_others(groups: Groups, table: schema.MotionTable, mechanism: Mechanism, where: Location) -> None:
-    """Hold what is not listed at zero if the table says so; a missing joint that has an actuator is an error."""
-    if table.others is None:
-        return _check_complete(set(table.joints), mechanism, where)
-    if not groups:
-        write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
-        raise where.wrong("joints", "nothing", "at least one joint that moves", write)
-    first, last = next(iter(groups.values()))
-    for joint in mechanism.joints:
-        if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
-            first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
-    return None
-
-
 def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> None:
     missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
@@ -286,13 +287,111 @@ def read_places(
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
         model, parts, write = schema.STARTS[KINDS[mechanism.joint_of[name].kind].units]
-        table = validate(model, data, where.inner(name))
-        out[name] = np.concatenate([_start(table, part, write, where.inner(name)) for part in parts])
+        table, values = validate(model, data, where.inner(name)), []
+        for part in parts:
+            stated = [key for key in part if getattr(table, key) is not None]
+            if len(stated) != 1:
+                given, expected = " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}"
+                raise where.inner(name).wrong("", given, expected, write)
+            values.append(part[stated[0]].read(getattr(table, stated[0])))
+        out[name] = np.concatenate(values)
     return out
 
 
-def _start(table: Table, part: Mapping[str, schema.Way], write: str, where: Location) -> Array:
-    stated = [key for key in part if getattr(table, key) is not None]
-    if len(stated) != 1:
-        raise where.wrong("", " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}", write)
-    return part[stated[0]].read(getattr(table, stated[0]))
+def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) -> tuple[Array, dict[str, Array], float]:
+    """Read time (samples,) [s], joint -> (samples, numbers) [rad, m, -], and the longest interval allowed [s].
+
+    InputError names the line: a column that is no coordinate, a missing or odd number, times that do not increase,
+    a gap longer than ``largest_gap`` [s] (three times the median interval when None).
+    """
+    rows = list(_rows(path))
+    header = [name.strip() for name in rows[0][1]] if rows else []
+    columns = _columns(header, mechanism, path)
+    samples: list[list[float]] = []
+    for line, row in rows[1:]:
+        if len(row) != len(header):
+            given, expected = f"{len(row)} cells", f"{len(header)}, as in the first line"
+            raise complaint(f"{path}: line {line}", given, expected, "a number in each column")
+        samples.append([])
+        for name, cell in zip(header, row, strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                where = f"{path}: line {line}, column {name}"
+                raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
+            samples[-1].append(value)
+    table = np.array(samples)
+    if len(table) < 2:
+        raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
+    lines = [line for line, _ in rows[1:]]
+    time, gap = table[:, 0], largest_gap
+    if gap is None:
+        gap = GAP * float(np.median(np.diff(time)))
+    steps = np.diff(time)
+    k = int(np.argmax(steps <= 0))
+    if steps[k] <= 0:
+        given = f"{time[k + 1]:g} after {time[k]:g}"
+        where = f"{path}: line {lines[k + 1]}, column time_s"
+        raise complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once")
+    if time[0] != 0.0:
+        where = f"{path}: line {lines[0]}, column time_s"
+        raise complaint(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}")
+    k = int(np.argmax(steps))
+    if steps[k] > gap:
+        given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
+        write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
+        where = f"{path}: line {lines[k + 1]}, column time_s"
+        raise complaint(where, given, f"at most {gap:g} s between samples", write)
+    joints = {}
+    for joint in mechanism.joints:
+        own = sorted((k, column) for column, (name, k, _) in enumerate(columns) if name == joint.name)
+        if own:
+            joints[joint.name] = np.stack([table[:, 1 + c] * columns[c][2] for _, c in own], axis=1)  # (sample, number)
+    return time, joints, gap
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Lines that are not empty, with their numbers."""
+    near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.csv"))) if path.parent.is_dir() else None
+    data = read_bytes(path, LARGEST_FILE, "a CSV file", near or "the name of a file that exists", "fewer samples")
+    try:
+        reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                yield reader.line_num, row
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise complaint(str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again") from None
+
+
+def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
+    known: dict[str, Column] = {}
+    for joint in mechanism.joints:
+        kind = KINDS[joint.kind]
+        units = LENGTHS if any(kind.translations) else ANGLES
+        for k, suffix in enumerate(("",) if kind.circle else kind.q):
+            if suffix.startswith(".q"):
+                known[joint.name + suffix] = (joint.name, k, 1.0)
+            else:
+                known |= {f"{joint.name}{suffix}_{unit}": (joint.name, k, UNITS[unit][unit]) for unit in units}
+    where = f"{path}: line 1"
+    if not header or header[0] != "time_s":
+        given = f"first column {header[0]!r}" if header else "an empty file"
+        raise complaint(where, given, "time_s, the time [s]", "time_s," + ",".join(list(known)[:3]))
+    for k, name in enumerate(header[1:], 2):
+        if name not in known:
+            near = nearest(name, known)
+            expected = "a coordinate with its unit: " + ", ".join(list(known)[:12])
+            raise complaint(f"{where}, column {k}", name, expected, near or "one of these")
+    columns = [known[name] for name in header[1:]]
+    places = [(joint, k) for joint, k, _ in columns]
+    for k, found in enumerate(places):
+        if found in places[:k]:
+            given = f"{header[k + 1]}: joint {found[0]} twice"
+            raise complaint(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
+    for name, (owner, k, _) in known.items():
+        if (owner, k) not in places and owner in {other for other, _ in places}:
+            given = f"some coordinates of joint {owner}"
+            raise complaint(where, given, "all its coordinates", f"a column {name}")
+    return columns

@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.bodies import SHAPES, check_station, far_end, read_inertia, read_payloads
+from flexinv.files import schema
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, find_urdf, read_urdf
-from flexinv.files.joints import depth_first, read_joint, read_placement
-from flexinv.files.overlay import overlaid
-from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
+from flexinv.files.joints import DRIVES, MOTORS, depth_first, drive, read_drive, read_joint, read_placement
+from flexinv.files.schema import SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.sections import CrossSection, read_section, section_along
 from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
-from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, expanded, with_retardation
-
-LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
+from flexinv.model.links import WORLD, Beam, Body, Inertia, Link, Placement
+from flexinv.model.mechanism import Joint, Mechanism, ModalDamping, expanded, with_retardation
+from flexinv.validation import nearest
 
 
 def load_mechanism(path: str | Path) -> Mechanism:
@@ -34,12 +33,11 @@ def load_mechanism(path: str | Path) -> Mechanism:
     file = toml_file(path, "mechanism.toml")
     top = Location(file)
     data, base = read_layers(file)
-    table = validate(MechanismTable, data, top)
+    table = validate(schema.MechanismTable, data, top)
     named = ("sections", "links", "joints", "closures", "springs", "forces")
     check_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {name: read_section(data, top.inner(f"sections.{name}")) for name, data in table.sections.items()}
-    home = Location(base)
-    mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, table.urdf, sections, home)
+    mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, sections, Location(base))
     try:
         mechanism = expanded(mechanism)  # by what drives add, joints and links
     except InputError as error:
@@ -81,7 +79,7 @@ def _laid(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _native(table: MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
+def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
     if table.overlay is not None:
         given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
         raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
@@ -92,7 +90,7 @@ def _native(table: MechanismTable, sections: Mapping[str, CrossSection], top: Lo
         ("joints", f'[joints.base] with kind, parent = "{WORLD}", child'),
     ):
         if not getattr(table, key):
-            raise top.wrong(key, "nothing", MechanismTable.model_fields[key].description or "", write)
+            raise top.wrong(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
     links = {name: _link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
     joints = [read_joint(data, top.inner(f"joints.{name}"), name) for name, data in table.joints.items()]
 
@@ -106,7 +104,7 @@ def _native(table: MechanismTable, sections: Mapping[str, CrossSection], top: Lo
     return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, pull)
 
 
-def _damped(mechanism: Mechanism, table: DampingTable | None, where: Location) -> Mechanism:
+def _damped(mechanism: Mechanism, table: schema.DampingTable | None, where: Location) -> Mechanism:
     """Return the mechanism with the damping of its file [s], [-]; a ratio stays data until a mesh is built."""
     if table is None:
         return mechanism
@@ -126,15 +124,14 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Loc
     if name == WORLD:
         advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
         raise where.wrong("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
-    kind = one_of(data, where, "kind", LINKS, '"rigid" or "beam"', "rigid") or "rigid"
-    table = validate(LINKS[kind], data, where)
-    if isinstance(table, BeamLinkTable):
-        section = section_along(table.section, sections, where)
-        bend = table.curvature_per_m
+    if one_of(data, where, "kind", ("rigid", "beam"), '"rigid" or "beam"', "rigid") == "beam":
+        made = validate(schema.BeamLinkTable, data, where)
+        section, bend = section_along(made.section, sections, where), made.curvature_per_m
         curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
-        root = read_placement(table.root, where.inner("root"))
-        beam = Beam(table.length_m, section, table.elements, table.order, curvature, root)
-        return Link(name, read_payloads(table.payload, True, name, where), beam)
+        root = read_placement(made.root, where.inner("root"))
+        beam = Beam(made.length_m, section, made.elements, made.order, curvature, root)
+        return Link(name, read_payloads(made.payload, True, name, where), beam)
+    table = validate(schema.RigidLinkTable, data, where)
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given, expected = "massless = true and a mass or an inertia", "one or the other"
         raise where.wrong("massless", given, expected, "massless = false, or no mass")
@@ -144,18 +141,121 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Loc
     return Link(name, (*own, *read_payloads(table.payload, False, name, where)), tip=tip)
 
 
-def _from_urdf(
-    table: MechanismTable, urdf: UrdfTable, sections: Mapping[str, CrossSection], top: Location
-) -> Mechanism:
+def _from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
+    urdf = table.urdf
+    assert urdf is not None
     for key in ("links", "joints"):
         if getattr(table, key):
             advice = f"[overlay.{key}.NAME] for what is laid over the URDF"
             raise top.inner(key).wrong("", f"[{key}] beside [urdf]", "one or the other", advice)
     path, packages = find_urdf(urdf, top.inner("urdf"))
-    gravity = table.gravity_m_per_s2 or STANDARD_GRAVITY
-    mechanism, warned = read_urdf(path, packages, urdf.base, gravity, urdf.lock)
+    mechanism, warned = read_urdf(path, packages, urdf.base, table.gravity_m_per_s2 or STANDARD_GRAVITY, urdf.lock)
     for subject, text in warned.items():
         if subject != "mimic" or urdf.mimic is None:
             advice = '; write mimic = "independent" in [urdf] if so meant, or lock them' if subject == "mimic" else ""
             warnings.warn(f"{path}: {text}{advice}", ModelWarning, stacklevel=4)
-    return mechanism if table.overlay is None else overlaid(mechanism, table.overlay, sections, top.inner("overlay"))
+    return mechanism if table.overlay is None else _overlaid(mechanism, table.overlay, sections, top.inner("overlay"))
+
+
+def _overlaid(
+    mechanism: Mechanism, table: schema.OverlayTable, sections: Mapping[str, CrossSection], top: Location
+) -> Mechanism:
+    """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams.
+
+    Undeformed it keeps its geometry: a joint on a link that became a beam is placed anew in the frame of the section that
+    carries it.
+    """
+    links, joints, notes = dict(mechanism.link_of), dict(mechanism.joint_of), list(mechanism.notes)
+    for kind, known, tables in (("link", links, table.links), ("joint", joints, table.joints)):
+        for name in tables:
+            if name not in known:
+                near = nearest(name, known)
+                write = f"[overlay.{kind}s.{near}]" if near else f"one of {', '.join(list(known)[:20])}"
+                raise top.inner(f"{kind}s.{name}").wrong("", f'a {kind} "{name}"', f"a {kind} of the URDF", write)
+    for name, data in table.links.items():
+        where, link = top.inner(f"links.{name}"), links[name]
+        laid = validate(schema.OverlayLinkTable, data, where)
+        if laid.beam is not None and laid.tip_m is not None:
+            given, expected = f"tip_m = {laid.tip_m} beside a beam", "no tip: a beam reports its end"
+            raise where.wrong("tip_m", given, expected, "the beam alone")
+        if laid.beam is not None:
+            link, changed, note = _flexible(link, joints, laid.beam, sections, where.inner("beam"))
+            joints.update(changed)
+            notes.append(note)
+        payload = read_payloads(laid.payload, laid.beam is not None, name, where)
+        tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
+        links[name] = replace(link, bodies=(*link.bodies, *payload), tip=tip)
+    driven = {name: _driven(joints[name], data, top.inner(f"joints.{name}")) for name, data in table.joints.items()}
+    moving = tuple((joints | driven).values())
+    return replace(mechanism, links=tuple(links.values()), joints=moving, notes=tuple(notes))
+
+
+def _driven(joint: Joint, data: Any, where: Location) -> Joint:
+    """Replace what the table states of the drive; the rest stays as the URDF has it."""
+    if joint.kind not in DRIVES:
+        expected = f"a joint with a drive; {joint.name} is {joint.kind}"
+        raise where.wrong("", f"an overlay of joint {joint.name}", expected, "remove the table")
+    if isinstance(data, dict) and "drive" in data:  # in place of the damping and dry friction that the URDF has
+        inner = where.inner("drive")
+        if joint.kind not in MOTORS:
+            expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
+            raise inner.wrong("", f"a drive of joint {joint.name}", expected, "remove the table")
+        motor = read_drive(validate(MOTORS[joint.kind], data["drive"], inner), inner)
+        joint = replace(joint, drive=motor, damping=0.0, friction=0.0)
+        data = {key: value for key, value in data.items() if key != "drive"}
+    table = validate(DRIVES[joint.kind], data, where)
+    stated = {key.split("_")[0] for key in table.model_fields_set}
+    changed = {name: value for name, value in drive(table, where).items() if name.split("_")[0] in stated}
+    return replace(joint, **changed)
+
+
+def _flexible(
+    link: Link, joints: Mapping[str, Joint], table: schema.OverlayBeamTable, sections: Mapping[str, CrossSection],
+    where: Location,
+) -> tuple[Link, dict[str, Joint], str]:  # fmt: skip
+    """The link as a beam from its root point straight to one of its joints, its joints placed on that beam, and a note."""
+    outward = {name: joint for name, joint in joints.items() if joint.parent == link.name}
+    if table.to_joint not in outward:
+        near = nearest(table.to_joint, outward) or next(iter(outward), None)
+        expected = f"a joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
+        write = f'to_joint = "{near}"' if near else "a beam for a link that carries a joint"
+        raise where.wrong("to_joint", f'to_joint = "{table.to_joint}"', expected, write)
+    start = np.array(table.root_xyz_m, dtype=np.float64)
+    along = outward[table.to_joint].placement.position - start
+    length = float(np.linalg.norm(along))
+    if length == 0.0:
+        expected = f"a root away from joint {table.to_joint}: a beam has a length > 0 [m]"
+        given = f"root_xyz_m = {start.tolist()}, where the joint is"
+        raise where.wrong("root_xyz_m", given, expected, "root_xyz_m = [0, 0, 0]")
+    x, y = along / length, np.array(table.y_axis, dtype=np.float64)
+    across = y - (y @ x) * x
+    size = float(np.linalg.norm(across))
+    # a direction within 1e-6 of the beam's would leave its part across to rounding
+    if size <= 1e-6 * float(np.linalg.norm(y)):
+        write = f"y_axis = {np.eye(3)[int(np.argmin(np.abs(x)))].tolist()}"
+        expected = f"a direction that is not along the beam, {np.round(x, 6).tolist()} [-]"
+        raise where.wrong("y_axis", f"y_axis = {y.tolist()}", expected, write)
+    root = Placement(start, np.column_stack([x, across / size, np.cross(x, across / size)]))
+    section = section_along(table.section, sections, where)
+    beam = Beam(length, section, table.elements, table.order, placement=root)
+    bodies = []
+    carried = link.bodies if table.own_inertia == "at_root" else ()
+    for body in carried:  # seen from there: c' = R^T (c - p), I' = R^T I R
+        com = root.rotation.T @ (body.inertia.com - start)
+        tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
+        bodies.append(replace(body, inertia=Inertia(body.inertia.mass, com, tensor), station=0.0))
+    density = section.mass_per_length
+    mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length
+    own = sum(body.inertia.mass for body in link.bodies)
+    kept = "replaced" if table.own_inertia == "replaced" else "kept as a rigid body at its root"
+    note = f"{link.name} is a beam of {length:.6g} m and {mass:.6g} kg; its URDF inertia ({own:.6g} kg) is {kept}"
+    placed = {name: _on_beam(j, root, length, name == table.to_joint) for name, j in outward.items()}
+    return Link(link.name, tuple(bodies), beam), placed, note
+
+
+def _on_beam(joint: Joint, root: Placement, length: float, at_tip: bool) -> Joint:
+    """The same place seen from the nearest cross-section (the tip's for the joint at which the beam ends)."""
+    offset = root.rotation.T @ (joint.placement.position - root.position)  # (along, y, z) [m]
+    station = 1.0 if at_tip else float(np.clip(offset[0] / length, 0.0, 1.0))
+    position = np.zeros(3) if at_tip else offset - np.array([station * length, 0.0, 0.0])
+    return replace(joint, station=station, placement=Placement(position, root.rotation.T @ joint.placement.rotation))

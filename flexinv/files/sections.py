@@ -123,7 +123,14 @@ def read_section(data: Any, where: Location) -> CrossSection:
 def _from_geometry(table: ShapeTable) -> CrossSection:
     """EA, k_y GA, k_z GA, G J, E I_y, E I_z; rho A; rho (I_y + I_z), rho I_y, rho I_z."""
     young, shear, poisson = _moduli(table)
-    area, torsion, second_y, second_z = _areas(table)
+    if isinstance(table, RectangleTable):  # A [m^2], J, I_y = int z^2 dA, I_z = int y^2 dA [m^4]
+        y, z = table.size_y_m, table.size_z_m
+        area, torsion, second_y, second_z = y * z, rectangle_torsion(y, z), y * z**3 / 12, z * y**3 / 12
+    else:
+        outer = table.diameter_m if isinstance(table, CircleTable) else table.outer_diameter_m
+        inner = 0.0 if isinstance(table, CircleTable) else table.outer_diameter_m - 2 * table.wall_m
+        second_y = second_z = np.pi * (outer**4 - inner**4) / 64
+        area, torsion = np.pi * (outer**2 - inner**2) / 4, 2 * second_y
     factors = table.shear_factor or shear_factors(table, poisson)
     rho = table.rho_kg_per_m3
     numbers = [
@@ -140,17 +147,6 @@ def _moduli(table: MaterialTable) -> tuple[float, float, float]:
         return table.E_Pa, table.G_Pa, table.E_Pa / (2 * table.G_Pa) - 1
     assert table.nu is not None
     return table.E_Pa, table.E_Pa / (2 * (1 + table.nu)), table.nu
-
-
-def _areas(table: ShapeTable) -> tuple[float, float, float, float]:
-    """A [m^2], J, I_y = int z^2 dA, I_z = int y^2 dA [m^4]."""
-    if isinstance(table, RectangleTable):
-        y, z = table.size_y_m, table.size_z_m
-        return y * z, rectangle_torsion(y, z), y * z**3 / 12, z * y**3 / 12
-    outer = table.diameter_m if isinstance(table, CircleTable) else table.outer_diameter_m
-    inner = 0.0 if isinstance(table, CircleTable) else table.outer_diameter_m - 2 * table.wall_m
-    second = np.pi * (outer**4 - inner**4) / 64
-    return np.pi * (outer**2 - inner**2) / 4, 2 * second, second, second
 
 
 def rectangle_torsion(a: float, b: float) -> float:
@@ -197,7 +193,13 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
     at = np.array([table.at for table in tables])
     if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or np.any(np.diff(at) <= 0)):
         raise where.wrong("section", f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice)
-    own = [_named(table.section, sections, where) for table in tables]
+    for name in (table.section for table in tables):
+        if name not in sections:
+            near = nearest(name, sections)
+            expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
+            write = f'section = "{near}"' if near else f"a table [sections.{name}]"
+            raise where.wrong("section", f'section = "{name}"', expected, write)
+    own = [sections[table.section] for table in tables]
     stations = [(float(at[0]), own[0])]  # with more between those of one shape, wherever linear would not be the taper
     for (start, first), (end, last) in pairwise(zip(at.tolist(), own, strict=True)):
         if first.table is not None and type(first.table) is type(last.table):
@@ -240,12 +242,3 @@ def _mixed(first: CrossSection, last: CrossSection, part: float) -> CrossSection
     if a.shear_factor or b.shear_factor:
         change["shear_factor"] = mean(*(one.shear_factor or shear_factors(one, _moduli(one)[2]) for one in (a, b)))
     return _from_geometry(a.model_copy(update=change))
-
-
-def _named(name: str, sections: Mapping[str, CrossSection], where: Location) -> CrossSection:
-    if name in sections:
-        return sections[name]
-    near = nearest(name, sections)
-    expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
-    advice = f'section = "{near}"' if near else f"a table [sections.{name}]"
-    raise where.wrong("section", f'section = "{name}"', expected, advice)

@@ -195,29 +195,25 @@ def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]
     name, inner = loc[-1], Location(top.file, (top.table + parts).removeprefix("."))
     owner, info = _field(model, [part for part in loc if isinstance(part, str)])
     if error["type"] == "extra_forbidden":
-        return _unknown(owner, name, error["input"], inner.key(name), loc)
+        known = list(owner.model_fields)
+        given = f"{name} = {toml_text(error['input'])}"
+        better = correction(name, error["input"], known)
+        if better:
+            right, number = better
+            info = owner.model_fields[right]
+            write = f"{right} = {toml_text(number)}" if number is not None else (info.examples or [right])[0]
+            expected = f"{right}, {info.description} (a key ends in its unit)"
+            return str(complaint(inner.key(name), given, expected, write)), ".".join(map(str, [*loc[:-1], right]))
+        near = arguments.nearest(name, known)
+        advice = f"{near} instead of {name}" if near else "one of these, or remove it"
+        fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
+        return str(complaint(inner.key(name), given, f"one of {', '.join(known)}", advice)), fixed
     expected, write = (info.description or "", info.examples[0]) if info and info.examples else (error["msg"], name)
     if error["type"] == "missing":
         return str(inner.wrong(name, "nothing", expected, write)), ""
     said = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     given = f"{name}{index} = {toml_text(error['input'])}  ({said[0].lower()}{said[1:]})"
     return str(inner.wrong(name, given, expected, write)), ""
-
-
-def _unknown(owner: type[Table], name: str, value: Any, where: str, loc: list[Any]) -> tuple[str, str]:
-    known = list(owner.model_fields)
-    given = f"{name} = {toml_text(value)}"
-    better = correction(name, value, known)
-    if better:
-        right, number = better
-        info = owner.model_fields[right]
-        write = f"{right} = {toml_text(number)}" if number is not None else (info.examples or [right])[0]
-        expected = f"{right}, {info.description} (a key ends in its unit)"
-        return str(complaint(where, given, expected, write)), ".".join(map(str, [*loc[:-1], right]))
-    near = arguments.nearest(name, known)
-    advice = f"{near} instead of {name}" if near else "one of these, or remove it"
-    fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
-    return str(complaint(where, given, f"one of {', '.join(known)}", advice)), fixed
 
 
 def _field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:

@@ -23,7 +23,7 @@ from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
-from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, Mechanism, Placement, check_expanded
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, check_expanded
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
@@ -34,8 +34,30 @@ _NO_JOINT = np.zeros(3), -1, -1, np.zeros((0, 3)), np.zeros((0, 3))
 SAME_STATION = 1e-9
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Nodes of the joints, sections and bodies of a mechanism, by name.
+
+    joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
+    section_nodes : beam link name -> node numbers along the beam, root first
+    section_stations : beam link name -> their fractions of the length [-]
+    body_node : (link name, body name) -> node at the body's centre of mass
+    """
+
+    mechanism: Mechanism
+    joint_node: dict[str, int]
+    tip_node: dict[str, int]
+    section_nodes: dict[str, NDArray[np.int64]]
+    section_stations: dict[str, Array]
+    body_node: dict[tuple[str, str], int]
+
+    def section_at(self, link: str, station: float) -> int:
+        """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
+        return int(self.section_nodes[link][np.argmin(np.abs(self.section_stations[link] - station))])
+
+
 @dataclass(frozen=True, eq=False)  # a mesh is itself only: what is known of it can be kept
-class Mesh:
+class Mesh(Places):
     """Nodes of a mechanism in tree order (parents first) and its beam elements.
 
     parent : (nodes,), -1 the world; kind : (nodes,) RIGID, REVOLUTE, ... of `joint_kinds`
@@ -46,14 +68,8 @@ class Mesh:
         frame: translation and rotation of the node for a unit of each of them [-], zero beyond (`joint_kinds`)
     mass : (nodes,) [kg]; inertia : (nodes, 3, 3) [kg m^2] about the node, in its frame
     link : (nodes,) index into mechanism.links
-    joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
-    root_node : link name -> node of a beam's root section
-    section_nodes : beam link name -> node numbers along the beam, root first
-    section_stations : beam link name -> their fractions of the length [-]
-    body_node : (link name, body name) -> node at the body's centre of mass
     """
 
-    mechanism: Mechanism
     parent: NDArray[np.int64]
     kind: NDArray[np.int64]
     offset: Array
@@ -67,12 +83,6 @@ class Mesh:
     mass: Array
     inertia: Array
     link: NDArray[np.int64]
-    joint_node: dict[str, int]
-    root_node: dict[str, int]
-    tip_node: dict[str, int]
-    section_nodes: dict[str, NDArray[np.int64]]
-    section_stations: dict[str, Array]
-    body_node: dict[tuple[str, str], int]
     elements: Elements
 
     @property
@@ -85,72 +95,40 @@ class Mesh:
         """Return the length that positions are scaled by [m]: the sum of all offsets, or a metre where there are none."""
         return float(np.abs(self.offset).sum()) or 1.0
 
-    def section_at(self, link: str, station: float) -> int:
-        """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
-        return int(self.section_nodes[link][np.argmin(np.abs(self.section_stations[link] - station))])
 
-
-@dataclass
-class _Builder:
+@dataclass(frozen=True, eq=False)
+class _Builder(Places):
     """Grows the node and element lists; becomes a Mesh at the end."""
 
-    mechanism: Mechanism
-    rows: list[tuple[int, int, Placement, int]] = field(default_factory=list)
-    moves: list[tuple[Array, int, int, Array, Array]] = field(default_factory=list)  # of each node as `_NO_JOINT`
+    rows: list[list[Any]] = field(default_factory=list)  # parent, kind, placement, link, and as `_NO_JOINT`
     mass: list[float] = field(default_factory=list)
     inertia: list[Array] = field(default_factory=list)
-    joint_node: dict[str, int] = field(default_factory=dict)
-    root_node: dict[str, int] = field(default_factory=dict)
-    tip_node: dict[str, int] = field(default_factory=dict)
-    section_nodes: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    stations: dict[str, Array] = field(default_factory=dict)
-    body_node: dict[tuple[str, str], int] = field(default_factory=dict)
     elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
 
     def node(self, parent: int, kind: int, placement: Placement, link: int) -> int:
-        self.rows.append((parent, kind, placement, link))
-        self.moves.append(_NO_JOINT)
+        self.rows.append([parent, kind, placement, link, *_NO_JOINT])
         self.mass.append(0.0)
         self.inertia.append(np.zeros((3, 3)))
         return len(self.rows) - 1
 
     def joint(self, joint: Joint, link: int) -> None:
-        node, placement, number = self.attachment(joint), joint.placement, KINDS[joint.kind].number
-        q = self.mechanism.q_slices[joint.name].start
-        v = self.mechanism.v_slices[joint.name].start
+        node, placement = attachment_node(self, Attachment(joint.parent, station=joint.station)), joint.placement
+        q, v = (slices[joint.name].start for slices in (self.mechanism.q_slices, self.mechanism.v_slices))
+        number, owner = KINDS[joint.kind].number, self.mechanism.links[link]
         for axis in joint.axes:
             node = self.node(node, number, placement, link)
-            self.moves[node] = (axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis))
+            self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis)
             placement, q, v = Placement(), q + CONFIGURATIONS[number], v + VELOCITIES[number]
         self.joint_node[joint.name] = node
-        self.link(self.mechanism.links[link], link, node)
-
-    def attachment(self, joint: Joint) -> int:
-        """Return the node that carries a joint: the world, a link frame, or a section of a beam."""
-        if joint.parent == WORLD:
-            return -1
-        if joint.station is None:
-            if joint.parent in self.tip_node:
-                return self.tip_node[joint.parent]
-            return self.joint_node[next(j.name for j in self.mechanism.joints if j.child == joint.parent)]
-        return self.section(joint.parent, joint.station)
-
-    def section(self, link: str, station: float) -> int:
-        return int(self.section_nodes[link][np.argmin(np.abs(self.stations[link] - station))])
-
-    def link(self, link: Link, index: int, node: int) -> None:
-        if link.beam is not None:
-            self.beam(link, link.beam, index, node)
-        for body in link.bodies:
-            carrier = node if body.station is None or link.beam is None else self.section(link.name, body.station)
-            self.body(body, index, carrier)
-
-    def body(self, body: Body, link: int, carrier: int) -> None:
-        inertia = body.inertia
-        at_centre = self.node(carrier, RIGID, Placement(inertia.com), link) if inertia.com.any() else carrier
-        self.body_node[(self.mechanism.links[link].name, body.name)] = at_centre
-        self.mass[at_centre] += inertia.mass
-        self.inertia[at_centre] = self.inertia[at_centre] + inertia.tensor
+        if owner.beam is not None:
+            self.beam(owner, owner.beam, link, node)
+        for body in owner.bodies:
+            at = node if body.station is None or owner.beam is None else self.section_at(owner.name, body.station)
+            if body.inertia.com.any():
+                at = self.node(at, RIGID, Placement(body.inertia.com), link)
+            self.body_node[(owner.name, body.name)] = at
+            self.mass[at] += body.inertia.mass
+            self.inertia[at] = self.inertia[at] + body.inertia.tensor
 
     def beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
         wanted = [j.station for j in self.mechanism.joints if j.parent == link.name and j.station is not None]
@@ -158,14 +136,11 @@ class _Builder:
         wanted += [
             end.station for end in self.mechanism.attachments if end.link == link.name and end.station is not None
         ]
-        bounds = _element_bounds(beam, wanted)
-        root = self.node(node, RIGID, beam.placement, index)
-        nodes, stations = [root], [0.0]
-        for start, end in pairwise(bounds):
+        nodes, stations = [self.node(node, RIGID, beam.placement, index)], [0.0]
+        for start, end in pairwise(_element_bounds(beam, wanted)):
             self.element(beam, index, start, end, nodes, stations)
-        self.root_node[link.name], self.tip_node[link.name] = root, nodes[-1]
-        self.section_nodes[link.name] = np.array(nodes)
-        self.stations[link.name] = np.array(stations)
+        self.tip_node[link.name], self.section_nodes[link.name] = nodes[-1], np.array(nodes)
+        self.section_stations[link.name] = np.array(stations)
 
     def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
         """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
@@ -215,13 +190,11 @@ def arc(beam: Beam, length: float) -> Placement:
 
 def _interpolate(beam: Beam, at: Array, *tables: Array) -> list[Array]:
     """Section tables at fractions ``at``, linear between the stations, constant beyond them."""
-    stations = beam.section.stations
-    out = []
-    for table in tables:
-        columns = table.reshape(len(stations), -1)
-        values = [np.interp(at, stations, column) for column in columns.T]
-        out.append(np.stack(values, axis=-1).reshape(len(at), *table.shape[1:]))
-    return out
+
+    def along(column: Array) -> Array:
+        return np.interp(at, beam.section.stations, column)
+
+    return [np.apply_along_axis(along, 0, table) for table in tables]
 
 
 def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
@@ -236,24 +209,20 @@ def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array
     return gamma, kappa
 
 
-def _pad(arrays: list[Array], fill: float = 0.0) -> Array:
-    """Stack arrays of unequal shape, filling up with ``fill``."""
-    shape = np.max([a.shape for a in arrays], axis=0).astype(int)
-    out = np.full((len(arrays), *shape), fill)
-    for k, a in enumerate(arrays):
-        where: tuple[int | slice, ...] = (k, *(slice(n) for n in a.shape))
-        out[where] = a
-    return out
-
-
 def _elements(rows: list[list[Array]]) -> Elements:
     if not rows:
         index, flat = np.empty(0, dtype=np.int64), np.empty((0, 0))
         vectors, sections = np.empty((0, 0, 3)), np.empty((0, 0, 6))
         of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    parts: list[Any] = [_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns)]
+    parts: list[Any] = []
+    for n, column in enumerate(zip(*rows, strict=True)):  # arrays of unequal shape, filled up: node numbers by -1
+        shape = np.max([a.shape for a in column], axis=0).astype(int)
+        part = np.full((len(rows), *shape), -1.0 if n == 1 else 0.0)
+        for k, a in enumerate(column):
+            where: tuple[int | slice, ...] = (k, *map(slice, a.shape))
+            part[where] = a
+        parts.append(part)
     for k in (0, 1, -1):
         parts[k] = parts[k].astype(np.int64)
     padded = Elements(*parts)
@@ -272,30 +241,29 @@ def build(mechanism: Mechanism) -> Mesh:
         from flexinv.linearized.natural_modes import damped  # its modes need a mesh
 
         return build(damped(mechanism))
-    builder = _Builder(mechanism)
+    builder = _Builder(mechanism, {}, {}, {}, {}, {})
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
-    parent, kind, placement, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 4
-    axis, q, v, moved, turned = zip(*builder.moves, strict=True) if builder.rows else ((),) * 5
+    columns = zip(*builder.rows, strict=True) if builder.rows else 9 * [()]
+    parent, kind, placement, link, axis, q, v, moved, turned = columns
     slide, turn = np.zeros((2, len(moved), 6, 3))
     for n, count in enumerate(map(len, moved)):
         slide[n, :count], turn[n, :count] = moved[n], turned[n]
     freedoms = [len(own) for own in moved]
     whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, freedoms, link)]
     return Mesh(
-        mechanism, whole[0], whole[1],
+        mechanism, builder.joint_node, builder.tip_node, builder.section_nodes, builder.section_stations, builder.body_node,
+        whole[0], whole[1],
         np.array([p.position for p in placement], dtype=float).reshape(-1, 3),
         np.array([p.rotation for p in placement], dtype=float).reshape(-1, 3, 3),
         np.array(axis, dtype=float).reshape(-1, 3), whole[2], whole[3], whole[4], slide, turn,
-        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[5],
-        builder.joint_node, builder.root_node, builder.tip_node, builder.section_nodes, builder.stations,
-        builder.body_node, _elements(builder.elements),
+        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[5], _elements(builder.elements),
     )  # fmt: skip
 
 
-def attachment_node(mesh: Mesh, at: Attachment) -> int:
+def attachment_node(mesh: Places, at: Attachment) -> int:
     """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
     if at.link == WORLD:
         return -1

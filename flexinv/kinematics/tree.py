@@ -18,21 +18,7 @@ from typing import NamedTuple
 
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import (
-    add,
-    add_scaled,
-    add_to,
-    apply,
-    cross,
-    mat,
-    mul,
-    put,
-    put_block,
-    sum3,
-    tapply,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, mat, mul, put, sum3, tapply, vec, vec_at
 from flexinv.typing import Array
 
 
@@ -95,7 +81,9 @@ def carry(n, m, frames, joints):
 @jit_inner
 def _put_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
     put(frames.x[n], 0, position)
-    put_block(frames.r[n], 0, 0, rotation)
+    put(frames.r[n, 0], 0, rotation[0])
+    put(frames.r[n, 1], 0, rotation[1])
+    put(frames.r[n, 2], 0, rotation[2])
     put(frames.v[n], 0, velocity)
     put(frames.w[n], 0, omega)
     put(frames.a[n], 0, acceleration)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
-from flexinv.kinematics.configuration_arrays import slides
+from flexinv.kinematics.nodal_motion import slides
 from flexinv.linearized.eigenvalues import SOFT, undamped
 from flexinv.linearized.natural_modes import allowed_motions, check_rates, chosen, nodal_shapes, tip_moves
 from flexinv.linearized.steady_modes import Steady, steady_motion

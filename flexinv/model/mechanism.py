@@ -26,13 +26,11 @@ from flexinv.typing import Array
 from flexinv.validation import whole
 
 __all__ = [
-    "CLOSURES", "COORDINATES", "COUPLED", "IMPACTS", "WORLD",
+    "CLOSURES", "COUPLED", "IMPACTS", "WORLD",
     "Array", "Attachment", "Beam", "Body", "Closure", "Drive", "Force", "Inertia", "Joint", "Limits", "Link", "Mechanism",
     "Placement", "Section", "Spring",
 ]  # fmt: skip
 
-# joint kind -> suffixes of the names of its configuration coordinates (q) and of its velocity coordinates (v).
-COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {name: (k.q, k.v) for name, k in KINDS.items()}
 # Names of what an elastic drive adds to a mechanism: the gear's output and the spring to the link.
 GEAR, SPRING = ".gear", ".spring"
 # Kinds of joint that a drive may move, and of the spring between motor and link there.

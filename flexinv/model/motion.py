@@ -16,15 +16,14 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from flexinv import validation as arguments
 from flexinv.errors import InputError
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.time_laws import SNAP, find_law
-from flexinv.model.track import Sampling, Track, check_sampling, joint_path, listed, parts, unit_quaternions
+from flexinv.model.track import SNAP, Sampling, Track, find_law, joint_path, listed, parts, unit_quaternions
 from flexinv.typing import Array, Triple
 
 Values = ArrayLike | Mapping[str, ArrayLike]
@@ -50,7 +49,7 @@ class Motion:
         start, end : (nq,) [rad], [m] in the order of the mechanism (a continuous joint as cos, sin or as one angle),
             or joint name -> value (number; 2 of a universal joint; quaternion x, y, z, w; position and quaternion)
         duration : of the move [s]; hold : rest after it [s]; delay : rest before it [s]
-        law : "cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
+        law : "cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.track``
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
@@ -92,7 +91,7 @@ class Motion:
         longest = None if max_gap is None else arguments.number("max_gap", max_gap, "the longest interval [s], or None")
         if longest is not None and not longest > 0.0:
             arguments.refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
-        check_sampling(sampling, longest)
+        sampling.check(longest)
         columns, values, widths = _table(q, names, sampling.time.size)
         track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
         return Motion((track,), track.move)
@@ -166,12 +165,7 @@ class Motion:
 LARGE = 100_000  # samples of a table that is not kept
 
 
-def motion_table(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
-    """Return the arrays of ``motion.evaluate`` at 0, step, 2 step ... [s], kept like those of `motion_at`."""
-    return motion_at(motion, mechanism, step * np.arange(samples, dtype=np.float64))
-
-
-def motion_at(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
+def motion_at(motion: Motion, mechanism: Mechanism, time: NDArray[np.floating]) -> Triple:
     """Return the arrays of ``motion.evaluate`` at some times (samples,) [s], not to be written into.
 
     Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.  Those of
@@ -179,7 +173,8 @@ def motion_at(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
     """
     if len(time) > LARGE or type(motion) is not Motion:
         return _evaluated(motion, mechanism, time)
-    return _kept(motion, _Layout.of(mechanism), np.asarray(time, dtype=np.float64).tobytes())
+    joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
+    return _kept(motion, _Layout(joints, bool(mechanism.closures), mechanism), np.asarray(time, dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -190,18 +185,13 @@ class _Layout:
     closed: bool
     mechanism: Mechanism = field(compare=False)
 
-    @classmethod
-    def of(cls, mechanism: Mechanism) -> _Layout:
-        joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
-        return cls(joints, bool(mechanism.closures), mechanism)
-
 
 @kept_with_owner(most=8)
-def _kept(motion: Motion, layout: _Layout, time: bytes) -> Triple:
-    return _evaluated(motion, layout.mechanism, np.frombuffer(time))
+def _kept(motion: Motion, layout: _Layout, time: Array) -> Triple:
+    return _evaluated(motion, layout.mechanism, time)
 
 
-def _evaluated(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
+def _evaluated(motion: Motion, mechanism: Mechanism, time: ArrayLike) -> Triple:
     found = motion.evaluate(mechanism, time)
     for part in found:
         part.flags.writeable = False
@@ -277,21 +267,17 @@ def start_coordinates(
                     f"{label}: joint {name!r} is not passive here (passive: {', '.join(sorted(passive)) or 'none'}); "
                     "only unactuated joints that the motion leaves out take a start"
                 )
-    places = {name: _start_place(mechanism.joint_of[name], value) for name, value in start.items()}
+    places = {}
+    for name, value in start.items():
+        kind = KINDS[mechanism.joint_of[name].kind]
+        place = _numbers("start", name, value, (1, 2) if kind.circle else (len(kind.q),))
+        if kind.circle and place.size == 1:
+            place = np.array([np.cos(place[0]), np.sin(place[0])])
+        if kind.has_quaternion:
+            place[-4:] = unit_quaternions(place[-4:], f"start: joint {name!r}")
+        places[name] = place
     rates = {name: _numbers("start_rate", name, value, (mechanism.joint_of[name].nv,)) for name, value in rate.items()}
     return places, rates
-
-
-def _start_place(joint: Joint, value: ArrayLike) -> Array:
-    """Coordinates (nq,) at which a passive joint starts; of a continuous joint an angle is enough."""
-    where = f"start: joint {joint.name!r}"
-    if KINDS[joint.kind].circle:
-        place = _numbers("start", joint.name, value, (1, 2))
-        return np.array([np.cos(place[0]), np.sin(place[0])]) if place.size == 1 else place
-    place = _numbers("start", joint.name, value, (joint.nq,))
-    if KINDS[joint.kind].has_quaternion:
-        place[-4:] = unit_quaternions(place[-4:], where)
-    return place
 
 
 def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:

@@ -22,9 +22,6 @@ class _Results(dict[str, dict[Any, Any]]):
     def __reduce__(self) -> tuple[Any, ...]:
         return _Results, ()
 
-    def __copy__(self) -> _Results:
-        return _Results()
-
 
 def kept_with_owner(
     most: int = 64, typed: bool = False

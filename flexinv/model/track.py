@@ -2,11 +2,25 @@
 
 A joint torque needs a continuous acceleration, an estimate of its rate a continuous jerk: the default is a quintic
 spline (four continuous derivatives); a cubic one has a continuous acceleration whose slope jumps at every sample.
+
+A law maps s = (t - start)/T in [0, 1] to (u, u', u''), derivatives with respect to s; a move of length D in T seconds
+then has the speed D u'/T and the acceleration D u''/T^2.  Source of the peaks in the table: the formulas themselves,
+see any text on cam design.
+
+| law       | u' peak | u'' peak | acceleration jumps at s |
+|-----------|---------|----------|-------------------------|
+| cycloid   | 2       | 2 pi     | none                    |
+| quintic   | 15/8    | 10/sqrt3 | none                    |
+| septic    | 35/16   | 84/(5 sqrt5) | none, nor of its next derivative |
+| nonic     | 315/128 | 9.372    | none, nor of its two next derivatives |
+| bang-bang | 2       | 4        | 0, 1/2, 1               |
+| trapezoid | 3/2     | 9/2      | 0, 1/3, 2/3, 1          |
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +30,98 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.time_laws import SNAP, find_law, progress
 from flexinv.typing import Array, Mask, Triple
-from flexinv.validation import nearest
+from flexinv.validation import nearest, shown
 
 GAP = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace
 UNIT_NORM = 1e-2  # components written with two decimals leave the norm this uncertain
 ABRUPT = 1e-3  # of the peak speed: a stop from less is lost among what any drive does in one sample
 QUARTER_TURN = np.cos(np.pi / 4)  # |<q_k, q_k+1>| of two rotations a quarter turn apart
+# Times k * step carry the rounding of a product; a sample this close to a jump is meant to be at the jump.
+# 1e-9 of the move is far above rounding (1e-16) and far below any step that resolves the move.
+SNAP = 1e-9
+
+
+@dataclass(frozen=True)
+class Law:
+    """One time law.
+
+    jumps : fractions of the move [-] where u'' jumps, rest before and after the move included
+    function : s (samples,) in [0, 1] -> u, u', u'' (samples,) each [-]; right-hand limits inside, u''(1) from the left
+    """
+
+    jumps: tuple[float, ...]
+    function: Callable[[Array], Triple]
+
+
+def _cycloid(s: Array) -> Triple:
+    turn = 2.0 * np.pi * s
+    return s - np.sin(turn) / (2.0 * np.pi), 1.0 - np.cos(turn), 2.0 * np.pi * np.sin(turn)
+
+
+def _smooth(power: int, peak: float, *series: float) -> Callable[[Array], Triple]:
+    """u' = peak (s (1 - s))^power: what is left of both ends is symmetric, so that u near 1 rounds as near 0.
+
+    series : what is completed at a distance p from the start, over p^(power + 1), by rising powers of p
+    """
+
+    def law(s: Array) -> Triple:
+        p, bell = np.minimum(s, 1.0 - s), s * (1.0 - s)
+        part = p ** (power + 1) * np.polynomial.polynomial.polyval(p, series)
+        slope = power * peak * bell ** (power - 1) * (1.0 - 2.0 * s)
+        return np.where(s < 0.5, part, 1.0 - part), peak * bell**power, slope
+
+    return law
+
+
+def _bang_bang(s: Array) -> Triple:
+    first = s < 0.5
+    u = np.where(first, 2.0 * s**2, 1.0 - 2.0 * (1.0 - s) ** 2)
+    return u, np.where(first, 4.0 * s, 4.0 * (1.0 - s)), np.where(first, 4.0, -4.0)
+
+
+def _trapezoid(s: Array) -> Triple:
+    thirds = [s < 1.0 / 3.0, s < 2.0 / 3.0]
+    u = np.select(thirds, [2.25 * s**2, 1.5 * s - 0.25], 1.0 - 2.25 * (1.0 - s) ** 2)
+    speed = np.select(thirds, [4.5 * s, np.full_like(s, 1.5)], 4.5 * (1.0 - s))
+    return u, speed, np.select(thirds, [np.full_like(s, 4.5), np.zeros_like(s)], -4.5)
+
+
+LAWS: dict[str, Law] = {
+    "cycloid": Law((), _cycloid),
+    "quintic": Law((), _smooth(2, 30.0, 10.0, -15.0, 6.0)),
+    "septic": Law((), _smooth(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
+    # for torques without corners of arms that bend
+    "nonic": Law((), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)),
+    "bang-bang": Law((0.0, 1.0 / 2.0, 1.0), _bang_bang),
+    "trapezoid": Law((0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
+}
+
+
+def find_law(name: str) -> Law:
+    """Return the law of that name; InputError names the laws [-] that exist."""
+    if not isinstance(name, str) or name not in LAWS:
+        known, like = ", ".join(LAWS), nearest(str(name), LAWS)
+        raise InputError(f"law = {shown(name)}: expected one of {known}" + (f"; write {like!r}" if like else ""))
+    return LAWS[name]
+
+
+def progress(law: Law, s: Array, left: Mask) -> Triple:
+    """Evaluate a law for any s: at rest before 0 and after 1, right-hand limits at its jumps.
+
+    s : (samples,) [-]; left : (samples,) True where the limit from the left is wanted instead
+    returns u, u', u'' : (samples,) each [-]
+    """
+    inside = np.where(s > SNAP, s, 0.0)
+    inside[s >= 1.0 - SNAP] = 1.0
+    for mark in law.jumps[1:-1]:
+        inside[np.abs(s - mark) <= SNAP] = mark
+    u, speed, acceleration = law.function(inside)
+    if law.jumps:  # u'' is constant between the jumps, so its limit from the left is its value a little earlier
+        before = law.function(np.clip(inside - SNAP, 0.0, 1.0))[2]
+        acceleration = np.where(left & np.isin(inside, law.jumps), before, acceleration)
+    moving = np.where(left, (s > SNAP) & (s <= 1.0 + SNAP), (s >= -SNAP) & (s < 1.0 - SNAP))
+    return u, np.where(moving, speed, 0.0), np.where(moving, acceleration, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,45 +137,39 @@ class Sampling:
     degree: int = 5
     rest: bool = False
 
+    @kept_with_owner()
     def spline(self, values: Array) -> scipy.interpolate.BSpline:
         """Return the interpolating spline of values (samples, columns) [any unit]; it is kept, as motions ask time by time."""
-        return _spline(self, np.asarray(values, dtype=np.float64).tobytes(), values.shape[1])
+        zero = np.zeros(values.shape[1])
+        at_rest = [(order, zero) for order in range(1, (self.degree + 1) // 2)]
+        ends = (at_rest, at_rest) if self.rest else None
+        return scipy.interpolate.make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
 
-
-@kept_with_owner()
-def _spline(sampling: Sampling, values: bytes, columns: int) -> scipy.interpolate.BSpline:
-    zero = np.zeros(columns)
-    at_rest = [(order, zero) for order in range(1, (sampling.degree + 1) // 2)]
-    ends = (at_rest, at_rest) if sampling.rest else None
-    rows = np.frombuffer(values).reshape(-1, columns)
-    return scipy.interpolate.make_interp_spline(sampling.time, rows, k=sampling.degree, bc_type=ends)
-
-
-def check_sampling(sampling: Sampling, max_gap: float | None) -> None:
-    """Raise InputError unless the times can carry a spline; max_gap [s], None for 10 times the median interval."""
-    time, degree = sampling.time, sampling.degree
-    if degree not in (3, 5):
-        raise InputError(f"degree = {degree}: expected 5 (smooth jerk) or 3 (continuous acceleration)")
-    if time.ndim != 1:
-        raise InputError(f"time: expected one finite number per sample [s], got an array of shape {time.shape}")
-    least = 2 if sampling.rest else degree + 1
-    if time.size < least:
-        raise InputError(f"{time.size} samples: a spline of degree {degree} needs at least {least}")
-    steps = np.diff(time)
-    if np.any(steps <= 0.0):
-        k = int(np.argmax(steps <= 0.0))
-        raise InputError(
-            f"time: sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s; "
-            "sort the samples and remove repeated ones"
-        )
-    if time[0] != 0.0:
-        raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
-    longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
-    if steps[longest] > allowed:
-        raise InputError(
-            f"time: a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s, "
-            f"more than {allowed:g} s; fill the gap, or write max_gap if the spline may cross it"
-        )
+    def check(self, max_gap: float | None) -> None:
+        """Raise InputError unless the times can carry a spline; max_gap [s], None for 10 times the median interval."""
+        time, degree = self.time, self.degree
+        if degree not in (3, 5):
+            raise InputError(f"degree = {degree}: expected 5 (smooth jerk) or 3 (continuous acceleration)")
+        if time.ndim != 1:
+            raise InputError(f"time: expected one finite number per sample [s], got an array of shape {time.shape}")
+        least = 2 if self.rest else degree + 1
+        if time.size < least:
+            raise InputError(f"{time.size} samples: a spline of degree {degree} needs at least {least}")
+        steps = np.diff(time)
+        if np.any(steps <= 0.0):
+            k = int(np.argmax(steps <= 0.0))
+            raise InputError(
+                f"time: sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s; "
+                "sort the samples and remove repeated ones"
+            )
+        if time[0] != 0.0:
+            raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
+        longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
+        if steps[longest] > allowed:
+            raise InputError(
+                f"time: a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s, "
+                f"more than {allowed:g} s; fill the gap, or write max_gap if the spline may cross it"
+            )
 
 
 def unit_quaternions(quaternions: Array, where: str) -> Array:
@@ -88,8 +180,7 @@ def unit_quaternions(quaternions: Array, where: str) -> Array:
         raise InputError(
             f"{where}: a quaternion of norm {norm[wrong][0]:g}; expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
         )
-    unit: Array = quaternions / norm
-    return unit
+    return np.asarray(quaternions / norm)
 
 
 def continuous_signs(quaternions: Array, where: str) -> Array:
@@ -103,8 +194,7 @@ def continuous_signs(quaternions: Array, where: str) -> Array:
             "a spline of rotations needs samples less than 90 deg apart"
         )
     signs = np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))
-    continued: Array = quaternions * signs[:, None]
-    return continued
+    return np.asarray(quaternions * signs[:, None])
 
 
 def _rest_outside(
@@ -126,8 +216,7 @@ def _rest_outside(
 
 def _vector_of_product(a: Array, b: Array) -> Array:
     """Vector part of conj(a) b for quaternions x, y, z, w: a_w b_v - b_w a_v - a_v x b_v."""
-    vector: Array = a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3])
-    return vector
+    return np.asarray(a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,8 +29,8 @@ from flexinv.analysis.task import Settings
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.inverse_dynamics import applied_forces
-from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import Horizon, Layout, Placed, TurnedTooMuch

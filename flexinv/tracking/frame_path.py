@@ -1,6 +1,6 @@
 """Paths: prescribed poses of a frame as exact functions of time, the task of an end effector.
 
-A path is a curve c(u) that a time law u(s) runs through (`time_laws`): x(t) = c(u(s)), s = t / duration.  With an orientation
+A path is a curve c(u) that a time law u(s) runs through (`model.track`): x(t) = c(u(s)), s = t / duration.  With an orientation
 the frame turns the shorter way from one to the other by the same law, R(t) = R_0 exp(u log(R_0^T R_1)).
 Before time 0 and after its end a path rests.
 """
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
-from flexinv.model.time_laws import LAWS, find_law, progress
+from flexinv.model.track import LAWS, find_law, progress
 from flexinv.typing import Array
 from flexinv.validation import floats, number, seconds, shown
 

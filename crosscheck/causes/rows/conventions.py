@@ -14,7 +14,7 @@ from crosscheck.causes.subject import Array, EffortChange, States, Subject
 from crosscheck.measures.record import effort_units
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
-from flexinv.model.time_laws import LAWS
+from flexinv.model.track import LAWS
 
 ALONE = "one joint moved at a time"
 MANY = 8  # coordinates up to which every pair is tried; beyond, neighbours only

@@ -21,7 +21,7 @@ from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
 from crosscheck.engines.shared.urdf_text import left_to_the_reader, urdf
 from flexinv.files.load_cases import Case
-from flexinv.model.mechanism import COORDINATES, Attachment, Closure, Joint, Mechanism
+from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
 
 Indices = NDArray[np.intp]
 
@@ -118,5 +118,4 @@ def _parts(joint: Joint, root: bool) -> list[tuple[str, int, int]]:
         return [("root_joint", 7, 6)]
     if joint.kind == "universal":
         return [(f"{joint.name}.{k}", 1, 1) for k in (1, 2)]
-    q, v = COORDINATES[joint.kind]
-    return [(joint.name, len(q), len(v))] if v else []
+    return [(joint.name, joint.nq, joint.nv)] if joint.nv else []

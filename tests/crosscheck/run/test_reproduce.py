@@ -34,7 +34,7 @@ from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.so3 import exp_so3
-from flexinv.kinematics.configuration_arrays import moved
+from flexinv.kinematics.nodal_motion import moved
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.model.motion import Motion
 

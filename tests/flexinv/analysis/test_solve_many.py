@@ -14,7 +14,7 @@ from planar_examples import CLOSED_CASES, PAPER_CASES
 import flexinv
 from flexinv.kernels.memory import shared_pieces, together
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism
-from flexinv.model.motion import motion_table
+from flexinv.model.motion import motion_at
 from flexinv.planar.solver import PlanarMarch, _left
 from flexinv.typing import Array
 
@@ -193,12 +193,11 @@ def test_a_table_that_is_kept_is_that_of_the_joints() -> None:
     angle, endless = (
         Mechanism(kind, (Link("link"),), (Joint("turn", kind, "world", "link"),)) for kind in ("revolute", "continuous")
     )
-    table = motion_table(motion, angle, 0.01, 51)
-    assert motion_table(motion, replace(angle, name="another"), 0.01, 51)[0] is table[0]
+    time = 0.01 * np.arange(51)
+    table = motion_at(motion, angle, time)
+    assert motion_at(motion, replace(angle, name="another"), time)[0] is table[0]
     for mechanism in (angle, endless):
-        for kept, found in zip(
-            motion_table(motion, mechanism, 0.01, 51), motion.evaluate(mechanism, 0.01 * np.arange(51)), strict=True
-        ):
+        for kept, found in zip(motion_at(motion, mechanism, time), motion.evaluate(mechanism, time), strict=True):
             np.testing.assert_array_equal(kept, found)
     with pytest.raises(ValueError, match="read-only"):
         table[0][0] = 1.0

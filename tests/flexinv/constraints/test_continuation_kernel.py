@@ -21,9 +21,8 @@ from flexinv.kernels.fronts import fronts_of
 from flexinv.kernels.jit import jit
 from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, set_entry
 from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
-from flexinv.kinematics.configuration_arrays import difference, moved
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import difference, moved, rigid_motion
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import CLOSURES, Attachment, Closure, Mechanism
 from flexinv.typing import Array

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.kinematics.configuration_arrays import difference, moved, nearest_difference
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import difference, moved, nearest_difference, rigid_motion
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, motion_subspace
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.planar.detection import NotPlanar, find_plane

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from flexinv.errors import InputError, ModelWarning
 from flexinv.model.mechanism import WORLD, Joint, Link, Mechanism
 from flexinv.model.motion import Motion
-from flexinv.model.time_laws import LAWS
+from flexinv.model.track import LAWS
 
 KINDS = ("free", "revolute", "continuous", "spherical", "universal", "prismatic")
 H = 1e-3  # [s], step of the differences below

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexinv.errors import InputError
-from flexinv.model.time_laws import LAWS, Law, find_law, progress
+from flexinv.model.track import LAWS, Law, find_law, progress
 
 ROUNDING = 4e-15  # a handful of operations on numbers up to 10
 # truncation h^6/140 times the 7th derivative of u', (2 pi)^7: 3e-15; rounding of u times the stencil's magnitudes
