@@ -29,33 +29,20 @@ if TYPE_CHECKING:
     from flexinv.tracking.follow import Following, follow
     from flexinv.tracking.frame_path import Path
 
-# Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
-# does not wait for the compiler.
+# Where each public name lives; it is imported when first used: who only reads a mechanism does not wait for the compiler.
 _NAMES = {
-    "analysis.controller": "Controller",
-    "analysis.motor_side": "motor_side",
-    "analysis.simulate": "simulate",
-    "analysis.solution": "Solution",
-    "analysis.solve": "solve",
-    "analysis.solve_in_parts": "solve_in_parts",
-    "analysis.solve_many": "Batch solve_many",
-    "analysis.statics": "Load statics",
+    "analysis.controller": "Controller", "analysis.motor_side": "motor_side", "analysis.simulate": "simulate",
+    "analysis.solution": "Solution", "analysis.solve": "solve", "analysis.solve_in_parts": "solve_in_parts",
+    "analysis.solve_many": "Batch solve_many", "analysis.statics": "Load statics",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
-    "files.from_urdf": "from_urdf",
-    "files.load_cases": "Case load_cases",
-    "files.load_mechanism": "load_mechanism",
-    "linearized.linear_model": "LinearModel linear_model",
-    "linearized.natural_modes": "Modes natural_modes",
-    "linearized.steady_modes": "SteadyModes steady_modes",
-    "model.mechanism": "Mechanism",
-    "model.motion": "Motion",
-    "rigid.joint_torques": "joint_torques",
-    "rigid.prepare": "TorqueFunction prepare",
+    "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
+    "linearized.linear_model": "LinearModel linear_model", "linearized.natural_modes": "Modes natural_modes",
+    "linearized.steady_modes": "SteadyModes steady_modes", "model.mechanism": "Mechanism", "model.motion": "Motion",
+    "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
-    "tracking.follow": "Following follow",
-    "tracking.frame_path": "Path",
-}
+    "tracking.follow": "Following follow", "tracking.frame_path": "Path",
+}  # fmt: skip
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [

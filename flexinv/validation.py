@@ -1,7 +1,6 @@
 """Validation of arguments: one InputError names the argument, what was given, what was expected, what to write.
 
-Arguments are checked once, where they come in; further conditions on numbers (positive, finite, increasing) are checked by the
-functions that use them.
+Arguments are checked once, where they come in; that numbers are positive, finite, increasing by the functions that use them.
 """
 
 from __future__ import annotations
@@ -21,14 +20,11 @@ from numpy.typing import NDArray
 from flexinv.errors import InputError
 
 T = TypeVar("T")
-LARGEST = int(np.iinfo(np.int64).max)
-FLOATS = np.dtype(np.float64)
+LARGEST, FLOATS = int(np.iinfo(np.int64).max), np.dtype(np.float64)
 _PLAIN = (int, float, complex, str, bytes, type(None), np.generic)
 # What arrays hold instead of real numbers, by NumPy's letters.
-_WRONG = {
-    "c": ("complex ones", "; write their .real if that is meant"),
-    "b": ("True and False", "; write 1.0 and 0.0 if that is meant"),
-}
+_WRONG = {"c": ("complex ones", "; write their .real if that is meant")}
+_WRONG["b"] = "True and False", "; write 1.0 and 0.0 if that is meant"
 # How what is asked for is made.
 _MADE = {
     "Mechanism": "flexinv.load_mechanism('models/ur5')",

@@ -53,32 +53,23 @@ def app() -> None:
 @MODEL
 @click.option("--case", "name", help="Which motion of cases.toml; may be left out where there is only one.")
 @click.option(
-    "--out",
-    type=FILE,
-    help="Write time, joint motion, torques, tips, deflections and error bars, units in the header, at the case's sample_s: "
-    ".csv, .parquet, .json or .npz.",
-)
+    "--out", type=FILE, help="Write time, joint motion, torques, tips, deflections and error bars, units in the header, at the "
+    "case's sample_s: .csv, .parquet, .json or .npz.",
+)  # fmt: skip
 @click.option("--plot", type=FILE, help="Draw the torques (.png, .svg or .pdf).")
 @OVERWRITE
 @click.option(
-    "--step",
-    type=float,
+    "--step", type=float,
     help="Time step [s] in place of the case's. The error falls with its square; --error says how large it is.",
-)
+)  # fmt: skip
 @ACCURACY
 @click.option(
     "--error", is_flag=True, help="Solve again on a finer mesh and step, and give error bars. Four times the steps."
 )
 def solve(
-    model: Path,
-    name: str | None,
-    out: Path | None,
-    plot: Path | None,
-    overwrite: bool,
-    step: float | None,
-    accuracy: float | None,
-    error: bool,
-) -> None:
+    model: Path, name: str | None, out: Path | None, plot: Path | None, overwrite: bool, step: float | None,
+    accuracy: float | None, error: bool,
+) -> None:  # fmt: skip
     """Compute the torque that every actuator must give so that the joints make the motion of a case.
 
     Rigid links follow exact kinematics; flexible links deform freely while the joints are driven as prescribed. The
@@ -105,8 +96,14 @@ def solve(
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
     show(table, digits=5, index=True, missing="-")
-    if any(joint.drive for joint in mechanism.joints):
-        show_motors(solution)
+    if any(joint.drive for joint in mechanism.joints):  # peak values of every motor, or why its motion does not follow
+        try:
+            found = motor_side(solution)
+            columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
+            rows = [(name, *(np.abs(a).max() for a in (m.rate, m.torque, m.current))) for name, m in found.items()]
+            show(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
+        except InputError as reason:
+            click.echo(f"motors: {_one_line(reason)}")
     if out is not None:
         write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
@@ -191,9 +188,8 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
     mechanism = read_model(model)
     full = torque_regressor(mechanism, *random_states(mechanism, samples), drives=drives)
     base = base_parameters(full)
-    click.echo(
-        f"{mechanism.name}: {len(base.columns)} base parameters of {len(full.names)}, {len(base.unseen)} without effect"
-    )
+    count, unseen = len(base.columns), len(base.unseen)
+    click.echo(f"{mechanism.name}: {count} base parameters of {len(full.names)}, {unseen} without effect")
     for column, value, expression in zip(base.columns, base.values, base.expressions, strict=True):
         click.echo(f"{value:12.6g} {full.units[column]:<10} {expression}")
 
@@ -212,9 +208,8 @@ def every(sample: float, step: float, size: float) -> int:
         return 1
     count = max(round(sample / size), 1)
     if abs(count * size - sample) > 1e-9 * sample:  # what decimals of a step leave
-        raise InputError(
-            f"--step {size:g}: sample_s = {sample:g} s of the case is no multiple of it; write {sample / count:g}"
-        )
+        no_multiple = f"sample_s = {sample:g} s of the case is no multiple of it"
+        raise InputError(f"--step {size:g}: {no_multiple}; write {sample / count:g}")
     return count
 
 
@@ -234,18 +229,6 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
         advice = f"write --case {like}" if like else f"write one of {', '.join(cases)}"
         raise InputError(f"--case {name}: {model} has no such case; {advice}")
     return cases[name]
-
-
-def show_motors(solution: Solution) -> None:
-    """Print a table of every motor's peak values [rad/s], [N m], [A], or the reason why its motion does not follow."""
-    try:
-        found = motor_side(solution)
-    except InputError as error:
-        click.echo(f"motors: {_one_line(error)}")
-        return
-    columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
-    rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
-    show(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
 
 
 def draw(solution: Solution, title: str) -> Figure:

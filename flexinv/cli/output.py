@@ -22,11 +22,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 MODEL = click.argument("model", type=click.Path(path_type=Path))
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
 ACCURACY = click.option(
-    "--accuracy",
-    type=float,
-    help="Largest error of every torque and tip in parts of its range, for example 1e-4, in place of a step: steps and mesh are "
-    "chosen for it, and error bars say what was reached.",
-)
+    "--accuracy", type=float, help="Largest error of every torque and tip in parts of its range, for example 1e-4, in place of a "
+    "step: steps and mesh are chosen for it, and error bars say what was reached.",
+)  # fmt: skip
 
 
 def read_model(model: Path) -> Mechanism:
@@ -75,8 +73,7 @@ def show(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, 
     click.echo(table.to_string(float_format=lambda x: f"{x:.{digits}g}", na_rep=missing, **rows))
 
 
-def _json(table: pd.DataFrame, out: Path) -> None:
-    """Column by column: a header and its numbers."""
+def _json(table: pd.DataFrame, out: Path) -> None:  # column by column: a header and its numbers
     columns = {str(name): values.tolist() for name, values in table.reset_index().items()}
     out.write_text(json.dumps(columns), encoding="utf-8")
 
@@ -87,8 +84,6 @@ def _npz(table: pd.DataFrame, out: Path) -> None:
 
 
 WRITERS: dict[str, Callable[[pd.DataFrame, Path], None]] = {
-    ".csv": lambda table, out: table.to_csv(out),
-    ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
-    ".json": _json,
-    ".npz": _npz,
-}
+    ".csv": pd.DataFrame.to_csv, ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
+    ".json": _json, ".npz": _npz,
+}  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -17,20 +16,15 @@ from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
-if TYPE_CHECKING:
-    from flexinv.tracking.task_file import Task
-
 TIME = "time [s]"
 
 
 @click.command("simulate", short_help="Compute the motion that torques give.")
 @MODEL
 @click.option(
-    "--torque",
-    type=FILE,
-    help="CSV file with the column 'time [s]' and one for every drive, such as 'torque hub [N m]' or 'force slide [N]': what "
-    "flexinv solve --out writes. Between its rows torques are linear.",
-)
+    "--torque", type=FILE, help="CSV file with the column 'time [s]' and one for every drive, such as 'torque hub [N m]' or "
+    "'force slide [N]': what flexinv solve --out writes. Between its rows torques are linear.",
+)  # fmt: skip
 @click.option("--duration", type=float, help="How long it moves [s] where no joint has a drive.")
 @click.option("--step", type=float, help="Time step [s].")
 @ACCURACY
@@ -42,17 +36,9 @@ TIME = "time [s]"
 @click.option("--out", type=FILE, help="Write joint motion and tips over time.")
 @OVERWRITE
 def simulate_file(
-    model: Path,
-    torque: Path | None,
-    duration: float | None,
-    step: float | None,
-    accuracy: float | None,
-    start: tuple[str, ...],
-    rate: tuple[str, ...],
-    static: bool,
-    out: Path | None,
-    overwrite: bool,
-) -> None:
+    model: Path, torque: Path | None, duration: float | None, step: float | None, accuracy: float | None,
+    start: tuple[str, ...], rate: tuple[str, ...], static: bool, out: Path | None, overwrite: bool,
+) -> None:  # fmt: skip
     """Compute how a mechanism moves when its drives give the torques of a file, all joints free.
 
     The table shows where every joint ends, its largest speed, and how much energy the steps lose or make.
@@ -65,11 +51,9 @@ def simulate_file(
     moving = by_joint("--rate", rate, _numbers, "a joint and its numbers, for example --rate hub=0.5")
     solution = simulate(mechanism, time, efforts, step, initial=initial, start=at, start_rate=moving, accuracy=accuracy)
     frame = solution.frame()
-    places = [name for name in frame if name.startswith("position")]
-    rates = [name for name in frame if name.startswith("rate")]
     click.echo(f"{mechanism.name}, {len(time)} rows of torques, {time[-1] - time[0]:g} s")
-    show(frame.iloc[-1][places])
-    show(frame[rates].abs().max())
+    show(frame.iloc[-1][[name for name in frame if name.startswith("position")]])
+    show(frame[[name for name in frame if name.startswith("rate")]].abs().max())
     click.echo(f"energy lost or made by the steps: {solution.energy_error:.3g} J of {solution.energy_exchanged:.3g} J")
     if out is not None:
         write(solution.whole_frame(), out)
@@ -102,11 +86,9 @@ def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) ->
 @MODEL
 @click.option("--task", "name", help="Which task of cases.toml; may be left out where there is only one.")
 @click.option(
-    "--out",
-    type=FILE,
-    help="Write time, joint motion, torques, tips and deflections of stable inversion, units in the header: .csv, .parquet, "
-    ".json or .npz.",
-)
+    "--out", type=FILE, help="Write time, joint motion, torques, tips and deflections of stable inversion, units in the header: "
+    ".csv, .parquet, .json or .npz.",
+)  # fmt: skip
 @OVERWRITE
 @click.option("--step", type=float, help="Spacing of the instants [s] in place of the task's.")
 @ACCURACY
@@ -123,30 +105,23 @@ def follow_task(
 
     check_outputs(out, overwrite)
     mechanism = load_mechanism(model)
-    task = _chosen(load_tasks(model, mechanism), name, model)
+    tasks = load_tasks(model, mechanism)
+    if (name is None and len(tasks) != 1) or (name is not None and name not in tasks):
+        known = ", ".join(tasks) or "none: write a table [tasks.NAME] in its cases.toml"
+        raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
+    task = next(iter(tasks.values())) if name is None else tasks[name]
     size = task.step if step is None and accuracy is None else step
     subject = task.meshed(mechanism), task.path, task.frame
     found = follow(*subject, size, task.before, task.after, task.start, accuracy=accuracy)
     click.echo(f"{mechanism.name}, task {task.name}: {task.title}" if task.title else f"{mechanism.name}, {task.name}")
-    click.echo(
-        f"{found.path.text} of {found.path.length:.4g} m in {found.path.duration:g} s, from {found.time[0]:.4g} s on"
-    )
+    way = found.path
+    click.echo(f"{way.text} of {way.length:.4g} m in {way.duration:g} s, from {found.time[0]:.4g} s on")
     rows, units = {}, dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
-    for way, solution in found.feed_forwards.items():
-        off = found.distance(found.replay(way))
+    for kind, solution in found.feed_forwards.items():
+        off = found.distance(found.replay(kind))
         peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)
-        rows[way] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / found.path.length} | {
-            f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks
-        }
+        rows[kind] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / way.length}
+        rows[kind] |= {f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks}
     show(pd.DataFrame(rows).T, digits=4, index=True)
     if out is not None:
         write(found.solution.whole_frame(), out)
-
-
-def _chosen(tasks: dict[str, Task], name: str | None, model: Path) -> Task:
-    if name is None and len(tasks) == 1:
-        return next(iter(tasks.values()))
-    if name is None or name not in tasks:
-        known = ", ".join(tasks) or "none: write a table [tasks.NAME] in its cases.toml"
-        raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
-    return tasks[name]

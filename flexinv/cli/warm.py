@@ -19,6 +19,8 @@ from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kernels import code_cache
+from flexinv.kernels.shipped_code import write_shipped
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import Mechanism
@@ -30,16 +32,14 @@ LEVEL = "NUMBA_CPU_NAME"
 
 @click.command("warm", short_help="Compile the kernels now, not with the first torque.")
 @click.option(
-    "--models",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    "--models", type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder of the mechanisms that are computed for it.  [default: those of the checkout or of the installation]",
-)
+)  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count() or 1, show_default=True, help="Processes.")
 @click.option(
-    "--ship",
-    type=click.Path(file_okay=False, path_type=Path),
+    "--ship", type=click.Path(file_okay=False, path_type=Path),
     help=f"Write the machine code into this folder, for a wheel.  Set {LEVEL} to the level of processor that it is for.",
-)
+)  # fmt: skip
 def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     """Compile the kernels beforehand, so that the first torque does not wait for them.
 
@@ -62,28 +62,18 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
             failed = [f"{waiting[one]}: {error}" for one in done if (error := one.exception()) is not None]
     if failed:
         raise InputError("; ".join(failed))
-    if ship is not None:
-        click.echo(f"{ship}: {_write(ship)} kernels")
-
-
-def _write(folder: Path) -> int:
-    """Write what was kept of all kernels that Python calls, and return how many there are."""
-    from flexinv.kernels.code_cache import FOLDER, KERNELS, sources
-    from flexinv.kernels.shipped_code import write_shipped
-
-    for module in sources(FOLDER):
-        import_module(f"flexinv.{module}")
-    return write_shipped(folder, KERNELS)
+    if ship is not None:  # what was kept of all kernels that Python calls
+        for module in code_cache.sources(code_cache.FOLDER):
+            import_module(f"flexinv.{module}")
+        click.echo(f"{ship}: {write_shipped(ship, code_cache.KERNELS)} kernels")
 
 
 def _first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:
-    """Mechanism of a model and its first case."""
     mechanism = load_mechanism(folder / model)
     return mechanism, next(iter(load_cases(folder / model, mechanism).values()))
 
 
 def _solve(folder: Path, model: str, error: bool = False) -> tuple[Mechanism, Case, Solution]:
-    """Mechanism, its first case and the solution of it."""
     mechanism, case = _first_case(folder, model)
     found = solve(mechanism, case.motion, step=case.step, start=case.start, initial=case.initial, error=error)
     return mechanism, case, found

@@ -72,13 +72,11 @@ ANGLES = {
     "deg": Way(Pair, "two angles", "deg", _radians, "at which it rests", (ZEROS, "[30, 20]", ZEROS, "[10, -5]")),
     "rad": Way(Pair, "two angles", "rad", plain, "at which it rests", (ZEROS, "[0.5, 0.2]", ZEROS, "[0.2, -0.1]")),
 }
-NEUTRAL, LEVEL, ABOVE = "[0, 0, 0, 1]", "[0, 0, 0]", "[0, 0, 1]"
+NEUTRAL, LEVEL, QUARTER, ABOVE = "[0, 0, 0, 1]", "[0, 0, 0]", "[0, 0, 90]", "[0, 0, 1]"
 TURNED = NEUTRAL, "[0, 0, 0.6, 0.8]", NEUTRAL, NEUTRAL
 TURN = {
     "quaternion": Way(Quaternion, "x, y, z, w", "-", plain, "where it rests", TURNED),
-    "rpy_deg": Way(
-        Vector, "roll, pitch, yaw", "deg", _quaternion, "where it rests", (LEVEL, "[0, 0, 90]", LEVEL, "[0, 0, 90]")
-    ),
+    "rpy_deg": Way(Vector, "roll, pitch, yaw", "deg", _quaternion, "where it rests", (LEVEL, QUARTER, LEVEL, QUARTER)),
 }
 POINT = {"xyz_m": Way(Vector, "the position", "m", plain, "where it rests", (ABOVE, "[0, 0, 0.9]", ABOVE, ABOVE))}
 # Units of the velocity coordinates of a kind of joint -> name of its tables, what it is, what starts, the parts of its
@@ -127,16 +125,16 @@ for _units, (_name, _joint, _what, _parts, _move, _start) in JOINTS.items():
 class MotionTable(Table):
     """A move from point to point by a law, joint by joint, or samples from a CSV file."""
 
-    law: Literal[Law, "sampled"] = key(f'{LAWS}, or "sampled" with csv', '"cycloid"', default="cycloid")
+    law: Literal[Law, "sampled"] = key(f'{LAWS}, or "sampled" with csv', '"cycloid"', "cycloid")
     duration_s: Positive | None = optional("how long the move takes, > 0 [s]", "1.0")
-    hold_s: NotNegative = key("rest after the move, >= 0 [s]", "0.5", default=0.0)
-    delay_s: NotNegative = key("rest before the move, >= 0 [s]", "0.1", default=0.0)
-    joints: dict[str, Any] = key("a table per joint", "joints.elbow = { from_deg = 0, to_deg = 90 }", default={})
+    hold_s: NotNegative = key("rest after the move, >= 0 [s]", "0.5", 0.0)
+    delay_s: NotNegative = key("rest before the move, >= 0 [s]", "0.1", 0.0)
+    joints: dict[str, Any] = key("a table per joint", "joints.elbow = { from_deg = 0, to_deg = 90 }", {})
     others: Literal["at_zero"] | None = optional(
         '"at_zero" to hold the joints that are not listed at zero', '"at_zero"'
     )
     csv: Text | None = optional("a CSV file beside this one, column time_s first", '"swing.csv"')
-    rest: bool = key("true when the samples start and end at rest", "true", default=False)
+    rest: bool = key("true when the samples start and end at rest", "true", False)
     largest_gap_s: Positive | None = optional(
         "the longest interval that the spline may cross [s]; three times the median one when absent", "0.1"
     )
@@ -147,14 +145,14 @@ class LimitTable(Table):
 
     quantity: Quantity = key(f"one of {', '.join(QUANTITIES)}", '"torque"')
     engines: Annotated[list[Name], Field(min_length=1)] = key("names or patterns of engines", '["exudyn*"]')
-    reference: Name = key("the engine that is compared with", '"flexinv"', default="flexinv")
+    reference: Name = key("the engine that is compared with", '"flexinv"', "flexinv")
     maximum: Annotated[Positive, Field(le=1)] = key(
         "the largest difference as a fraction of the range, 0..1 [-]", "1e-3"
     )
     reason: Text = key("why this limit is right, a text", '"both round off: 1e-16 times the number of links"')
-    source: Text = key("where the reason comes from, a text", '"convergence study in ..."', default="")
+    source: Text = key("where the reason comes from, a text", '"convergence study in ..."', "")
     versions: Annotated[str, Field(pattern=VERSIONS)] = key(
-        "versions of the engine for which it holds, all by default", '">=1.13, <1.14"', default=""
+        "versions of the engine for which it holds, all by default", '">=1.13, <1.14"', ""
     )
     expires: datetime.date | None = optional("the day after which the limit must be looked at again", "2027-01-31")
 
@@ -169,9 +167,9 @@ class MeshTable(Table):
 class CaseTable(Table):
     """One case."""
 
-    title: Text = key("one line that says what it is", '"180 degrees in 0.2 s"', default="")
-    source: Text = key("where the case comes from, a text", '"Isobe et al., example 3"', default="")
-    notes: list[Text] = key("a list of texts that a reader of results must know", '["..."]', default=[])
+    title: Text = key("one line that says what it is", '"180 degrees in 0.2 s"', "")
+    source: Text = key("where the case comes from, a text", '"Isobe et al., example 3"', "")
+    notes: list[Text] = key("a list of texts that a reader of results must know", '["..."]', [])
     step_s: Positive = key("the time step, > 0 [s]", "5e-4")
     accuracy: Annotated[Number, Field(ge=1e-9, le=0.1)] | None = optional(
         "largest error of every torque and tip in parts of its range, 1e-9..0.1 [-]: flexinv solve chooses steps and mesh for it "
@@ -180,9 +178,9 @@ class CaseTable(Table):
     )
     end_s: Positive | None = optional("when the case ends [s]; with the motion when absent", "0.5")
     sample_s: Positive | None = optional("the spacing of results [s]; the step when absent", "1e-3")
-    spectral_radius: Fraction = key("of the time integration at infinite frequency, 0..1 [-]", "0.8", default=0.8)
+    spectral_radius: Fraction = key("of the time integration at infinite frequency, 0..1 [-]", "0.8", 0.8)
     initial: Literal["consistent", "static"] = key(
-        '"consistent" (undeformed) or "static" (equilibrium under gravity first)', '"static"', default="consistent"
+        '"consistent" (undeformed) or "static" (equilibrium under gravity first)', '"static"', "consistent"
     )
     mesh: MeshTable | None = optional(
         "flexinv's mesh in this case, where the mechanism's own is too coarse for it", "{ elements = 2, order = 8 }"
@@ -190,26 +188,26 @@ class CaseTable(Table):
     start: dict[str, Any] = key(
         "a table per joint that the motion leaves out: where it starts, in a loop the guess that picks the branch",
         "start.rocker = { deg = 100 }",
-        default={},
+        {},
     )
     measured: Text | None = optional(
         "a CSV file beside this one with what was measured on a machine that did this", '"measured.csv"'
     )
     quantities: Annotated[list[Quantity], Field(min_length=1)] = key(
-        f"which of {', '.join(QUANTITIES)} are compared", '["torque", "tip"]', default=["torque"]
+        f"which of {', '.join(QUANTITIES)} are compared", '["torque", "tip"]', ["torque"]
     )
-    limits: list[LimitTable] = key("tables [[cases.NAME.limits]]", "[[cases.NAME.limits]]", default=[])
+    limits: list[LimitTable] = key("tables [[cases.NAME.limits]]", "[[cases.NAME.limits]]", [])
     motion: MotionTable = key("a table [cases.NAME.motion]", "[cases.NAME.motion]")
 
 
 class CasesTable(Table):
     """The whole file."""
 
-    format: Format = key("the version of the file's format, 1 when absent", "1", default=1)
+    format: Format = key("the version of the file's format, 1 when absent", "1", 1)
     source: Text = key("where the cases come from, a text", '"Isobe et al., example 3"')
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
-    tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})
-    limits: list[LimitTable] = key("tables [[limits]] that hold for every case of the file", "[[limits]]", default=[])
+    tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", {})
+    limits: list[LimitTable] = key("tables [[limits]] that hold for every case of the file", "[[limits]]", [])
 
 
 def read_cases(path: str | Path) -> tuple[Path, CasesTable]:

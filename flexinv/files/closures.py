@@ -55,19 +55,13 @@ class ClosureTable(PairTable):
 
     kind: str = key(f"one of {KINDS}", '"revolute"')
     active_s: list[Pair] = key(
-        "intervals [start, end] in which it acts, one after the other [s]; always when absent",
-        "[[0.0, 0.5]]",
-        default=[],
+        "intervals [start, end] in which it acts, one after the other [s]; always when absent", "[[0.0, 0.5]]", []
     )
     capture: bool = key(
-        "true ties the frames where they stand when it begins to act, false asks that they have met",
-        "true",
-        default=False,
+        "true ties the frames where they stand when it begins to act, false asks that they have met", "true", False
     )
     impact: str = key(
-        f"what it does to frames that move against each other when it begins to act: {IMPACT}",
-        '"plastic"',
-        default="error",
+        f"what it does to frames that move against each other when it begins to act: {IMPACT}", '"plastic"', "error"
     )
 
 
@@ -92,22 +86,22 @@ class CouplingTable(Table):
         "joint = factor, whose products with the joints' coordinates [rad], [m] add up to offset [-]",
         "{ motor = 1, wheel = -5 }",
     )
-    offset: Number = key("what the products add up to [rad], [m]", "0.1", default=0.0)
+    offset: Number = key("what the products add up to [rad], [m]", "0.1", 0.0)
     source: Text = SOURCE
 
 
 class SpringTable(PairTable):
     """A spring and damper along the line between two points."""
 
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", default=0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", 0.0)
 
 
 class LinearSpringTable(SpringTable):
     """A linear spring."""
 
-    law: Literal["linear"] = key(LAW, '"gas"', default="linear")
+    law: Literal["linear"] = key(LAW, '"gas"', "linear")
     stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "4530")
-    rest_m: NotNegative = key("the length without force, >= 0 [m]", "0.08", default=0.0)
+    rest_m: NotNegative = key("the length without force, >= 0 [m]", "0.08", 0.0)
 
 
 class GasSpringTable(SpringTable):
@@ -119,7 +113,7 @@ class GasSpringTable(SpringTable):
     travel_m: Number = key(
         "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]", "0.57"
     )
-    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "1.2", default=1.0)
+    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "1.2", 1.0)
 
 
 class TableSpringTable(SpringTable):
@@ -139,16 +133,13 @@ class ForceTable(Table):
     time_s: list[Number] | None = optional(
         "the times of the rows, increasing [s]; absent for constant ones", "[0.0, 0.5]"
     )
-    follower: bool = key("true for axes that move with the link, false for world axes", "true", default=False)
+    follower: bool = key("true for axes that move with the link, false for world axes", "true", False)
     source: Text = SOURCE
 
 
 SPRINGS: dict[str, type[SpringTable]] = {"linear": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable}
-TABLES: dict[str, type[ClosureTable]] = {
-    **dict.fromkeys(CLOSURES, AxisClosureTable),
-    **dict.fromkeys(("fixed", "spherical"), ClosureTable),
-    "universal": UniversalClosureTable,
-}
+TABLES: dict[str, type[ClosureTable]] = dict.fromkeys(CLOSURES, AxisClosureTable)
+TABLES |= {"fixed": ClosureTable, "spherical": ClosureTable, "universal": UniversalClosureTable}
 
 
 def read_closure(
@@ -162,13 +153,11 @@ def read_closure(
     if kind == "coupling":
         return _coupling(validate(CouplingTable, data, where), taken, where, name)
     table = validate(TABLES[kind or "revolute"], data, where)
-    first, second = _pair(table, links, where)
-    axes = read_axes(table, where)
+    (first, second), axes = _pair(table, links, where), read_axes(table, where)
     times = [time for interval in table.active_s for time in interval]
     if any(b <= a for a, b in pairwise(times)):
-        given = f"active_s = {toml_text(table.active_s)}"
-        expected = "intervals [start, end] with start < end, one after the other [s]"
-        raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
+        given, expected = toml_text(table.active_s), "intervals [start, end] with start < end, one after the other [s]"
+        raise where.wrong("active_s", f"active_s = {given}", expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     if table.impact not in IMPACTS:
         write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
         raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)

@@ -34,22 +34,18 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], as Pinocchio
 
 
 def from_urdf(
-    path: str | Path,
-    packages: Sequence[str | Path] = (),
-    base: str = "fixed",
-    gravity: Sequence[float] = STANDARD_GRAVITY,
-    lock: Sequence[str] = (),
-) -> Mechanism:
+    path: str | Path, packages: Sequence[str | Path] = (), base: str = "fixed",
+    gravity: Sequence[float] = STANDARD_GRAVITY, lock: Sequence[str] = (),
+) -> Mechanism:  # fmt: skip
     """Read a URDF into a mechanism whose coordinates stand in Pinocchio's order.
 
     path : the file; packages : folders for its ``package://`` paths (geometry is not read; engines may need them)
     base : "fixed" hangs the root link on the world, "free" gives it six freedoms without a drive
     gravity : (3,) [m/s^2]; lock : names of joints that are held at zero, that is made fixed
-    Lengths [m], angles [rad], masses [kg], inertias [kg m^2] as in the file.  Children of a link come in
-    alphabetical order of their joints (urdfdom keeps joints in a sorted map).  Joints that mimic others are
-    coordinates of their own, as in ``pinocchio.buildModelFromUrdf``: ModelWarning and a note.
-    An inertia that no body can have is kept, with ModelWarning and a note: files of real robots have them, and the
-    torque of a rigid robot is defined with them.  Raises InputError.
+    Lengths [m], angles [rad], masses [kg], inertias [kg m^2] as in the file.  Children of a link come in alphabetical order of
+    their joints (urdfdom keeps joints in a sorted map).  Joints that mimic others are coordinates of their own, as in
+    ``pinocchio.buildModelFromUrdf``, and an inertia that no body can have is kept (files of real robots have them, and the torque
+    of a rigid robot is defined with them): each with ModelWarning and a note.  Raises InputError.
     """
     file = Path(path_of("path", path, "a URDF file"))
     names("lock", lock, "joints")
@@ -80,7 +76,14 @@ def read_urdf(
         advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
         raise complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
     stated = _named(robot, "joint", path, _joint)
-    joints = _locked([stated[name] for name in sorted(stated)], lock, path)
+    known = [name for name in sorted(stated) if stated[name].nv]
+    for name in lock:  # such joints become fixed where they are at zero
+        if name not in known:
+            near = nearest(name, known) or (known[0] if known else "no joint")
+            raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
+        j = stated[name]
+        stated[name] = Joint(name, "fixed", j.parent, j.child, j.placement, actuated=False)
+    joints = [stated[name] for name in sorted(stated)]
 
     def where(kind: str, name: str, key: str) -> str:
         return f'{path}: <{kind} name="{name}">' + (f", {key}" if key else "")
@@ -128,16 +131,10 @@ def robots_folder() -> Path:
 def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]]:
     """Return the URDF and the folders for its ``package://`` paths [-].
 
-    With a package: inside its robots.  Without: beside the mechanism file, and never outside the models folder
-    (the one that holds the mechanism's folder).
+    With a package inside its robots, else beside the mechanism file, never outside the folder that holds the mechanism's folder.
     """
-    if table.package is not None:
-        start = limit = robots_folder()
-        packages: tuple[Path, ...] = (start, start.parent.parent)
-    else:
-        start = where.file.resolve().parent
-        limit = start.parent
-        packages = (start,)
+    start = where.file.resolve().parent if table.package is None else robots_folder()
+    limit, packages = (start.parent, (start,)) if table.package is None else (start, (start, start.parent.parent))
     path = (start / table.path).resolve()
     if Path(table.path).is_absolute() or not path.is_relative_to(limit):
         expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
@@ -253,17 +250,6 @@ def _free_name(name: str, taken: Collection[str]) -> str:
     return name
 
 
-def _locked(joints: list[Joint], lock: Sequence[str], path: Path) -> list[Joint]:
-    """Joints named in ``lock`` become fixed where they are at zero."""
-    known = [joint.name for joint in joints if joint.nv]
-    for name in lock:
-        if name not in known:
-            near = nearest(name, known) or (known[0] if known else "no joint")
-            raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
-    fixed = {j.name: Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) for j in joints}
-    return [fixed[j.name] if j.name in lock else j for j in joints]
-
-
 def read_robot(path: Path) -> Element:
     """Parse the file and return its ``<robot>``, at most ``LARGEST_FILE`` [byte]; InputError says what is wrong."""
     root = read_xml(path)
@@ -313,9 +299,8 @@ def numbers(
         values = []
     if len(values) != count or not all(abs(value) <= largest for value in values) or "_" in text:
         expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
-        write = f'{attribute}="{" ".join(["0"] * count)}"'
-        if "$" in text:
-            write = "what xacro makes of this expression: xacro robot.urdf.xacro > robot.urdf"
+        xacro = "what xacro makes of this expression: xacro robot.urdf.xacro > robot.urdf"
+        write = xacro if "$" in text else f'{attribute}="{" ".join(["0"] * count)}"'
         raise complaint(where, f'{attribute}="{text[:60]}"', expected, write)
     return np.array(values)
 

@@ -21,33 +21,27 @@ from flexinv.validation import nearest
 class MotorTable(Table):
     """The motor, its friction, and what is moved."""
 
-    motor_inertia_kgm2: NotNegative = key(
-        "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "1e-4", default=0.0
-    )
+    motor_inertia_kgm2: NotNegative = key("inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "1e-4", 0.0)
     torque_constant_Nm_per_A: Positive | None = optional("torque of the motor per current, > 0 [N m/A]", "0.05")
-    viscous_Nms_per_rad: NotNegative = key(
-        "viscous friction at the motor's shaft, >= 0 [N m s/rad]", "1e-5", default=0.0
-    )
-    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "0.01", default=0.0)
-    static_Nm: NotNegative = key("friction when it begins to turn, not below coulomb_Nm [N m]", "0.015", default=0.0)
+    viscous_Nms_per_rad: NotNegative = key("viscous friction at the motor's shaft, >= 0 [N m s/rad]", "1e-5", 0.0)
+    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "0.01", 0.0)
+    static_Nm: NotNegative = key("friction when it begins to turn, not below coulomb_Nm [N m]", "0.015", 0.0)
     stribeck_rad_per_s: Positive = key(
-        "rate of the motor at which static friction has gone to a third [rad/s]", "1.0", default=1.0
+        "rate of the motor at which static friction has gone to a third [rad/s]", "1.0", 1.0
     )
     moves: Literal["link", "motor"] = key(
-        'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)', '"motor"', default="link"
+        'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)', '"motor"', "link"
     )
 
 
 class DriveTable(MotorTable):
     """Motor, gear and elastic joint of a joint that turns."""
 
-    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "100", default=1.0)
+    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "100", 1.0)
     stiffness_Nm_per_rad: NotNegative = key(
-        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear", "5e3", default=0.0
+        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear", "5e3", 0.0
     )
-    damping_Nms_per_rad: NotNegative = key(
-        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "5", default=0.0
-    )
+    damping_Nms_per_rad: NotNegative = key("damping of the elastic joint at the link, >= 0 [N m s/rad]", "5", 0.0)
 
 
 class LinearDriveTable(MotorTable):
@@ -57,9 +51,9 @@ class LinearDriveTable(MotorTable):
         "angle of the motor per way of the joint, > 0 [rad/m]; of a screw 2 pi over its lead", "1257"
     )
     stiffness_N_per_m: NotNegative = key(
-        "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear", "5e5", default=0.0
+        "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear", "5e5", 0.0
     )
-    damping_Ns_per_m: NotNegative = key("damping of the elastic joint at the link, >= 0 [N s/m]", "500", default=0.0)
+    damping_Ns_per_m: NotNegative = key("damping of the elastic joint at the link, >= 0 [N s/m]", "500", 0.0)
 
 
 # By kind of joint: what its table ``drive`` is.
@@ -80,6 +74,7 @@ def read_drive(table: MotorTable | None, where: Location) -> Drive | None:
 
 
 NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
+DRIVE = "[joints.NAME.drive]"
 AXIS = "the axis in the joint frame, three numbers [-]"
 # The length of an axis may be off by this much before it is worth a warning: seven digits were typed.
 UNIT = 1e-6
@@ -111,31 +106,31 @@ class LinearLimitsTable(Table):
 class Driven(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
-    actuated: bool = key("true, or false for a passive joint", "false", default=True)
+    actuated: bool = key("true, or false for a passive joint", "false", True)
     weight: Positive = key(
         "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives",
         "4",
-        default=1.0,
+        1.0,
     )
 
 
 class RotaryLosses(Driven):
     """Damping and friction of a joint that turns."""
 
-    damping_Nms_per_rad: NotNegative = key("viscous damping, >= 0 [N m s/rad]", "0.1", default=0.0)
-    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "0.5", default=0.0)
+    damping_Nms_per_rad: NotNegative = key("viscous damping, >= 0 [N m s/rad]", "0.1", 0.0)
+    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "0.5", 0.0)
 
 
 class RotaryDrive(RotaryLosses):
     """Rotor, damping and friction of a joint that turns."""
 
-    rotor_inertia_kgm2: NotNegative = key("rotor inertia at the joint, >= 0 [kg m^2]", "0.01", default=0.0)
+    rotor_inertia_kgm2: NotNegative = key("rotor inertia at the joint, >= 0 [kg m^2]", "0.01", 0.0)
 
 
 class SprungDrive(RotaryDrive):
     """Rotor, damping, friction and spring of a joint with one angle."""
 
-    stiffness_Nm_per_rad: NotNegative = key("stiffness of a spring in the joint, >= 0 [N m/rad]", "20", default=0.0)
+    stiffness_Nm_per_rad: NotNegative = key("stiffness of a spring in the joint, >= 0 [N m/rad]", "20", 0.0)
     rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "0.5")
     rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "30")
 
@@ -143,11 +138,11 @@ class SprungDrive(RotaryDrive):
 class LinearDrive(Driven):
     """Rotor, damping, friction and spring of a joint that slides."""
 
-    rotor_inertia_kg: NotNegative = key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", default=0.0)
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", default=0.0)
-    friction_N: NotNegative = key("dry friction, >= 0 [N]", "5", default=0.0)
-    stiffness_N_per_m: NotNegative = key("stiffness of a spring in the joint, >= 0 [N/m]", "500", default=0.0)
-    rest_m: Number = key("the position at which the spring rests [m]", "0.1", default=0.0)
+    rotor_inertia_kg: NotNegative = key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", 0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", 0.0)
+    friction_N: NotNegative = key("dry friction, >= 0 [N]", "5", 0.0)
+    stiffness_N_per_m: NotNegative = key("stiffness of a spring in the joint, >= 0 [N/m]", "500", 0.0)
+    rest_m: Number = key("the position at which the spring rests [m]", "0.1", 0.0)
 
 
 class JointTable(Table):
@@ -168,7 +163,7 @@ class SphericalTable(RotaryLosses, JointTable):
 class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
-    drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", "[joints.NAME.drive]")
+    drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", DRIVE)
     axis: Vector = key(AXIS, "[0, 0, 1]")
     limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "{ effort_Nm = 150 }")
 
@@ -190,10 +185,7 @@ class HelicalTable(RevoluteTable):
 class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
 
-    drive: LinearDriveTable | None = optional(
-        "a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", "[joints.NAME.drive]"
-    )
-
+    drive: LinearDriveTable | None = optional("a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", DRIVE)
     axis: Vector = key(AXIS, "[1, 0, 0]")
     limits: LinearLimitsTable | None = optional(
         "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "{ effort_N = 500 }"
@@ -208,29 +200,19 @@ class UniversalTable(RotaryDrive, JointTable):
 
 
 TABLES: dict[str, type[JointTable]] = {
-    "revolute": RevoluteTable,
-    "continuous": ContinuousTable,
-    "prismatic": PrismaticTable,
-    "helical": HelicalTable,
-    "spherical": SphericalTable,
-    "universal": UniversalTable,
-    "fixed": JointTable,
-    "free": JointTable,
-}
+    "revolute": RevoluteTable, "continuous": ContinuousTable, "prismatic": PrismaticTable, "helical": HelicalTable,
+    "spherical": SphericalTable, "universal": UniversalTable, "fixed": JointTable, "free": JointTable,
+}  # fmt: skip
 # By kind of joint: the drive of its table, the last of these, which may be laid over a URDF.
-DRIVES: dict[str, type[Table]] = {
-    kind: drive
-    for kind, table in TABLES.items()
-    for drive in (RotaryDrive, SprungDrive, LinearDrive)
-    if issubclass(table, drive)
-}
+_DRIVEN = RotaryDrive, SprungDrive, LinearDrive
+DRIVES: dict[str, type[Table]] = {k: own for k, table in TABLES.items() for own in _DRIVEN if issubclass(table, own)}
 
 
 def read_joint(data: Any, where: Location, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
     kind = one_of(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
     table = validate(TABLES[kind or "revolute"], data, where)
-    axes = read_axes(table, where)
+    axes, pitch = read_axes(table, where), getattr(table, "pitch_m", None)
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
@@ -240,7 +222,6 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
     if limits.lower > limits.upper:
         given = f"lower {limits.lower:g}, upper {limits.upper:g}"
         raise where.inner("limits").wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")
-    pitch = getattr(table, "pitch_m", None)
     if pitch == 0.0:
         raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return Joint(
@@ -352,9 +333,8 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
         given = f"a cycle: {' <- '.join(path)}"
         name = carried[path[-1]].name
         expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
-        advice = (
-            f'parent = "{WORLD}" for one of these joints; [closures.{name}] with first and second where the loop closes'
-        )
+        closure = f"[closures.{name}] with first and second where the loop closes"
+        advice = f'parent = "{WORLD}" for one of these joints; {closure}'
         raise complaint(where("joint", name, "parent"), given, expected, advice)
     return tuple(ordered)
 

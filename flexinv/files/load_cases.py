@@ -1,9 +1,8 @@
 """Cases: what a mechanism does, from tables of joints or CSV files, what is compared, and limits with their reasons.
 
-Sampled motions are CSV: a column ``time_s``, then one column per coordinate, named ``<coordinate>_<unit>``.
-A revolute joint ``elbow`` has the column ``elbow_rad`` or ``elbow_deg``, a prismatic one ``slide_m`` or ``slide_mm``,
-a continuous one its angle; other coordinates are named as in ``mechanism.coordinate_names``: ``ball.qx``,
-``base.x_m``, ``cross.1_deg``.
+Sampled motions are CSV: a column ``time_s``, then one column per coordinate, named ``<coordinate>_<unit>``: ``elbow_rad`` or
+``elbow_deg`` of a joint that turns, continuous ones too, ``slide_m`` or ``slide_mm`` of a prismatic one; other coordinates are
+named as in ``mechanism.coordinate_names``: ``ball.qx``, ``base.x_m``, ``cross.1_deg``.
 """
 
 from __future__ import annotations
@@ -102,26 +101,18 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     arguments.of_kind("mechanism", mechanism, Mechanism)
     file, table = schema.read_cases(path)
     check_names(file, cases=table.cases)
+    where = Location(file, "cases")
     if not table.cases:
         expected = schema.CasesTable.model_fields["cases"].description or ""
-        raise Location(file, "cases").wrong("", "no case", expected, "[cases.cycloid]")
-    shared = [_limit(limit) for limit in table.limits]
-    return {
-        name: _case(data, name, table.source, shared, mechanism, Location(file, f"cases.{name}"))
-        for name, data in table.cases.items()
-    }
+        raise where.wrong("", "no case", expected, "[cases.cycloid]")
+    return {name: _case(data, name, table, mechanism, where.inner(name)) for name, data in table.cases.items()}
 
 
-def _limit(table: schema.LimitTable) -> Limit:
-    return Limit(**{**dict(table), "engines": tuple(table.engines)})
-
-
-def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, where: Location) -> Case:
+def _case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, where: Location) -> Case:
     table = validate(schema.CaseTable, data, where)
     motion = read_motion(table.motion, mechanism, where.inner("motion"))
     start = read_start(table.start, mechanism, motion, where.inner("start"))
-    end = table.end_s or motion.duration
-    sample = table.sample_s or table.step_s
+    end, sample = table.end_s or motion.duration, table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
     for quantity in table.quantities:
@@ -142,10 +133,11 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
             write = f'measured = "{near}"' if near else "the name of a file that exists"
             given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
             raise where.wrong("measured", given, expected, write)
-    limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
+    limits = *table.limits, *(limit for limit in whole.limits if limit.quantity in table.quantities)
+    own = tuple(Limit(**{**dict(limit), "engines": tuple(limit.engines)}) for limit in limits)
     return Case(
-        name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
-        table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
+        name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), own,
+        table.spectral_radius, table.initial, mesh, start, table.source or whole.source, tuple(table.notes),
         measured, table.accuracy,
     )  # fmt: skip
 
@@ -183,8 +175,8 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         raise where.wrong(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
         return _sampled(table, table.csv, mechanism, where)
-    # joints that move alike: law, duration, hold and delay [s] -> where from and where to
-    groups: dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]] = {}
+    # joints that move alike: duration and hold [s], law, delay [s] -> where from and where to
+    groups: dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]] = {}
     for name, data in table.joints.items():
         here = where.inner(f"joints.{name}")
         model, parts, write = schema.MOVES[KINDS[_joint(name, mechanism, where).kind].units]
@@ -195,7 +187,7 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
             raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
         hold = table.hold_s if move.hold_s is None else move.hold_s
         delay = table.delay_s if move.delay_s is None else move.delay_s
-        first, last = groups.setdefault((move.law or table.law, duration, hold, delay), ({}, {}))
+        first, last = groups.setdefault((duration, hold, move.law or table.law, delay), ({}, {}))
         ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
         first[name], last[name] = map(np.concatenate, ends)
     if table.others is None:  # a missing joint that has an actuator is an error; else it is held at zero
@@ -208,11 +200,7 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         for joint in mechanism.joints:
             if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
                 first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
-    motions = [
-        Motion.point_to_point(first, last, duration, hold, law, delay)
-        for (law, duration, hold, delay), (first, last) in groups.items()
-    ]
-    return Motion.merge(*motions)
+    return Motion.merge(*(Motion.point_to_point(*ends, *times) for times, ends in groups.items()))
 
 
 def _sampled(table: schema.MotionTable, csv: str, mechanism: Mechanism, where: Location) -> Motion:
@@ -269,8 +257,8 @@ def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, 
             near = nearest(name, passive)
             moved = f"a start for joint {name}" + (", which the motion moves" if name in given else "")
             expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
-            alone = f"the motion alone; no start.{name}"
-            write = f"{near} instead of {name}" if near and name not in given else alone
+            other = near and name not in given
+            write = f"{near} instead of {name}" if other else f"the motion alone; no start.{name}"
             raise where.wrong(name, moved, expected, write)
     return read_places(tables, mechanism, passive, where)
 
@@ -326,10 +314,8 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     if len(table) < 2:
         raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
     lines = [line for line, _ in rows[1:]]
-    time, gap = table[:, 0], largest_gap
-    if gap is None:
-        gap = GAP * float(np.median(np.diff(time)))
-    steps = np.diff(time)
+    time, steps = table[:, 0], np.diff(table[:, 0])
+    gap = GAP * float(np.median(steps)) if largest_gap is None else largest_gap
     k = int(np.argmax(steps <= 0))
     if steps[k] <= 0:
         given = f"{time[k + 1]:g} after {time[k]:g}"
@@ -392,6 +378,5 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
             raise complaint(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
     for name, (owner, k, _) in known.items():
         if (owner, k) not in places and owner in {other for other, _ in places}:
-            given = f"some coordinates of joint {owner}"
-            raise complaint(where, given, "all its coordinates", f"a column {name}")
+            raise complaint(where, f"some coordinates of joint {owner}", "all its coordinates", f"a column {name}")
     return columns

@@ -84,24 +84,20 @@ def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], 
         given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
         raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
     gravity = "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)"
-    for key, write in (
-        ("gravity_m_per_s2", gravity),
-        ("links", '[links.arm] with kind = "rigid" or "beam"'),
-        ("joints", f'[joints.base] with kind, parent = "{WORLD}", child'),
-    ):
+    link, joint = '[links.arm] with kind = "rigid" or "beam"', f'[joints.base] with kind, parent = "{WORLD}", child'
+    for key, write in (("gravity_m_per_s2", gravity), ("links", link), ("joints", joint)):
         if not getattr(table, key):
             raise top.wrong(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
     links = {name: _link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
     joints = [read_joint(data, top.inner(f"joints.{name}"), name) for name, data in table.joints.items()]
-
-    ordered = depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
-    for joint in ordered:
+    moving = depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
+    for joint in moving:
         on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
         beam, other = f"the beam {joint.parent} that carries the joint", f"{joint.parent} is not a beam"
         where = top.inner(f"joints.{joint.name}")
         check_station(joint.station, on_beam, where, beam, other, "placement = { xyz_m = [0.4, 0, 0] }")
     pull = np.array(table.gravity_m_per_s2, dtype=np.float64)
-    return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, pull)
+    return Mechanism("", tuple(links[joint.child] for joint in moving), moving, pull)
 
 
 def _damped(mechanism: Mechanism, table: schema.DampingTable | None, where: Location) -> Mechanism:
@@ -133,8 +129,8 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Loc
         return Link(name, read_payloads(made.payload, True, name, where), beam)
     table = validate(schema.RigidLinkTable, data, where)
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
-        given, expected = "massless = true and a mass or an inertia", "one or the other"
-        raise where.wrong("massless", given, expected, "massless = false, or no mass")
+        given = "massless = true and a mass or an inertia"
+        raise where.wrong("massless", given, "one or the other", "massless = false, or no mass")
     own = () if table.massless else (Body(name, read_inertia(table, where)),)
     long = table.rod or table.cylinder  # without a stated tip its far end is the link's
     tip = far_end(long) if table.tip_m is None and long is not None else np.array(table.tip_m or [0.0, 0.0, 0.0])
@@ -160,11 +156,7 @@ def _from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection
 def _overlaid(
     mechanism: Mechanism, table: schema.OverlayTable, sections: Mapping[str, CrossSection], top: Location
 ) -> Mechanism:
-    """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams.
-
-    Undeformed it keeps its geometry: a joint on a link that became a beam is placed anew in the frame of the section that
-    carries it.
-    """
+    """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry is kept."""
     links, joints, notes = dict(mechanism.link_of), dict(mechanism.joint_of), list(mechanism.notes)
     for kind, known, tables in (("link", links, table.links), ("joint", joints, table.joints)):
         for name in tables:
@@ -239,8 +231,9 @@ def _flexible(
     section = section_along(table.section, sections, where)
     beam = Beam(length, section, table.elements, table.order, placement=root)
     bodies = []
-    carried = link.bodies if table.own_inertia == "at_root" else ()
-    for body in carried:  # seen from there: c' = R^T (c - p), I' = R^T I R
+    for body in (
+        link.bodies if table.own_inertia == "at_root" else ()
+    ):  # seen from there: c' = R^T (c - p), I' = R^T I R
         com = root.rotation.T @ (body.inertia.com - start)
         tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
         bodies.append(replace(body, inertia=Inertia(body.inertia.mass, com, tensor), station=0.0))

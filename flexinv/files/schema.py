@@ -100,14 +100,14 @@ Tensor = Annotated[Any, PlainValidator(_tensor), _or_parts("xx yy zz", "xy xz yz
 Rotation = Annotated[Any, PlainValidator(_rotation), WithJsonSchema(_ROWS)]
 Along = Literal["x", "y", "z"]
 
-SOURCE = key("where the numbers come from, a text", '"data sheet of ..., table 2"', default="")
+SOURCE = key("where the numbers come from, a text", '"data sheet of ..., table 2"', "")
 PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
 
 
 class PlacementTable(Table):
     """A frame in a frame: position, and rotation by fixed-axis roll, pitch, yaw (as URDF) or as a matrix."""
 
-    xyz_m: Vector = key("three numbers [m]", "[0.0, 0.0, 0.1]", default=[0.0, 0.0, 0.0])
+    xyz_m: Vector = key("three numbers [m]", "[0.0, 0.0, 0.1]", [0.0, 0.0, 0.0])
     rpy_deg: Vector | None = optional("roll, pitch, yaw about fixed axes [deg]", "[0, 90, 0]")
     rpy_rad: Vector | None = optional("roll, pitch, yaw about fixed axes [rad]", "[0, 1.57, 0]")
     rotation: Rotation | None = optional("a rotation matrix, three rows [-]", "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]")
@@ -117,10 +117,8 @@ class RodTable(Table):
     """A slender uniform rod from the frame's origin along one of its axes: m L^2/12 across."""
 
     length_m: Positive = key("the length of the rod, a number > 0 [m]", "0.4")
-    axial_inertia_kgm2: NotNegative = key(
-        "the small inertia about the rod's own axis, >= 0 [kg m^2]", "1e-5", default=0.0
-    )
-    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', default="x")
+    axial_inertia_kgm2: NotNegative = key("the small inertia about the rod's own axis, >= 0 [kg m^2]", "1e-5", 0.0)
+    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', "x")
 
 
 class BoxTable(Table):
@@ -135,7 +133,7 @@ class CylinderTable(Table):
     """A uniform solid cylinder from the frame's origin along one of its axes."""
 
     length_m: Positive = key("the length, a number > 0 [m]", "0.4")
-    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', default="x")
+    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', "x")
     radius_m: Positive = key("the radius, a number > 0 [m]", "0.02")
 
 
@@ -175,25 +173,25 @@ class RigidLinkTable(BodyTable):
     mass_kg: Positive | None = optional(
         "the mass, a number > 0 [kg]", "0.215   (or massless = true for a link that is only a frame)"
     )
-    massless: bool = key("true for a frame that has no mass", "true", default=False)
+    massless: bool = key("true for a frame that has no mass", "true", False)
     tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "[0.4, 0, 0]")
-    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
+    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
 
 
 class CurvatureTable(Table):
     """Initial twist and curvature of a beam, constant along its length."""
 
-    twist: Number = key("initial twist [rad/m]", "0.0", default=0.0)
-    y: Number = key("initial curvature about y [1/m]", "0.0", default=0.0)
-    z: Number = key("initial curvature about z [1/m]", "0.5", default=0.0)
+    twist: Number = key("initial twist [rad/m]", "0.0", 0.0)
+    y: Number = key("initial curvature about y [1/m]", "0.0", 0.0)
+    z: Number = key("initial curvature about z [1/m]", "0.5", 0.0)
 
 
 class MeshTable(Table):
     """Mesh and section of a beam: the keys that native and overlaid beams share."""
 
     section: Any = key('the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...]', '"tube"')
-    elements: Annotated[int, Field(ge=1, le=1000)] = key("the number of elements, 1..1000 [-]", "1", default=1)
-    order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "4", default=4)
+    elements: Annotated[int, Field(ge=1, le=1000)] = key("the number of elements, 1..1000 [-]", "1", 1)
+    order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "4", 4)
 
 
 class BeamLinkTable(MeshTable):
@@ -203,7 +201,7 @@ class BeamLinkTable(MeshTable):
     length_m: Positive = key("the arc length of the beam, a number > 0 [m]", "0.4")
     curvature_per_m: CurvatureTable | None = optional("a table: twist, y, z [1/m]", "{ z = 0.5 }")
     root: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.05, 0, 0] }")
-    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
+    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
     source: Text = SOURCE
 
 
@@ -212,7 +210,7 @@ class DampingTable(Table):
 
     retardation_s: NotNegative | None = optional("stress by rate of strain over stress by strain, >= 0 [s]", "1e-3")
     ratio: Fraction | None = optional("of critical damping of one natural mode, 0..1 [-]", "0.01")
-    mode: Count = key("which natural mode, all joints held at zero: 1 the lowest [-]", "1", default=1)
+    mode: Count = key("which natural mode, all joints held at zero: 1 the lowest [-]", "1", 1)
     source: Text = SOURCE
 
 
@@ -225,8 +223,8 @@ class UrdfTable(Table):
     package: Literal["example-robot-data"] | None = optional(
         '"example-robot-data", or leave it out for a file of your own', '"example-robot-data"'
     )
-    base: Literal["fixed", "free"] = key('"fixed" or "free"', '"fixed"', default="fixed")
-    lock: list[Name] = key("names of joints to hold at zero", '["finger_joint"]', default=[])
+    base: Literal["fixed", "free"] = key('"fixed" or "free"', '"fixed"', "fixed")
+    lock: list[Name] = key("names of joints to hold at zero", '["finger_joint"]', [])
     mimic: Literal["independent"] | None = optional(
         '"independent" when mimic joints are meant to be coordinates of their own', '"independent"'
     )
@@ -240,7 +238,7 @@ class OverlayBeamTable(MeshTable):
     own_inertia: Literal["replaced", "at_root"] = key(
         '"replaced" by the section\'s mass, or "at_root": kept as a rigid body at the root', '"replaced"'
     )
-    root_xyz_m: Vector = key("where the beam begins in the link frame [m]", "[0, 0, 0.1]", default=[0.0, 0.0, 0.0])
+    root_xyz_m: Vector = key("where the beam begins in the link frame [m]", "[0, 0, 0.1]", [0.0, 0.0, 0.0])
     source: Text = SOURCE
 
 
@@ -248,9 +246,7 @@ class OverlayLinkTable(Table):
     """Overlay of one link of the URDF."""
 
     beam: OverlayBeamTable | None = optional("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]")
-    payload: list[PayloadTable] = key(
-        "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", default=[]
-    )
+    payload: list[PayloadTable] = key("tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", [])
     tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "[0.1, 0, 0]")
     source: Text = SOURCE
 
@@ -258,26 +254,26 @@ class OverlayLinkTable(Table):
 class OverlayTable(Table):
     """Overlay of the URDF: its links and joints."""
 
-    links: dict[str, Any] = key("tables [overlay.links.NAME]", "[overlay.links.NAME]", default={})
-    joints: dict[str, Any] = key("tables [overlay.joints.NAME]", "[overlay.joints.NAME]", default={})
+    links: dict[str, Any] = key("tables [overlay.links.NAME]", "[overlay.links.NAME]", {})
+    joints: dict[str, Any] = key("tables [overlay.joints.NAME]", "[overlay.joints.NAME]", {})
 
 
 class MechanismTable(Table):
     """The whole file."""
 
-    format: Format = key("the version of the file's format, 1 when absent", "1", default=1)
+    format: Format = key("the version of the file's format, 1 when absent", "1", 1)
     over: Text | None = optional("the mechanism file that this one is laid over", '"mechanism.toml"')
     name: Name | None = optional("the name of the mechanism; the folder's when absent", '"arm"')
-    title: Text = key("one line that says what it is", '"Two flexible links"', default="")
+    title: Text = key("one line that says what it is", '"Two flexible links"', "")
     source: Text = key("where the data come from, a text", '"Isobe et al., case 3"')
     gravity_m_per_s2: Vector | None = optional("gravity in the world frame, three numbers [m/s^2]", "[0, 0, -9.81]")
-    notes: list[Text] = key("a list of texts that a reader of results must know", '["..."]', default=[])
-    sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", default={})
-    links: dict[str, Any] = key("tables [links.NAME]", "[links.NAME]", default={})
-    joints: dict[str, Any] = key("tables [joints.NAME]", "[joints.NAME]", default={})
-    closures: dict[str, Any] = key("tables [closures.NAME], joints that close loops", "[closures.NAME]", default={})
-    springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", default={})
-    forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", default={})
+    notes: list[Text] = key("a list of texts that a reader of results must know", '["..."]', [])
+    sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", {})
+    links: dict[str, Any] = key("tables [links.NAME]", "[links.NAME]", {})
+    joints: dict[str, Any] = key("tables [joints.NAME]", "[joints.NAME]", {})
+    closures: dict[str, Any] = key("tables [closures.NAME], joints that close loops", "[closures.NAME]", {})
+    springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", {})
+    forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", {})
     damping: DampingTable | None = optional(
         "a table: retardation_s [s], or ratio [-] and mode", "{ ratio = 0.01, mode = 1 }"
     )
@@ -293,12 +289,11 @@ SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
 
 
 def impossible(tensor: Array) -> str:
-    """Return the reason why no body has this inertia tensor (3, 3) [kg m^2]; ``""`` when one has.
+    """Return what is wrong with an inertia (3, 3) [kg m^2], ``""`` if a body can have it.
 
-    A body's tensor is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
+    It is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
     """
-    largest = float(np.abs(tensor).max())
-    if largest == 0.0:
+    if (largest := float(np.abs(tensor).max())) == 0.0:
         return ""
     if np.abs(tensor - tensor.T).max() > DIGITS * largest:
         return "it is not symmetric"
@@ -322,8 +317,7 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
     """Read one body's inertia [kg, m, kg m^2] from its table; InputError when no body can have it."""
     if table.mass_kg is None:
         info = type(table).model_fields["mass_kg"]
-        words = info.description or "", str((info.examples or [""])[0])
-        raise where.wrong("mass_kg", "nothing", *words)
+        raise where.wrong("mass_kg", "nothing", info.description or "", str((info.examples or [""])[0]))
     given = [name for name in SHAPES if getattr(table, name) is not None]
     if len(given) != 1:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
@@ -349,8 +343,7 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
         com = np.array(table.com_m, dtype=np.float64)
     if com is None:
         raise where.wrong("com_m", "nothing", "the centre of mass, three numbers [m]", "com_m = [0, 0, 0]")
-    reason = impossible(tensor)
-    if reason:
+    if reason := impossible(tensor):
         expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
         advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
         rows = np.array2string(tensor, separator=", ").replace("\n", "")

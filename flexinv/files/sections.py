@@ -20,9 +20,8 @@ from flexinv.validation import nearest
 
 RETARDATION = key(
     "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
-    "1e-3",
-    default=(0.0,) * 6,
-)
+    "1e-3", (0.0,) * 6,
+)  # fmt: skip
 
 
 class StationTable(Table):
@@ -36,7 +35,6 @@ class StiffnessSectionTable(Table):
     """A section by its numbers."""
 
     retardation_s: Times = RETARDATION
-
     EA_N: Positive = key("axial stiffness, a number > 0 [N]", "1.452e6")
     GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "4.65e5")
     GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "0.68")

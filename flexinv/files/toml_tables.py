@@ -40,14 +40,14 @@ class Table(BaseModel):
 T = TypeVar("T", bound=Table)
 
 
-def key(expected: str, write: str, **rules: Any) -> Any:
+def key(expected: str, write: str, default: Any = ...) -> Any:
     """Declare a key of a table by the words of its complaint: what is expected [unit] and an example of its value (or a line)."""
-    return Field(description=expected, examples=[write], **rules)
+    return Field(default, description=expected, examples=[write])
 
 
 def optional(expected: str, write: str) -> Any:
     """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example."""
-    return key(expected, write, default=None)
+    return key(expected, write, None)
 
 
 def one_of(data: Any, where: Location, name: str, known: Collection[str], expected: str, default: str) -> str:
