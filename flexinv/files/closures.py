@@ -151,7 +151,17 @@ def read_closure(
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise where.wrong("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
-        return _coupling(validate(CouplingTable, data, where), taken, where, name)
+        gear, write = validate(CouplingTable, data, where), "factors = { motor = 1, wheel = -5 }"
+        scalar = [j for j, joint in taken.items() if joint.kind in COUPLED]
+        for other in gear.factors:
+            if other not in scalar:
+                expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
+                near = nearest(other, scalar)
+                raise where.wrong("factors", f'"{other}"', expected, f"{near} = 1" if near else write)
+        used = tuple((j, factor) for j, factor in gear.factors.items() if factor)
+        if len(used) < 2:
+            raise where.wrong("factors", toml_text(gear.factors), "two joints or more with factors other than 0", write)
+        return Closure(name, gear.kind, Attachment(WORLD), Attachment(WORLD), factors=used, offset=gear.offset)
     table = validate(TABLES[kind or "revolute"], data, where)
     (first, second), axes = _pair(table, links, where), read_axes(table, where)
     times = [time for interval in table.active_s for time in interval]
@@ -167,21 +177,6 @@ def read_closure(
             raise where.wrong(word, f"{word} without active_s", expected, "active_s = [[0.5, 1.0]]")
     active = tuple((start, end) for start, end in table.active_s)
     return Closure(name, table.kind, first, second, **axes, active=active, capture=table.capture, impact=table.impact)
-
-
-def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location, name: str) -> Closure:
-    write = "factors = { motor = 1, wheel = -5 }"
-    scalar = [j for j, joint in joints.items() if joint.kind in COUPLED]
-    for joint in table.factors:
-        if joint not in scalar:
-            expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
-            near = nearest(joint, scalar)
-            raise where.wrong("factors", f'"{joint}"', expected, f"{near} = 1" if near else write)
-    used = {j: factor for j, factor in table.factors.items() if factor}
-    if len(used) < 2:
-        raise where.wrong("factors", toml_text(table.factors), "two joints or more with factors other than 0", write)
-    world = Attachment(WORLD)
-    return Closure(name, table.kind, world, world, factors=tuple(used.items()), offset=table.offset)
 
 
 def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Spring:

@@ -93,18 +93,12 @@ def read_urdf(
     ordered = depth_first(joints, inertias, where)
     own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
     links = tuple(Link(j.child, own[j.child]) for j in ordered)
-    mimics = [
-        f"{joint.get('name')} (of {mimic.get('joint')})"
-        for joint in robot.findall("joint")
-        for mimic in joint.findall("mimic")[:1]
-        if joint.get("type") != "fixed" and joint.get("name") not in lock
-    ]
+    moving = [j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") not in lock]
+    mimics = [f"{j.get('name')} (of {one.get('joint')})" for j in moving for one in j.findall("mimic")[:1]]
     odd = [name for name, inertia in inertias.items() if inertia is not None and impossible(inertia.tensor)]
-    found = {
-        "mimic": ("mimic joints are coordinates of their own", mimics),
-        "inertia": ("links with an inertia that no body can have, kept as it is", odd),
-    }
-    warned = {subject: f"{text}: {', '.join(which)}" for subject, (text, which) in found.items() if which}
+    kept = "links with an inertia that no body can have, kept as it is"
+    found = ("mimic", "mimic joints are coordinates of their own", mimics), ("inertia", kept, odd)
+    warned = {subject: f"{text}: {', '.join(which)}" for subject, text, which in found if which}
     massless = [name for name, inertia in inertias.items() if inertia is None]
     told = ("links without mass", massless), ("joints locked at zero", lock)
     mechanism = Mechanism(

@@ -109,9 +109,8 @@ class Driven(Table):
     actuated: bool = key("true, or false for a passive joint", "false", True)
     weight: Positive = key(
         "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives",
-        "4",
-        1.0,
-    )
+        "4", 1.0,
+    )  # fmt: skip
 
 
 class RotaryLosses(Driven):

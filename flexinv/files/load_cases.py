@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from flexinv import validation as arguments
 from flexinv.files import case_schema as schema
 from flexinv.files.toml_tables import Location, check_names, complaint, read_bytes, validate
 from flexinv.files.values import UNITS
@@ -26,7 +25,7 @@ from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
-from flexinv.validation import nearest
+from flexinv.validation import nearest, of_kind
 
 # Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
 WHOLE = 1e-9
@@ -98,7 +97,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    arguments.of_kind("mechanism", mechanism, Mechanism)
+    of_kind("mechanism", mechanism, Mechanism)
     file, table = schema.read_cases(path)
     check_names(file, cases=table.cases)
     where = Location(file, "cases")
@@ -174,7 +173,19 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         key, given, write = without if table.csv is None else ("law", "csv", 'law = "sampled"')
         raise where.wrong(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
-        return _sampled(table, table.csv, mechanism, where)
+        for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
+            if getattr(table, name):
+                expected = "the times and joints of the CSV file alone"
+                raise where.wrong(name, f"{name} beside csv", expected, "samples that rest, if so meant")
+        folder, named = where.file.resolve().parent, Path(table.csv)
+        samples = (folder / named).resolve()
+        if named.is_absolute() or not samples.is_relative_to(folder):
+            write = f'csv = "{named.name}"'
+            raise where.wrong("csv", f'csv = "{table.csv}"', "a file in the folder of the cases", write)
+        time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
+        motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
+        _check_complete(set(columns), mechanism, where)
+        return motion
     # joints that move alike: duration and hold [s], law, delay [s] -> where from and where to
     groups: dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]] = {}
     for name, data in table.joints.items():
@@ -201,21 +212,6 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
             if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
                 first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
     return Motion.merge(*(Motion.point_to_point(*ends, *times) for times, ends in groups.items()))
-
-
-def _sampled(table: schema.MotionTable, csv: str, mechanism: Mechanism, where: Location) -> Motion:
-    for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
-        if getattr(table, name):
-            expected = "the times and joints of the CSV file alone"
-            raise where.wrong(name, f"{name} beside csv", expected, "samples that rest, if so meant")
-    folder = where.file.resolve().parent
-    samples = (folder / csv).resolve()
-    if Path(csv).is_absolute() or not samples.is_relative_to(folder):
-        raise where.wrong("csv", f'csv = "{csv}"', "a file in the folder of the cases", f'csv = "{Path(csv).name}"')
-    time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
-    motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
-    _check_complete(set(columns), mechanism, where)
-    return motion
 
 
 def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:

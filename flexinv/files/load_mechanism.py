@@ -156,7 +156,7 @@ def _from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection
 def _overlaid(
     mechanism: Mechanism, table: schema.OverlayTable, sections: Mapping[str, CrossSection], top: Location
 ) -> Mechanism:
-    """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry is kept."""
+    """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry stays."""
     links, joints, notes = dict(mechanism.link_of), dict(mechanism.joint_of), list(mechanism.notes)
     for kind, known, tables in (("link", links, table.links), ("joint", joints, table.joints)):
         for name in tables:
