@@ -119,10 +119,9 @@ def info(model: Path) -> None:
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
     mass = sum(overview.link_mass(link) for link in mechanism.links)
-    click.echo(
-        f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, nq = {mechanism.nq}, nv = {mechanism.nv}, "
-        f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
-    )
+    fixed = f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
+    size = f"nq = {mechanism.nq}, nv = {mechanism.nv}"
+    click.echo(f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, {size}, {fixed}")
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
     if mechanism.closures:
         click.echo(overview.mobility_line(mechanism, next(iter(cases.values()), None)))

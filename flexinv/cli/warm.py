@@ -96,12 +96,11 @@ def _spatial_arm(folder: Path) -> None:
 
 
 def _path_of_a_tip(folder: Path) -> None:
-    from flexinv import Path as TipPath
-    from flexinv import follow
+    import flexinv
 
     mechanism, _ = _first_case(folder, "flex_two_link")
-    arc, near = TipPath.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2), {"joint1": -0.5, "joint2": 1.0}
-    follow(mechanism, arc, "link2", step=2e-3, start=near)
+    arc, near = flexinv.Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2), {"joint1": -0.5, "joint2": 1.0}
+    flexinv.follow(mechanism, arc, "link2", step=2e-3, start=near)
     steady_modes(mechanism, rates={"joint1": 1.0})
 
 

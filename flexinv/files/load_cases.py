@@ -151,8 +151,7 @@ def _check_times(table: schema.CaseTable, motion: Motion, end: float, sample: fl
             expected = f"at most {MOST_PARTS:g} times {word} = {part:g} [s]"
             raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {1000 * part:.4g}")
         if not _is_multiple(value, part):
-            nearby = max(round(value / part), 1) * part
-            expected = f"a whole number of {word} = {part:g} [s]"
+            nearby, expected = max(round(value / part), 1) * part, f"a whole number of {word} = {part:g} [s]"
             raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
     for jump in motion.jumps:
         if jump < end and not _is_multiple(jump, step):
@@ -211,7 +210,8 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         for joint in mechanism.joints:
             if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
                 first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
-    return Motion.merge(*(Motion.point_to_point(*ends, *times) for times, ends in groups.items()))
+    moves = ((*ends, time, hold, law, delay) for (time, hold, law, delay), ends in groups.items())
+    return Motion.merge(*(Motion.point_to_point(*move) for move in moves))
 
 
 def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
@@ -306,16 +306,14 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
                 where = f"{path}: line {line}, column {name}"
                 raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
             samples[-1].append(value)
-    table = np.array(samples)
+    table, lines = np.array(samples), [line for line, _ in rows[1:]]
     if len(table) < 2:
         raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
-    lines = [line for line, _ in rows[1:]]
     time, steps = table[:, 0], np.diff(table[:, 0])
     gap = GAP * float(np.median(steps)) if largest_gap is None else largest_gap
     k = int(np.argmax(steps <= 0))
     if steps[k] <= 0:
-        given = f"{time[k + 1]:g} after {time[k]:g}"
-        where = f"{path}: line {lines[k + 1]}, column time_s"
+        where, given = f"{path}: line {lines[k + 1]}, column time_s", f"{time[k + 1]:g} after {time[k]:g}"
         raise complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once")
     if time[0] != 0.0:
         where = f"{path}: line {lines[0]}, column time_s"

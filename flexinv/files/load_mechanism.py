@@ -84,8 +84,8 @@ def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], 
         given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
         raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
     gravity = "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)"
-    link, joint = '[links.arm] with kind = "rigid" or "beam"', f'[joints.base] with kind, parent = "{WORLD}", child'
-    for key, write in (("gravity_m_per_s2", gravity), ("links", link), ("joints", joint)):
+    a_link, base = '[links.arm] with kind = "rigid" or "beam"', f'[joints.base] with kind, parent = "{WORLD}", child'
+    for key, write in (("gravity_m_per_s2", gravity), ("links", a_link), ("joints", base)):
         if not getattr(table, key):
             raise top.wrong(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
     links = {name: _link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}

@@ -289,7 +289,7 @@ SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
 
 
 def impossible(tensor: Array) -> str:
-    """Return what is wrong with an inertia (3, 3) [kg m^2], ``""`` if a body can have it.
+    """Return the reason against an inertia (3, 3) [kg m^2], ``""`` for one that a body can have.
 
     It is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
     """
