@@ -73,9 +73,7 @@ KINDS: dict[str, JointKind] = {
     "spherical": JointKind(SPHERICAL, _QUATERNION, _RATES, _ANGLES, ROTATION),
     "universal": JointKind(REVOLUTE, (".1", ".2"), (".1", ".2"), ("rad", "rad"), repeats=True),  # two nodes
     "fixed": JointKind(RIGID, (), (), ()),
-    "free": JointKind(
-        FREE, (".x", ".y", ".z", *_QUATERNION), (".vx", ".vy", ".vz", *_RATES), (*_LENGTHS, *_ANGLES), POSE
-    ),
+    "free": JointKind(FREE, (".x", ".y", ".z", *_QUATERNION), (".vx", ".vy", ".vz", *_RATES), _LENGTHS + _ANGLES, POSE),
 }
 # Node kind -> number of configuration and of velocity coordinates.
 CONFIGURATIONS = {RIGID: 0, SECTION: 0} | {k.number: len(k.q) for k in KINDS.values() if k != KINDS["universal"]}

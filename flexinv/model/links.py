@@ -79,8 +79,7 @@ class Inertia(Frozen):
 class Body:
     """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
 
-    station : None on a rigid link (the frame is the link frame); on a beam the fraction 0..1 of the length
-        whose cross-section frame carries the body (0 the root, 1 the tip)
+    station : None on a rigid link (link frame); on a beam the fraction 0..1 of the length whose section frame carries the body
     """
 
     name: str
@@ -95,8 +94,7 @@ class Section(Frozen):
     stations : (n,) [-], fraction 0..1 of the length, increasing
     stiffness : (n, 6): EA [N], GA_y [N], GA_z [N], GJ [N m^2], EI_y [N m^2], EI_z [N m^2]
         (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
-    mass_per_length : (n,) [kg/m]
-    rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
+    mass_per_length : (n,) [kg/m]; rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
     damping : (n, 6) [N s], [N m^2 s]: stress by rate of strain, in the order of ``stiffness``; None: none
     """
 

@@ -29,7 +29,6 @@ def kept_with_owner(
     """Return a decorator: the first argument of a function keeps its last results, by the other arguments.
 
     They are hashable, or arrays [any unit], of which the numbers count.
-
     most : results of one function that an owner keeps [-], the oldest goes first; typed : 2.0 is not 2, nor 1 True
     """
 
