@@ -14,9 +14,8 @@ Strain rates come from the same interpolation as the strains, with velocities re
     du_i = v_i - v_0 - W_0 x u_i,    dpsi_i = H_i^-1 (w_i - (R_0^T R_i)^T w_0),    r = H dpsi
     dGamma/dt = S^T du' - r x y,     dkappa/dt = H dpsi' + (d(H psi')/dpsi) dpsi         y = S^T u',  W_0 = R_0 w_0
 
-With e the strains, z = (u, psi) and B = de/dz nodal forces are B^T (C e + D B dz), so that a rigid motion dissipates nothing and
-the dissipated power is exactly de . D de.  The linearisation has two parts, one by poses (at fixed velocities) and one by
-velocities, B^T D B, which velocities bring in as the scheme says.
+With e the strains, z = (u, psi) and B = de/dz nodal forces are B^T (C e + D B dz): a rigid motion dissipates nothing, and the
+lost power is exactly de . D de.  The linearisation is by poses (velocities fixed) and by velocities, B^T D B, as the scheme says.
 Source: Simo, Vu-Quoc, *A three-dimensional finite-strain rod model*, 1986, with the interpolation of Crisfield, Jelenic, 1999;
 of damping Linn, Lang, Tuganov, *Geometrically exact Cosserat rods with Kelvin-Voigt type viscous damping*, Mech. Sci. 4, 2013.
 """
@@ -126,11 +125,10 @@ def relative(count, scratch):
 @jit_inner
 def interpolate(count, shape, slope, moved, turned):
     """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point, or their rates; node 0 contributes nothing: u_0 = psi_0 = 0."""
-    du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    du, psi, dpsi = vec3.ZERO, vec3.ZERO, vec3.ZERO
     for i in range(1, count):
-        du = vec3.add_scaled(du, slope[i], vec(moved[i]))
-        psi = vec3.add_scaled(psi, shape[i], vec(turned[i]))
-        dpsi = vec3.add_scaled(dpsi, slope[i], vec(turned[i]))
+        du, turn = vec3.add_scaled(du, slope[i], vec(moved[i])), vec(turned[i])
+        psi, dpsi = vec3.add_scaled(psi, shape[i], turn), vec3.add_scaled(dpsi, slope[i], turn)
     return du, psi, dpsi
 
 

@@ -106,7 +106,7 @@ def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict
 def drive_efforts(
     mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True, direction: Array | None = None
 ) -> Array:
-    """Return rotor_inertia qdd, if ``passive`` + damping qd + friction direction (sign(qd) or given), (samples, nv) [N m], [N]."""
+    """Return rotor_inertia qdd, if ``passive`` + damping qd + friction direction (sign(qd) or given), (samples, nv) [N m, N]."""
     law = laws_of(mechanism)
     if not passive:
         return np.asarray(law.rotor * qdd)

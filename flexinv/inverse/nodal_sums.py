@@ -77,7 +77,7 @@ def sum_line(parent, x, line):
 
 @jit
 def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
-    """Set sums of `sum_samples` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch of all nodes."""
+    """Set sums of `sum_samples` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch, all nodes."""
     for s in range(x.shape[0]):
         sum_outboard(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):

@@ -1,10 +1,9 @@
 """NodalMotion: the motion of every node, the interface between the two steps; rigid kinematics; steps in configuration space.
 
 Rigid links get it from exact kinematics (`rigid_motion`), flexible ones from the finite-element march (`trajectory`),
-measurements could give it too; inverse dynamics (`inverse_dynamics`) never asks which.
-
-Of relative motion ``p``, ``p'``, ``p''`` are taken in the parent node's frame, rotation rates in the node's own frame; what a
-node's placement and its joint do together is one relative motion, so that one rule walks the tree (`kinematics.tree.carry`).
+measurements could give it too; inverse dynamics never asks which.  Of relative motion ``p``, ``p'``, ``p''`` are taken in the
+parent node's frame, rotation rates in the node's own frame; what a node's placement and its joint do together is one relative
+motion, so that one rule walks the tree (`kinematics.tree.carry`).
 """
 
 from __future__ import annotations

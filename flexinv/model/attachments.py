@@ -106,8 +106,7 @@ class Closure(Frozen):
         no frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
     axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
         point-on-line (in the first frame), the axis of a universal closure that stays with the first frame
-    second_axis : (3,) [-], universal: the axis that stays with the second frame
-    active : intervals (start, end) [s] in which it acts; empty: always
+    second_axis : (3,) [-], universal: that of the second frame; active : intervals (start, end) [s] when it acts; empty: always
     capture : it ties the frames where they stand when it begins to act, as a hand that grasps; False: they must have met
     impact : what happens when it begins to act on frames that move against each other: one of ``IMPACTS``
     """

@@ -63,8 +63,8 @@ class JointKind:
 
 _ANGLES, _LENGTHS = ("rad", "rad", "rad"), ("m", "m", "m")
 _QUATERNION, _RATES = (".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")
-# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
-# a free joint is position then quaternion, and its velocity is linear then angular, in the child's frame.
+# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w, a free joint is position
+# then quaternion, and its velocity is linear then angular, in the child's frame.
 KINDS: dict[str, JointKind] = {
     "revolute": JointKind(REVOLUTE, ("",), ("",), ("rad",), repeats=True),
     "continuous": JointKind(CONTINUOUS, (".cos", ".sin"), ("",), ("rad",), CIRCLE, repeats=True),

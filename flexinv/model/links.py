@@ -44,10 +44,7 @@ def read_only(values: NDArray[T]) -> NDArray[T]:
 
 @dataclass(frozen=True)
 class Placement(Frozen):
-    """A frame B in a frame A: ``x_A = position + rotation @ x_B``.
-
-    position : (3,) [m]; rotation : (3, 3) [-], R_AB
-    """
+    """A frame B in a frame A: ``x_A = position + rotation @ x_B``, position (3,) [m], rotation R_AB (3, 3) [-]."""
 
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
@@ -109,8 +106,7 @@ class Section(Frozen):
 class Beam(Frozen):
     """A geometrically exact Timoshenko beam.
 
-    length : scalar [m], arc length; section : Section along it
-    elements : number of finite elements; order : polynomial order of each (1 is the paper's element)
+    length : scalar [m], arc length; elements : number of finite elements; order : polynomial order of each (1 is the paper's)
     curvature : (3,) [1/m], initial twist, curvature about y and about z, constant along the length
     placement : root cross-section frame in the link frame; the axis leaves along local x
     """

@@ -30,8 +30,7 @@ __all__ = [
     "Placement", "Section", "Spring",
 ]  # fmt: skip
 
-# Names of what an elastic drive adds to a mechanism: the gear's output and the spring to the link.
-GEAR, SPRING = ".gear", ".spring"
+GEAR, SPRING = ".gear", ".spring"  # names of what an elastic drive adds: the gear's output and the spring to the link
 # Kinds of joint that a drive may move, and of the spring between motor and link there.
 SPRINGS = {name: "revolute" if k.circle else name for name, k in KINDS.items() if len(k.v) == 1}
 
@@ -54,7 +53,7 @@ class Drive:
     """Motor, gear and elastic joint of a joint with one coordinate; the equations are in `motor_side`.
 
     ratio : [-], turns of the motor per turn of the joint, of one that slides [rad/m]; rotor_inertia : of the motor [kg m^2]
-    stiffness, damping : of the elastic joint, on the link's side [N m/rad], [N m s/rad] or [N/m], [N s/m]; stiffness 0: rigid gear
+    stiffness, damping : of the elastic joint, on link side [N m/rad], [N m s/rad] or [N/m], [N s/m]; stiffness 0: rigid gear
     torque_constant : [N m/A], 0 unknown; viscous [N m s/rad], coulomb, static [N m], stribeck [rad/s] : friction of the motor
     moves : "link" or "motor", which of the two the joint's coordinate is (the motor's over the ratio)
     """
@@ -150,7 +149,7 @@ class Mechanism(Frozen):
 
     closures : what ties links of the tree into loops; springs, forces : what else acts on them
     gravity : (3,) [m/s^2], world frame
-    urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
+    urdf : the URDF file the mechanism came from, if any (engines with a parser of their own read it again)
     packages : folders in which ``package://`` paths of that URDF are looked up
     notes : what a reader of results must know (mimic joints made independent, massless links, ...)
     modal_damping : of all beams by the ratio of one natural mode, data until a mesh is built; None where sections state it
