@@ -64,9 +64,9 @@ def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = 
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
     force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
     nodal_samples(Masses(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity)), motion.frames, force, moment)
-    if applied is not None:
-        return NodalForces(force - applied.force, moment - applied.moment)
-    return NodalForces(force, moment)
+    return (
+        NodalForces(force, moment) if applied is None else NodalForces(force - applied.force, moment - applied.moment)
+    )
 
 
 def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> NodalForces:
@@ -119,9 +119,6 @@ def drive_efforts(
 def own_efforts(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, direction: Array | None = None) -> Array:
     """Return the efforts of `drive_efforts` and of springs in joints, which follow whole turns, (samples, nv) [N m] or [N]."""
     return drive_efforts(mechanism, qd, qdd, direction=direction) + joint_springs(mechanism, q)
-
-
-# ------------------------------------------------------------------------------------------------ applied forces
 
 
 def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces | None:
@@ -207,9 +204,6 @@ def check_constant(mechanism: Mechanism) -> None:
     if varying:
         advice = "write flexinv.solve(mechanism, motion, step=...)"
         raise InputError(f"mechanism '{mechanism.name}': force '{varying[0]}' depends on time; {advice}")
-
-
-# --------------------------------------------------------------------------------------------- the paper's factors
 
 
 @dataclass(frozen=True)

@@ -126,9 +126,6 @@ def instant_torques(nodes, drives, masses, frames, line, motion, tau):
                 tau[v] = effort + own_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
 
 
-# -------------------------------------------------------------------------------------- over all samples
-
-
 @by_address
 class Skeleton(NamedTuple):
     """Data of a mesh that the second step reads.

@@ -206,7 +206,8 @@ def _elements(rows: list[list[Array]]) -> Elements:
         shape = np.max([a.shape for a in column], axis=0).astype(int)
         part = np.full((len(rows), *shape), -1.0 if n == 1 else 0.0)
         for k, a in enumerate(column):
-            part[(k, *map(slice, a.shape))] = a
+            where: tuple[int | slice, ...] = (k, *map(slice, a.shape))
+            part[where] = a
         parts.append(part)
     for k in (0, 1, -1):
         parts[k] = parts[k].astype(np.int64)

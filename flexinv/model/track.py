@@ -182,8 +182,7 @@ def continuous_signs(quaternions: Array, where: str) -> Array:
         angle = np.degrees(2.0 * np.arccos(min(1.0, abs(cosines[k]))))
         needed = "a spline of rotations needs samples less than 90 deg apart"
         raise InputError(f"{where}: turns by {angle:.0f} deg between samples {k} and {k + 1}; {needed}")
-    signs = np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))
-    return np.asarray(quaternions * signs[:, None])
+    return np.asarray(quaternions * np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))[:, None])
 
 
 def _rest_outside(
