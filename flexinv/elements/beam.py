@@ -8,17 +8,14 @@ Strain at the Gauss points, from positions and rotations relative to the element
     E = 1/2 sum_g w (Gamma . C_N Gamma + kappa . C_M kappa)
 
 Kelvin-Voigt damping adds stresses that follow strain rates:
-
     n = C_N (Gamma) + D_N dGamma/dt,    m = C_M (kappa) + D_M dkappa/dt          in the section frame
 
 Strain rates come from the same interpolation as the strains, with velocities relative to the moving first node:
-
     du_i = v_i - v_0 - W_0 x u_i,    dpsi_i = H_i^-1 (w_i - (R_0^T R_i)^T w_0),    r = H dpsi
     dGamma/dt = S^T du' - r x y,     dkappa/dt = H dpsi' + (d(H psi')/dpsi) dpsi         y = S^T u',  W_0 = R_0 w_0
 
-With e the strains, z = (u, psi) and B = de/dz nodal forces are B^T (C e + D B dz), so that a rigid motion dissipates nothing and
-the dissipated power is exactly de . D de.  The linearisation has two parts, one by poses (at fixed velocities) and one by
-velocities, B^T D B, which velocities bring in as the scheme says.
+With e the strains, z = (u, psi) and B = de/dz nodal forces are B^T (C e + D B dz): a rigid motion dissipates nothing, and the
+lost power is exactly de . D de.  The linearisation is by poses (velocities fixed) and by velocities, B^T D B, as the scheme says.
 Source: Simo, Vu-Quoc, *A three-dimensional finite-strain rod model*, 1986, with the interpolation of Crisfield, Jelenic, 1999;
 of damping Linn, Lang, Tuganov, *Geometrically exact Cosserat rods with Kelvin-Voigt type viscous damping*, Mech. Sci. 4, 2013.
 """
@@ -29,43 +26,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexinv.kernels import so3, vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.so3 import (
-    coefficients,
-    exp_with,
-    inverse_coefficient,
-    inverse_tangent,
-    log,
-    quadratic,
-    tangent_with,
-)
-from flexinv.kernels.vec3 import (
-    add,
-    add_scaled,
-    apply,
-    cross,
-    diagonal,
-    dot,
-    madd,
-    mat,
-    mscale,
-    msub,
-    mul,
-    outer,
-    put,
-    put_block,
-    rows,
-    scale,
-    skew,
-    sub,
-    sum3,
-    tapply,
-    tmul,
-    transpose,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.so3 import coefficients, exp_with, inverse_tangent, log, quadratic, tangent_with
+from flexinv.kernels.vec3 import apply, dot, madd, mat, mscale, mul, outer, put, rows, scale, skew, tmul, transpose, vec
 from flexinv.typing import Array
 
 Vector = tuple[float, float, float]
@@ -110,7 +75,8 @@ def tangent_slope(psi, b, q, sign):
     """
     a0, a1, _, b0, b1, _ = q
     s, along = dot(psi, psi), dot(psi, b)
-    by_s = sum3(scale(-2 * (b0 + s * b1), b), scale(-2 * sign * a1, cross(psi, b)), scale(2 * b1 * along, psi))
+    turned = scale(-2 * sign * a1, vec3.cross(psi, b))
+    by_s = vec3.sum3(scale(-2 * (b0 + s * b1), b), turned, scale(2 * b1 * along, psi))
     return madd(madd(quadratic(b, b0 * along, sign * a0, 0.0), outer(by_s, psi)), outer(scale(b0, psi), b))
 
 
@@ -122,13 +88,12 @@ def tangent_curvature(psi, a, b, q):
     """
     _, a1, a2, b0, b1, b2 = q
     s, ab, ap, bp = dot(psi, psi), dot(a, b), dot(a, psi), dot(b, psi)
-    c = cross(b, a)
-    p = dot(psi, c)
+    c, p = vec3.cross(b, a), dot(psi, vec3.cross(b, a))
     round_part = -2 * ab * (b0 + s * b1) - 2 * a1 * p + 2 * b1 * ap * bp
     dyad_part = -4 * ab * (2 * b1 + s * b2) - 4 * a2 * p + 4 * b2 * ap * bp
-    mixed = sum3(scale(-2 * a1, c), scale(2 * b1 * bp, a), scale(2 * b1 * ap, b))
-    half = madd(outer(add_scaled(mixed, 0.5 * dyad_part, psi), psi), outer(scale(b0, a), b))
-    return madd(madd(half, transpose(half)), diagonal(round_part))
+    mixed = vec3.sum3(scale(-2 * a1, c), scale(2 * b1 * bp, a), scale(2 * b1 * ap, b))
+    half = madd(outer(vec3.add_scaled(mixed, 0.5 * dyad_part, psi), psi), outer(scale(b0, a), b))
+    return madd(madd(half, transpose(half)), vec3.diagonal(round_part))
 
 
 @jit_inner
@@ -138,8 +103,8 @@ def inverse_tangent_slope(psi, g, sign):
     H^-1 g = (1 - s c) g + psi x g / 2 + c psi (psi . g), s = psi . psi; the transpose turns the sign of the middle term.
     """
     s, along = dot(psi, psi), dot(psi, g)
-    c, c1 = inverse_coefficient(s)
-    by_s = add(scale(-2 * (c + s * c1), g), scale(2 * c1 * along, psi))
+    c, c1 = so3.inverse_coefficient(s)
+    by_s = vec3.add(scale(-2 * (c + s * c1), g), scale(2 * c1 * along, psi))
     return madd(madd(quadratic(g, c * along, -0.5 * sign, 0.0), outer(by_s, psi)), outer(scale(c, psi), g))
 
 
@@ -150,9 +115,9 @@ def relative(count, scratch):
     first, x0 = mat(scratch.r[0]), vec(scratch.x[0])
     for i in range(count):
         psi = log(tmul(first, mat(scratch.r[i])))
-        put(scratch.u[i], 0, sub(vec(scratch.x[i]), x0))
+        put(scratch.u[i], 0, vec3.sub(vec(scratch.x[i]), x0))
         put(scratch.psi[i], 0, psi)
-        put_block(scratch.inverse[i], 0, 0, inverse_tangent(psi))
+        vec3.put_block(scratch.inverse[i], 0, 0, inverse_tangent(psi))
         largest = max(largest, np.sqrt(dot(psi, psi)))
     return largest
 
@@ -160,11 +125,10 @@ def relative(count, scratch):
 @jit_inner
 def interpolate(count, shape, slope, moved, turned):
     """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point, or their rates; node 0 contributes nothing: u_0 = psi_0 = 0."""
-    du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    du, psi, dpsi = vec3.ZERO, vec3.ZERO, vec3.ZERO
     for i in range(1, count):
-        du = add_scaled(du, slope[i], vec(moved[i]))
-        psi = add_scaled(psi, shape[i], vec(turned[i]))
-        dpsi = add_scaled(dpsi, slope[i], vec(turned[i]))
+        du, turn = vec3.add_scaled(du, slope[i], vec(moved[i])), vec(turned[i])
+        psi, dpsi = vec3.add_scaled(psi, shape[i], turn), vec3.add_scaled(dpsi, slope[i], turn)
     return du, psi, dpsi
 
 
@@ -186,7 +150,7 @@ def point_of(count, shape, slope, scratch):
     du, psi, dpsi = interpolate(count, shape, slope, scratch.u, scratch.psi)
     q = coefficients(dot(psi, psi))
     s = mul(mat(scratch.r[0]), exp_with(psi, q))
-    return Point(psi, dpsi, q, s, tangent_with(psi, q), tapply(s, du), tangent_slope(psi, dpsi, q, 1.0))
+    return Point(psi, dpsi, q, s, tangent_with(psi, q), vec3.tapply(s, du), tangent_slope(psi, dpsi, q, 1.0))
 
 
 @jit_inner
@@ -198,10 +162,8 @@ def point_hessian(point, stress, stiffness, w, parts):
     psi, dpsi, q, s, h, stretch, bend = point
     (n, m, couple), (c_n, c_m) = stress, stiffness
     spin = mul(skew(stretch), h)  # dGamma = S^T du' + spin dpsi
-    c_spin, c_bend = rows(c_n, spin), rows(c_m, bend)
-    turned = mul(skew(n), spin)
-    by_u_u = mul(s, rows(c_n, transpose(s)))
-    by_u_psi = mul(s, msub(c_spin, mul(skew(n), h)))
+    c_spin, c_bend, turned = rows(c_n, spin), rows(c_m, bend), mul(skew(n), spin)
+    by_u_u, by_u_psi = mul(s, rows(c_n, transpose(s))), mul(s, vec3.msub(c_spin, mul(skew(n), h)))
     stretching = madd(madd(tmul(spin, c_spin), tmul(h, turned)), tangent_slope(psi, couple, q, -1.0))
     bending = madd(tmul(bend, c_bend), tangent_curvature(psi, m, dpsi, q))
     by_slope_psi = madd(tmul(h, c_bend), tangent_slope(psi, m, q, -1.0))
@@ -226,7 +188,7 @@ def put_part(numbers, row, column, m):
 def part(numbers, row, column):
     """Return a matrix of a (6, 6) block that is stored as 36 numbers [any unit]."""
     first = 6 * row + column
-    return vec_at(numbers, first), vec_at(numbers, first + 6), vec_at(numbers, first + 12)
+    return vec3.vec_at(numbers, first), vec3.vec_at(numbers, first + 6), vec3.vec_at(numbers, first + 12)
 
 
 @jit_inner
@@ -234,8 +196,7 @@ def spread(count, shape, slope, parts, out, whole):
     """Add one Gauss point's derivatives to those of the pairs of nodes i, j (j >= i unless ``whole``) [N/m], [N], [N m]."""
     for i in range(1, count):
         for j in range(1 if whole else i, count):
-            ss, sn = slope[i] * slope[j], slope[i] * shape[j]
-            ns, nn = shape[i] * slope[j], shape[i] * shape[j]
+            ss, sn, ns, nn = slope[i] * slope[j], slope[i] * shape[j], shape[i] * slope[j], shape[i] * shape[j]
             for k in range(36):
                 out[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
 
@@ -263,8 +224,7 @@ class Rates(NamedTuple):
     @classmethod
     def of(cls, count: int) -> Rates:
         """Return arrays for elements of at most ``count`` nodes [-]."""
-        vectors = 4 * [(count, 3)]
-        shapes = (*vectors, (count, 3, 3), (3, 3), (4, 36), (count, count, 36), (6 * count, 6 * count))
+        shapes = (*4 * [(count, 3)], (count, 3, 3), (3, 3), (4, 36), (count, count, 36), (6 * count, 6 * count))
         return cls(*(np.zeros(shape) for shape in shapes))
 
 
@@ -284,50 +244,40 @@ def relative_rates(count, scratch, rates):
     """Fill du [m/s], dpsi [rad/s] and how they vary with the nodes' poses; `relative` came before."""
     first, v0, w0 = mat(scratch.r[0]), vec(rates.v[0]), vec(rates.w[0])
     world = apply(first, w0)
-    put_block(rates.spin, 0, 0, skew(world))
+    vec3.put_block(rates.spin, 0, 0, skew(world))
     for i in range(count):
         inverse = mat(scratch.inverse[i])
-        carried = tapply(mat(scratch.r[i]), world)  # w_0 in the frame of node i
-        g = sub(vec(rates.w[i]), carried)
-        put(rates.du[i], 0, sub(sub(vec(rates.v[i]), v0), cross(world, vec(scratch.u[i]))))
+        carried = vec3.tapply(mat(scratch.r[i]), world)  # w_0 in the frame of node i
+        g = vec3.sub(vec(rates.w[i]), carried)
+        put(rates.du[i], 0, vec3.sub(vec3.sub(vec(rates.v[i]), v0), vec3.cross(world, vec(scratch.u[i]))))
         put(rates.dpsi[i], 0, apply(inverse, g))
         by_psi = mul(inverse_tangent_slope(vec(scratch.psi[i]), g, 1.0), inverse)
-        put_block(rates.turned[i], 0, 0, msub(by_psi, mul(inverse, skew(carried))))
+        vec3.put_block(rates.turned[i], 0, 0, vec3.msub(by_psi, mul(inverse, skew(carried))))
 
 
 @jit_inner
 def rate_of(count, shape, slope, point, rates):
     """Return the `Rate` [1/s], [rad/s] of the relative motion at one Gauss point."""
     du, psi, dpsi = interpolate(count, shape, slope, rates.du, rates.dpsi)
-    slid, turn = tapply(point.s, du), apply(point.h, psi)
-    gamma = add(slid, cross(point.stretch, turn))
-    return Rate(slid, turn, psi, dpsi, gamma, add(apply(point.h, dpsi), apply(point.bend, psi)))
+    slid, turn = vec3.tapply(point.s, du), apply(point.h, psi)
+    gamma = vec3.add(slid, vec3.cross(point.stretch, turn))
+    return Rate(slid, turn, psi, dpsi, gamma, vec3.add(apply(point.h, dpsi), apply(point.bend, psi)))
 
 
 @jit_inner
 def rates_by_pose(point, rate, damping, w, parts):
-    """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses [N], [N m].
-
-    damping : D_N [N s], D_M [N m^2 s]
-    """
+    """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses; damping D [N s], [N m^2 s]."""
     psi, dpsi, q, s, h, stretch, bend = point
-    slid, turn, psi_rate, dpsi_rate, _, _ = rate
-    d_n, d_m = damping
+    (slid, turn, psi_rate, dpsi_rate, _, _), (d_n, d_m) = rate, damping
     spin, whirl = mul(skew(stretch), h), skew(turn)
-    by_u = mscale(-1.0, mul(whirl, transpose(s)))
-    slides = mul(msub(skew(slid), mul(whirl, skew(stretch))), h)
+    by_u = rows(d_n, mscale(-1.0, mul(whirl, transpose(s))))
+    slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
     by_psi = rows(d_n, madd(slides, mul(skew(stretch), tangent_slope(psi, psi_rate, q, 1.0))))
-    by_u = rows(d_n, by_u)
-    grown = transpose((
-        apply(tangent_slope(psi, UNIT[0], q, 1.0), psi_rate),
-        apply(tangent_slope(psi, UNIT[1], q, 1.0), psi_rate),
-        apply(tangent_slope(psi, UNIT[2], q, 1.0), psi_rate),
-    ))  # fmt: skip
-    twice = (
-        apply(tangent_curvature(psi, UNIT[0], dpsi, q), psi_rate),
-        apply(tangent_curvature(psi, UNIT[1], dpsi, q), psi_rate),
-        apply(tangent_curvature(psi, UNIT[2], dpsi, q), psi_rate),
-    )
+    x, y, z = UNIT
+    a, b, c = tangent_slope(psi, x, q, 1.0), tangent_slope(psi, y, q, 1.0), tangent_slope(psi, z, q, 1.0)
+    grown = transpose((apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)))
+    a, b, c = tangent_curvature(psi, x, dpsi, q), tangent_curvature(psi, y, dpsi, q), tangent_curvature(psi, z, dpsi, q)
+    twice = apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)
     by_slope, by_bend = rows(d_m, grown), rows(d_m, madd(tangent_slope(psi, dpsi_rate, q, 1.0), twice))
     _add_part(parts[0], 0, 0, mscale(w, mul(s, by_u)))
     _add_part(parts[0], 3, 3, mscale(w, tmul(h, by_slope)))

@@ -14,34 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, rate_of, rates_by_pose, spread
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import (
-    ZERO,
-    add,
-    add_to,
-    apply,
-    block,
-    cross,
-    diagonal,
-    dot,
-    madd,
-    mat,
-    mscale,
-    msub,
-    mul,
-    put,
-    put_block,
-    scale,
-    skew,
-    sub,
-    tapply,
-    times,
-    tmul,
-    transpose,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.vec3 import add, block, dot, madd, mat, msub, mul, put, put_block, scale, skew, sub, vec, vec_at
 from flexinv.typing import Array
 
 
@@ -78,27 +54,27 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
     point = point_of(count, shape, slope, scratch)
     gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
-    kappa = sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
-    n, m, lost = times(stiffness[0], gamma), times(stiffness[1], kappa), 0.0
+    kappa = sub(vec3.apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
+    n, m, lost = vec3.times(stiffness[0], gamma), vec3.times(stiffness[1], kappa), 0.0
     stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
     if rates is not None:
         damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
         rate = rate_of(count, shape, slope, point, rates)
-        n_lost, m_lost = times(damping[0], rate.gamma), times(damping[1], rate.kappa)
+        n_lost, m_lost = vec3.times(damping[0], rate.gamma), vec3.times(damping[1], rate.kappa)
         n, m = add(n, n_lost), add(m, m_lost)
         lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
     put(internal, 0, n)
     put(internal, 3, m)
-    couple = cross(n, point.stretch)
-    by_du, by_dpsi = scale(w, apply(point.s, n)), scale(w, tapply(point.h, m))  # dE/du', dE/dpsi'
-    by_psi = scale(w, add(tapply(point.h, couple), tapply(point.bend, m)))
+    couple = vec3.cross(n, point.stretch)
+    by_du, by_dpsi = scale(w, vec3.apply(point.s, n)), scale(w, vec3.tapply(point.h, m))  # dE/du', dE/dpsi'
+    by_psi = scale(w, add(vec3.tapply(point.h, couple), vec3.tapply(point.bend, m)))
     for i in range(1, count):
-        add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
-        add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
+        vec3.add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
+        vec3.add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
     if want_tangent:
         point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
         if rates is not None:
-            point_hessian(point, (ZERO, ZERO, ZERO), damping, w, rates.parts)
+            point_hessian(point, (vec3.ZERO, vec3.ZERO, vec3.ZERO), damping, w, rates.parts)
             rates_by_pose(point, rate, damping, w, scratch.parts)
             spread(count, shape, slope, rates.parts, rates.drag, True)
         spread(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
@@ -140,15 +116,14 @@ def nodal_forces(count, scratch):
     F_i = dE/du_i, M_i = H_i^-T dE/dpsi_i; the sums of forces and moments vanish, and R_0^T R_i H_i^-T = H_i^-1:
     F_0 = - sum F_i,   M_0 = - sum (R_0^T (u_i x F_i) + H_i^-1 dE/dpsi_i)
     """
-    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    r0 = mat(scratch.r[0])
+    force, moment, r0 = vec3.ZERO, vec3.ZERO, mat(scratch.r[0])
     for i in range(1, count):
         inverse = mat(scratch.inverse[i])
         f, by_psi = vec(scratch.gradient[i]), vec_at(scratch.gradient[i], 3)
         put(scratch.forces[i], 0, f)
-        put(scratch.forces[i], 3, tapply(inverse, by_psi))
+        put(scratch.forces[i], 3, vec3.tapply(inverse, by_psi))
         force = sub(force, f)
-        moment = sub(moment, add(tapply(r0, cross(vec(scratch.u[i]), f)), apply(inverse, by_psi)))
+        moment = sub(moment, add(vec3.tapply(r0, vec3.cross(vec(scratch.u[i]), f)), vec3.apply(inverse, by_psi)))
     put(scratch.forces[0], 0, force)
     put(scratch.forces[0], 3, moment)
 
@@ -168,15 +143,14 @@ def _pair(i, j, scratch, rates, tangent):
         drag, spin, turned = rates.drag[i, j], mat(rates.spin), mat(rates.turned[j])
         x_x, x_t = msub(x_x, mul(part(drag, 0, 0), spin)), madd(x_t, mul(part(drag, 0, 3), turned))
         t_x, t_t = msub(t_x, mul(part(drag, 3, 0), spin)), madd(t_t, mul(part(drag, 3, 3), turned))
-    t_x, t_t = tmul(own, t_x), tmul(own, t_t)
+    t_x, t_t = vec3.tmul(own, t_x), vec3.tmul(own, t_t)
     if i == j:
         geometric = inverse_tangent_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
         t_t = madd(t_t, mul(geometric, own))
     _put_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
     if rates is not None:
-        x_t, t_x = mul(part(drag, 0, 3), other), tmul(own, part(drag, 3, 0))
-        t_t = tmul(own, mul(part(drag, 3, 3), other))
-        _put_pair(rates.by_velocity, row, column, ((part(drag, 0, 0), x_t), (t_x, t_t)))
+        t_x, t_t = vec3.tmul(own, part(drag, 3, 0)), vec3.tmul(own, mul(part(drag, 3, 3), other))
+        _put_pair(rates.by_velocity, row, column, ((part(drag, 0, 0), mul(part(drag, 0, 3), other)), (t_x, t_t)))
     elif j > i:
         _mirror(tangent, row, column)
 
@@ -230,8 +204,7 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
         for k in range(6):
             tangent[row, last + k] = by[k]
         for j in range(1, count):
-            n, at = nodes[j], 6 * j
-            turned = vec_at(by, at + 3)
+            n, at, turned = nodes[j], 6 * j, vec_at(by, 6 * j + 3)
             for k in range(3):  # a section's places move its velocity alone, its turns its angular velocity
                 tangent[row, at + k] += by[at + k] * variation.v[n, k, k]
                 tangent[row, at + 3 + k] += dot(turned, vec(variation.w[n, 3 + k]))
@@ -242,14 +215,14 @@ def _first_row(j, count, scratch, rates, tangent):
     """Forces on the first node by pose and velocity of node j: F_0 = - sum F_i,  M_0 = - R_0^T sum (u_i x F_i + R_i M_i)."""
     force, moment = vec(scratch.forces[j]), vec_at(scratch.forces[j], 3)
     carried = mul(mat(scratch.r[j]), skew(moment))  # R_j (theta x M) = - R_j skew(M) theta
-    _sum_row(j, count, scratch, mscale(-1.0, skew(force)), mscale(-1.0, carried), tangent)
-    _sum_row(j, count, scratch, diagonal(0.0), diagonal(0.0), rates.by_velocity)
+    _sum_row(j, count, scratch, vec3.mscale(-1.0, skew(force)), vec3.mscale(-1.0, carried), tangent)
+    _sum_row(j, count, scratch, vec3.diagonal(0.0), vec3.diagonal(0.0), rates.by_velocity)
 
 
 @jit_inner
 def _sum_row(j, count, scratch, by_x, by_t, a):
     """Balance of one column of (6, 6) blocks; by_x, by_t : how arm and frame of node j itself change the moment."""
-    none, r0 = diagonal(0.0), mat(scratch.r[0])
+    none, r0 = vec3.diagonal(0.0), mat(scratch.r[0])
     x_x, x_t, t_x, t_t = none, none, by_x, by_t
     for i in range(1, count):
         arm, turn, row, column = skew(vec(scratch.u[i])), mat(scratch.r[i]), 6 * i, 6 * j
@@ -257,7 +230,7 @@ def _sum_row(j, count, scratch, by_x, by_t, a):
         x_x, x_t = msub(x_x, f_x), msub(x_t, f_t)
         t_x = madd(t_x, madd(mul(arm, f_x), mul(turn, block(a, row + 3, column))))
         t_t = madd(t_t, madd(mul(arm, f_t), mul(turn, block(a, row + 3, column + 3))))
-    back = mscale(-1.0, transpose(r0))
+    back = vec3.mscale(-1.0, vec3.transpose(r0))
     _put_pair(a, 0, 6 * j, ((x_x, x_t), (mul(back, t_x), mul(back, t_t))))
 
 
@@ -269,12 +242,12 @@ def _by_objectivity(i, count, scratch, rates, tangent):
     x_0 by phi, poses and velocities, they turn:
     K_(i,t0) R_0^T phi = (phi x F_i, 0) - sum_j (K_(i,xj) (phi x u_j) + K_(i,tj) R_j^T phi + V_(i,vj) (phi x (v_j - v_0)))
     """
-    none, r0, row = diagonal(0.0), mat(scratch.r[0]), 6 * i
+    none, r0, row = vec3.diagonal(0.0), mat(scratch.r[0]), 6 * i
     for half in range(0, 6, 3):
         by_x, by_v, by_w = none, none, none
-        by_t = mscale(-1.0, skew(vec(scratch.forces[i]))) if half == 0 else none
+        by_t = vec3.mscale(-1.0, skew(vec(scratch.forces[i]))) if half == 0 else none
         for j in range(1, count):
-            arm, turn, column = skew(vec(scratch.u[j])), transpose(mat(scratch.r[j])), 6 * j
+            arm, turn, column = skew(vec(scratch.u[j])), vec3.transpose(mat(scratch.r[j])), 6 * j
             k_x, k_t = block(tangent, row + half, column), block(tangent, row + half, column + 3)
             by_x, turned = msub(by_x, k_x), msub(mul(k_x, arm), mul(k_t, turn))
             if rates is not None:

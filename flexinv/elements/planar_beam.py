@@ -1,14 +1,12 @@
 """The beam element in a plane: the formulas of `beam` where all rotations share one axis, so that three freedoms are left.
 
 A rotation is an angle: R_0^T R_i = exp(psi_i) has psi_i = theta_i - theta_0, H = 1, and what `beam` states becomes
-
     u_i = x_i - x_0,  phi = phi_0 + psi,  S = (c, -s; s, c)(phi)               interpolated: u', psi, psi'
     Gamma = S^T u' - Gamma_0    (axial, shear)            kappa = psi' - kappa_0    (bending)
     E = 1/2 sum_g w (Gamma . C Gamma + B kappa^2)
     dE/du' = w S n,   dE/dpsi = w (n_1 y_2 - n_2 y_1),   dE/dpsi' = w m      with n = C Gamma, m = B kappa, y = S^T u'
 
 Kelvin-Voigt damping (`beam`), with v' the slope of velocities, phi' the rate of the section's angle, J (a, b) = (-b, a):
-
     dGamma/dt = S^T v' - phi' J y,     dkappa/dt = slope of the nodes' rates         n = C Gamma + D dGamma/dt,  m likewise
 
 The residual is exact.  The linearisation is symmetric, as the planar solver needs it: it keeps the damping term B^T D B (by
@@ -45,6 +43,7 @@ R1, R2, SPIN, RATE1, RATE2, BENT = (np.uint64(POINTS_AT_ONCE * k) for k in range
 RATES = np.uint64(6 * POINTS_AT_ONCE)
 D_AXIAL, D_SHEAR, D_BENDING = (np.uint64(POINTS_AT_ONCE * k) for k in range(3))
 COEFFICIENTS = np.uint64(3 * POINTS_AT_ONCE)
+TURN = 2.0 * np.pi  # an element that turns more between its first and any other node is refused, as in `assembly`
 
 
 @by_address
@@ -68,10 +67,6 @@ class PlanarElements(NamedTuple):
     lanes: np.uint64
     constants: Array
     damping: Array
-
-
-# An element that turns more than this between its first and any other node is refused, as in `assembly`.
-TURN = 2.0 * np.pi
 
 
 @jit_inner
@@ -102,10 +97,8 @@ def interpolate(elements, pose, u, p):
             u1, u2, psi, bend = 0.0, 0.0, 0.0, 0.0
             for i in range(1, count):
                 slope = elements.slope[k, g, i]
-                u1 += slope * u[i, 0]
-                u2 += slope * u[i, 1]
-                psi += elements.shape[k, g, i] * u[i, 2]
-                bend += slope * u[i, 2]
+                u1, u2 = u1 + slope * u[i, 0], u2 + slope * u[i, 1]
+                psi, bend = psi + elements.shape[k, g, i] * u[i, 2], bend + slope * u[i, 2]
             at = point(k, g, points)
             p[at + U1], p[at + U2], p[at + PHI], p[at + BEND] = u1, u2, phi0 + psi, bend
     return largest, worst
@@ -134,10 +127,8 @@ def interpolate_rates(elements, rate, r):
             v1, v2, spin, bent = 0.0, 0.0, first[2], 0.0
             for i in range(1, elements.order[k] + 1):
                 own, slope = rate[elements.nodes[k, i]], elements.slope[k, g, i]
-                v1 += slope * (own[0] - first[0])
-                v2 += slope * (own[1] - first[1])
-                spin += elements.shape[k, g, i] * (own[2] - first[2])
-                bent += slope * (own[2] - first[2])
+                v1, v2, turn = v1 + slope * (own[0] - first[0]), v2 + slope * (own[1] - first[1]), own[2] - first[2]
+                spin, bent = spin + elements.shape[k, g, i] * turn, bent + slope * turn
             n = np.uint64(k * points + g)
             at = n // _LANES * RATES + n % _LANES
             r[at + R1], r[at + R2], r[at + SPIN], r[at + BENT] = v1, v2, spin, bent
@@ -225,15 +216,13 @@ def add_forces(elements, pose, p, wrench, felt):
             n, f1, f2, m = elements.nodes[k, i], 0.0, 0.0, 0.0
             for g in range(count - 1):
                 at, slope = point(k, g, points), elements.slope[k, g, i]
-                f1 += slope * p[at + BY_U1]
-                f2 += slope * p[at + BY_U2]
+                f1, f2 = f1 + slope * p[at + BY_U1], f2 + slope * p[at + BY_U2]
                 m += elements.shape[k, g, i] * p[at + BY_PSI] + slope * p[at + BY_BEND]
             felt[k, i, 0], felt[k, i, 1], felt[k, i, 2] = f1, f2, m
             wrench[n, 0] += f1
             wrench[n, 1] += f2
             wrench[n, 2] += m
-            fx -= f1
-            fy -= f2
+            fx, fy = fx - f1, fy - f2
             moment -= m + (pose[n, 0] - pose[first, 0]) * f2 - (pose[n, 1] - pose[first, 1]) * f1
         felt[k, 0, 0], felt[k, 0, 1], felt[k, 0, 2] = fx, fy, moment
         wrench[first, 0] += fx
@@ -253,13 +242,9 @@ def pair_stiffness(k, i, j, elements, p):
         slope_i, slope_j = elements.slope[k, g, i], elements.slope[k, g, j]
         shape_i, shape_j = elements.shape[k, g, i], elements.shape[k, g, j]
         slopes = slope_i * slope_j
-        a11 += p[at + U1_U1] * slopes
-        a12 += p[at + U1_U2] * slopes
-        a22 += p[at + U2_U2] * slopes
-        b1 += p[at + U1_PSI] * slope_i * shape_j
-        b2 += p[at + U2_PSI] * slope_i * shape_j
-        c1 += p[at + U1_PSI] * shape_i * slope_j
-        c2 += p[at + U2_PSI] * shape_i * slope_j
+        a11, a12, a22 = a11 + p[at + U1_U1] * slopes, a12 + p[at + U1_U2] * slopes, a22 + p[at + U2_U2] * slopes
+        b1, b2 = b1 + p[at + U1_PSI] * slope_i * shape_j, b2 + p[at + U2_PSI] * slope_i * shape_j
+        c1, c2 = c1 + p[at + U1_PSI] * shape_i * slope_j, c2 + p[at + U2_PSI] * shape_i * slope_j
         d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
     return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
 

@@ -36,9 +36,8 @@ class Reference:
         p = self.order
         for x, w in ((self.nodes, self.weights), (self.points, self.point_weights)):
             for k in range(2 * p):  # Lobatto with p + 1 points and Gauss with p are both exact to degree 2 p - 1
-                exact = (1 + (-1) ** k) / (k + 1)
                 # rounding: p+1 terms of size <= 1, each node known to an ulp times k
-                assert abs(w @ x**k - exact) < 1e-13, (p, k)
+                assert abs(w @ x**k - (1 + (-1) ** k) / (k + 1)) < 1e-13, (p, k)
         # differentiation at Gauss points is exact for x^p; conditioning of Lagrange slopes grows like p^2
         assert np.allclose(self.shape @ self.nodes**p, self.points**p, rtol=0, atol=1e-13 * p)
         assert np.allclose(self.slope @ self.nodes**p, p * self.points ** (p - 1), rtol=0, atol=1e-13 * p**3)
@@ -47,8 +46,7 @@ class Reference:
 def gauss_lobatto(order: int) -> tuple[Array, Array]:
     """Return the order + 1 Gauss-Lobatto-Legendre nodes and weights [-] on [-1, 1].
 
-    Nodes are the ends and the roots of P_p'; w_i = 2 / (p (p+1) P_p(x_i)^2).
-    Source: Canuto et al., *Spectral Methods*, 2006, eq. (2.3.12).
+    Nodes are the ends and the roots of P_p'; w_i = 2 / (p (p+1) P_p(x_i)^2): Canuto et al., *Spectral Methods*, 2006, (2.3.12).
     """
     basis = legendre.Legendre.basis(order)
     first, second = basis.deriv(1), basis.deriv(2)
@@ -64,27 +62,21 @@ def lagrange(nodes: Array, x: Array) -> tuple[Array, Array]:
 
     By products, not through monomials: no cancellation at high order.
     """
-    n = len(nodes)
-    value, slope = np.ones((len(x), n)), np.zeros((len(x), n))
-    for i in range(n):
-        others = [k for k in range(n) if k != i]
+    value, slope = np.ones((len(x), len(nodes))), np.zeros((len(x), len(nodes)))
+    for i in range(len(nodes)):
+        others = [k for k in range(len(nodes)) if k != i]
         scale = np.prod(nodes[i] - nodes[others])
         value[:, i] = np.prod(x[:, None] - nodes[others], axis=1) / scale
         for k in others:
-            rest = [m for m in others if m != k]
-            slope[:, i] += np.prod(x[:, None] - nodes[rest], axis=1) / scale
+            slope[:, i] += np.prod(x[:, None] - nodes[[m for m in others if m != k]], axis=1) / scale
     return value, slope
 
 
 @cache
 def reference(order: int) -> Reference:
-    """Return the reference element of polynomial ``order`` [-], 1 to 40.
-
-    Raises InputError for any other order.
-    """
+    """Return the reference element of polynomial ``order`` [-], 1 to 40.  Raises InputError for any other order."""
     if not 1 <= order <= MAXIMAL_ORDER:
         raise InputError(f"order = {order}: expected 1 to {MAXIMAL_ORDER}; for more resolution write more elements")
     nodes, weights = gauss_lobatto(order)
     points, point_weights = legendre.leggauss(order)
-    shape, slope = lagrange(nodes, points)
-    return Reference(order, nodes, weights, points, point_weights, shape, slope)
+    return Reference(order, nodes, weights, points, point_weights, *lagrange(nodes, points))

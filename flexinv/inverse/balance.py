@@ -17,8 +17,7 @@ from flexinv.typing import Array
 
 # Energy that comes from nowhere, in parts of all that was put in: beyond this it is no time error of a step that is too long.
 REASON = 10.0
-# Energies below this part of what a beam stores when it bends by a radian are rounding.
-ROUNDING = 1e-12
+ROUNDING = 1e-12  # energies below this part of what a beam stores when it bends by a radian are rounding
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,7 @@ class Balance:
         holds, from_nowhere = self.kinetic + self.elastic, -self.work
         if not len(mesh.elements.order) or not (from_nowhere > (1 - 1 / REASON) * holds).any():
             return
-        fallen = np.abs(self.potential - self.potential[0])
-        whole = self.work + holds + self.potential
+        fallen, whole = np.abs(self.potential - self.potential[0]), self.work + holds + self.potential
         worked = np.abs(np.diff(whole, prepend=whole[0]))
         most = np.maximum.accumulate(fallen + carried(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
         beyond = without_reason(mesh, from_nowhere, most)
@@ -118,10 +116,9 @@ def add_step(account, holds, potential, power):
 
 @jit
 def instant_energies(masses, frames, stored, driven, tau, qd):
-    """Return kinetic and elastic energy, that of gravity [J], and the power of drives [W] at one instant.
+    """Return kinetic and elastic energy, that of gravity [J], and the power of drives [W] at one instant; see `Instant`.
 
-    sum 1/2 (m v.v + w.J w) + elastic, - sum m g.x, sum tau qd of driven coordinates;
-    stored : (3,) of which the first is the elastic energy; driven : (nv,) 1 or 0
+    sum 1/2 (m v.v + w.J w) + elastic, - sum m g.x, sum tau qd of driven coordinates
     """
     held, potential, power, g = stored[0], 0.0, 0.0, vec(masses.gravity)
     for n in range(len(masses.mass)):

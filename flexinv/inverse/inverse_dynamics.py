@@ -64,9 +64,9 @@ def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = 
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
     force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
     nodal_samples(Masses(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity)), motion.frames, force, moment)
-    if applied is not None:
-        return NodalForces(force - applied.force, moment - applied.moment)
-    return NodalForces(force, moment)
+    return (
+        NodalForces(force, moment) if applied is None else NodalForces(force - applied.force, moment - applied.moment)
+    )
 
 
 def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> NodalForces:
@@ -106,10 +106,7 @@ def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict
 def drive_efforts(
     mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True, direction: Array | None = None
 ) -> Array:
-    """Return rotor_inertia qdd, and with ``passive`` + damping qd + friction direction, (samples, nv) [N m] or [N].
-
-    direction : (samples, nv) [-], sign(qd) unless given
-    """
+    """Return rotor_inertia qdd, if ``passive`` + damping qd + friction direction (sign(qd) or given), (samples, nv) [N m, N]."""
     law = laws_of(mechanism)
     if not passive:
         return np.asarray(law.rotor * qdd)
@@ -122,9 +119,6 @@ def drive_efforts(
 def own_efforts(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, direction: Array | None = None) -> Array:
     """Return the efforts of `drive_efforts` and of springs in joints, which follow whole turns, (samples, nv) [N m] or [N]."""
     return drive_efforts(mechanism, qd, qdd, direction=direction) + joint_springs(mechanism, q)
-
-
-# ------------------------------------------------------------------------------------------------ applied forces
 
 
 def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces | None:
@@ -140,9 +134,8 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
     for spring in m.springs:
         a, arm_a, xa, va = _point(mesh, motion, spring.first)
         b, arm_b, xb, vb = _point(mesh, motion, spring.second)
-        gap = xb - xa
-        length = np.linalg.norm(gap, axis=1, keepdims=True)
-        along = gap / np.maximum(length, np.finfo(float).tiny)
+        length = np.linalg.norm(xb - xa, axis=1, keepdims=True)
+        along = (xb - xa) / np.maximum(length, np.finfo(float).tiny)
         rate = np.sum(along * (vb - va), axis=1, keepdims=True)
         pull = (spring.pull(length) + spring.damping * rate) * along  # on a, towards b
         for node, arm, own in ((a, arm_a, pull), (b, arm_b, -pull)):
@@ -160,8 +153,7 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
 
 def _point(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
     """Node, lever arm, position and velocity of an attachment's origin, (samples, 3) world."""
-    node = attachment_node(mesh, at)
-    place = at.placement.position
+    node, place = attachment_node(mesh, at), at.placement.position
     if node < 0:
         still = np.zeros_like(motion.x[:, 0])
         return node, still, still + place, still
@@ -185,8 +177,8 @@ def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array
     out, laws = np.zeros((len(q), mechanism.nv)), laws_of(mechanism)._replace(friction=0.0)
     for joint in mechanism.joints:
         if joint.stiffness:
-            own = q[:, mechanism.q_slices[joint.name]]
-            place, v = scalar_coordinate(joint, own, history), mechanism.v_slices[joint.name].start
+            own, v = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name].start
+            place = scalar_coordinate(joint, own, history)
             out[:, v] = resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
     return out
 
@@ -210,13 +202,8 @@ def check_constant(mechanism: Mechanism) -> None:
     """Raise InputError if a given force [N] depends on time, which a single configuration does not have."""
     varying = [f.name for f in mechanism.forces if len(f.time) > 1]
     if varying:
-        raise InputError(
-            f"mechanism '{mechanism.name}': force '{varying[0]}' depends on time; "
-            "write flexinv.solve(mechanism, motion, step=...)"
-        )
-
-
-# --------------------------------------------------------------------------------------------- the paper's factors
+        advice = "write flexinv.solve(mechanism, motion, step=...)"
+        raise InputError(f"mechanism '{mechanism.name}': force '{varying[0]}' depends on time; {advice}")
 
 
 @dataclass(frozen=True)

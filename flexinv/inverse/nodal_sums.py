@@ -77,10 +77,7 @@ def sum_line(parent, x, line):
 
 @jit
 def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
-    """Set the sums of `sum_samples` of some ``nodes`` only, in their own frames, (nodes, samples, 6) [N], [N m].
-
-    line : (all nodes, 6) scratch, the sums of one sample
-    """
+    """Set sums of `sum_samples` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch, all nodes."""
     for s in range(x.shape[0]):
         sum_outboard(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
@@ -127,9 +124,6 @@ def instant_torques(nodes, drives, masses, frames, line, motion, tau):
                 v = nodes.v_index[n] + i
                 effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
                 tau[v] = effort + own_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
-
-
-# -------------------------------------------------------------------------------------- over all samples
 
 
 @by_address
@@ -205,16 +199,19 @@ class Found(NamedTuple):
 
 @jit
 def second_step_samples(skeleton, moving, given, line, out):
-    """Fill ``out`` (`Found`) from skeleton, motion and what is given [m, rad, s, N, J]; line : (nodes, 6) scratch.
-
-    moving : `kinematics.tree.Frames` with a leading sample axis
-    """
+    """Fill ``out`` (`Found`) from skeleton, motion (`Frames` of all samples), the given [m, N, J]; line : (nodes, 6) scratch."""
     supplied, work, start = 0.0, 0.0, 0.0
     for s in range(moving.x.shape[0]):
         outside = _forces(s, skeleton, moving, given, out)
         sum_outboard(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
         tau = _efforts(s, skeleton, moving, given, line, out)
-        _places(s, skeleton, moving, out)
+        for i in range(len(skeleton.tip)):
+            n = skeleton.tip[i]
+            put(out.tip[i, s], 0, add(vec(moving.x[s, n]), apply(mat(moving.r[s, n]), vec(skeleton.point[i]))))
+        for i in range(len(skeleton.root)):
+            n = skeleton.root[i]
+            along = tapply(mat(moving.r[s, n]), sub(vec(moving.x[s, skeleton.end[i]]), vec(moving.x[s, n])))
+            put(out.deflection[i, s], 0, sub(along, vec(skeleton.straight[i])))
         kinetic, potential, moved = _energies(s, skeleton, moving, given, out)
         energy = kinetic + potential + given.energy[s, 0]
         before, supplied = supplied, tau + outside - given.energy[s, 2]
@@ -259,23 +256,10 @@ def _efforts(s, skeleton, moving, given, line, out):
                 out.tau[s, v], out.reaction[s, v] = effort, dot(slide, pull) + dot(turn, twist)
                 power += effort * given.qd[s, v]
     for j in range(len(skeleton.joint)):
-        n = skeleton.joint[j]
-        turned = mat(moving.r[s, n])
+        n, turned = skeleton.joint[j], mat(moving.r[s, skeleton.joint[j]])
         put(out.wrench[j, s], 0, tapply(turned, vec_at(line[n], 0)))
         put(out.wrench[j, s], 3, tapply(turned, vec_at(line[n], 3)))
     return power
-
-
-@jit_inner
-def _places(s, skeleton, moving, out):
-    """Set tips and deflections."""
-    for i in range(len(skeleton.tip)):
-        n = skeleton.tip[i]
-        put(out.tip[i, s], 0, add(vec(moving.x[s, n]), apply(mat(moving.r[s, n]), vec(skeleton.point[i]))))
-    for i in range(len(skeleton.root)):
-        n = skeleton.root[i]
-        along = tapply(mat(moving.r[s, n]), sub(vec(moving.x[s, skeleton.end[i]]), vec(moving.x[s, n])))
-        put(out.deflection[i, s], 0, sub(along, vec(skeleton.straight[i])))
 
 
 @jit_inner
@@ -287,8 +271,7 @@ def _energies(s, skeleton, moving, given, out):
     gravity, kinetic, potential, power, none = vec(skeleton.gravity), 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
     base_push, base_turn, push, turn = none, none, none, none
     for n in range(len(skeleton.parent)):
-        place, speed = vec(moving.x[s, n]), vec(moving.v[s, n])
-        w, turned = vec(moving.w[s, n]), mat(moving.r[s, n])
+        place, speed, w, turned = vec(moving.x[s, n]), vec(moving.v[s, n]), vec(moving.w[s, n]), mat(moving.r[s, n])
         p, q = vec(out.force[s, n]), vec(out.moment[s, n])
         kinetic += 0.5 * (skeleton.mass[n] * dot(speed, speed) + dot(w, apply(mat(skeleton.inertia[n]), w)))
         potential -= skeleton.mass[n] * dot(gravity, place)

@@ -1,7 +1,6 @@
 """Joints in compiled code: relative motion of nodes from coordinates, motion of all nodes, and steps of the coordinates.
 
 A joint with one coordinate moves its node by its motion subspace (s, t), both constant in the parent's frame and in its own:
-
     p = p_0 + q R_0 s      R = R_0 exp(q t)      p' = q' R_0 s      w = q' t        (and likewise p'', al)
 """
 
@@ -96,8 +95,7 @@ def _turn(q, first, d):
     angle = math.sqrt(dot(d, d))
     step = scale(0.5 * (math.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0), d)
     c, own, real = math.cos(0.5 * angle), vec_at(q, first), q[first + 3]
-    vector = add(add(scale(real, step), scale(c, own)), cross(own, step))
-    scalar = real * c - dot(own, step)
+    vector, scalar = add(add(scale(real, step), scale(c, own)), cross(own, step)), real * c - dot(own, step)
     size = 1.0 / math.sqrt(dot(vector, vector) + scalar * scalar)
     put(q, first, scale(size, vector))
     q[first + 3] = size * scalar

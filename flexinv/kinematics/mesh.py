@@ -2,9 +2,7 @@
 
 Every point that carries mass, a joint or a beam cross-section is a *node* with a frame.  A node hangs on an earlier
 one, either rigidly (a centre of mass), or through a joint, or as the next cross-section of a beam:
-
     X_W,node = X_W,parent  .  placement  .  X_joint(q)
-
 A rigid link is a joint node and one node at the centre of mass of each of its bodies; a beam link is a joint node
 (the link frame), a root node, its Gauss-Lobatto nodes, and one node per body carried by a section.  Universal joints are two
 revolute ones with a massless node between, so that every joint has constant axes in the frame of its own node.
@@ -29,9 +27,7 @@ from flexinv.typing import Array
 
 # Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
 _NO_JOINT = np.zeros(3), -1, -1, np.zeros((0, 3)), np.zeros((0, 3))
-
-# Two stations of one beam closer than this fraction of its length are one cross-section.
-SAME_STATION = 1e-9
+SAME_STATION = 1e-9  # two stations of one beam closer than this fraction of its length are one cross-section
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +127,9 @@ class _Builder(Places):
             self.inertia[at] = self.inertia[at] + body.inertia.tensor
 
     def beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
-        wanted = [j.station for j in self.mechanism.joints if j.parent == link.name and j.station is not None]
-        wanted += [b.station for b in link.bodies if b.station is not None]
-        wanted += [
-            end.station for end in self.mechanism.attachments if end.link == link.name and end.station is not None
-        ]
+        hung = [j.station for j in self.mechanism.joints if j.parent == link.name] + [b.station for b in link.bodies]
+        hung += [end.station for end in self.mechanism.attachments if end.link == link.name]
+        wanted = [station for station in hung if station is not None]
         nodes, stations = [self.node(node, RIGID, beam.placement, index)], [0.0]
         for start, end in pairwise(_element_bounds(beam, wanted)):
             self.element(beam, index, start, end, nodes, stations)
@@ -144,14 +138,11 @@ class _Builder(Places):
 
     def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
         """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
-        ref = reference(beam.order)
-        jacobian = 0.5 * (end - start) * beam.length  # ds/dxi
-        at_nodes = start + 0.5 * (end - start) * (1 + ref.nodes)
-        at_points = start + 0.5 * (end - start) * (1 + ref.points)
-        own = [nodes[-1]]
+        ref, half, own = reference(beam.order), 0.5 * (end - start), [nodes[-1]]
+        jacobian = half * beam.length  # ds/dxi
+        at_nodes, at_points = start + half * (1 + ref.nodes), start + half * (1 + ref.points)
         for previous, here in pairwise(at_nodes):
-            step = arc(beam, (here - previous) * beam.length)
-            own.append(self.node(own[-1], SECTION, step, link))
+            own.append(self.node(own[-1], SECTION, arc(beam, (here - previous) * beam.length), link))
         nodes += own[1:]
         stations += list(at_nodes[1:])
         rho_a, rho_i = _interpolate(beam, at_nodes, beam.section.mass_per_length, beam.section.rotary_inertia)
@@ -190,22 +181,17 @@ def arc(beam: Beam, length: float) -> Placement:
 
 def _interpolate(beam: Beam, at: Array, *tables: Array) -> list[Array]:
     """Section tables at fractions ``at``, linear between the stations, constant beyond them."""
-
-    def along(column: Array) -> Array:
-        return np.interp(at, beam.section.stations, column)
-
-    return [np.apply_along_axis(along, 0, table) for table in tables]
+    stations = beam.section.stations
+    return [np.apply_along_axis(lambda column: np.interp(at, stations, column), 0, table) for table in tables]
 
 
 def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
     """Strains that the element's own interpolation sees in the undeformed shape: they are subtracted."""
     places = [arc(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
-    x = np.array([p.position for p in places])
-    psi = log_so3(np.array([p.rotation for p in places]))
+    x, psi = np.array([p.position for p in places]), log_so3(np.array([p.rotation for p in places]))
     gamma, kappa = np.empty((len(shape), 3)), np.empty((len(shape), 3))
     for g, (n, dn) in enumerate(zip(shape, slope, strict=True)):
-        gamma[g] = exp_so3(n @ psi).T @ (dn @ x)
-        kappa[g] = tangent3(n @ psi) @ (dn @ psi)
+        gamma[g], kappa[g] = exp_so3(n @ psi).T @ (dn @ x), tangent3(n @ psi) @ (dn @ psi)
     return gamma, kappa
 
 
@@ -241,8 +227,7 @@ def build(mechanism: Mechanism) -> Mesh:
         from flexinv.linearized.natural_modes import damped  # its modes need a mesh
 
         return build(damped(mechanism))
-    builder = _Builder(mechanism, {}, {}, {}, {}, {})
-    index = {link.name: k for k, link in enumerate(mechanism.links)}
+    builder, index = _Builder(mechanism, {}, {}, {}, {}, {}), {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
@@ -251,8 +236,7 @@ def build(mechanism: Mechanism) -> Mesh:
     slide, turn = np.zeros((2, len(moved), 6, 3))
     for n, count in enumerate(map(len, moved)):
         slide[n, :count], turn[n, :count] = moved[n], turned[n]
-    freedoms = [len(own) for own in moved]
-    whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, freedoms, link)]
+    whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, [len(own) for own in moved], link)]
     return Mesh(
         mechanism, builder.joint_node, builder.tip_node, builder.section_nodes, builder.section_stations, builder.body_node,
         whole[0], whole[1],

@@ -1,10 +1,9 @@
 """NodalMotion: the motion of every node, the interface between the two steps; rigid kinematics; steps in configuration space.
 
 Rigid links get it from exact kinematics (`rigid_motion`), flexible ones from the finite-element march (`trajectory`),
-measurements could give it too; inverse dynamics (`inverse_dynamics`) never asks which.
-
-Of relative motion ``p``, ``p'``, ``p''`` are taken in the parent node's frame, rotation rates in the node's own frame; what a
-node's placement and its joint do together is one relative motion, so that one rule walks the tree (`kinematics.tree.carry`).
+measurements could give it too; inverse dynamics never asks which.  Of relative motion ``p``, ``p'``, ``p''`` are taken in the
+parent node's frame, rotation rates in the node's own frame; what a node's placement and its joint do together is one relative
+motion, so that one rule walks the tree (`kinematics.tree.carry`).
 """
 
 from __future__ import annotations
@@ -57,8 +56,7 @@ class NodalMotion:
     @classmethod
     def unwritten(cls, samples: int, nodes: int) -> NodalMotion:
         """Return arrays to be filled [m, rad, s]; nothing is in them."""
-        vector = (samples, nodes, 3)
-        return cls(*together(vector, (*vector, 3), *4 * [vector]))
+        return cls(*together((samples, nodes, 3), (samples, nodes, 3, 3), *4 * [(samples, nodes, 3)]))
 
     def samples(self, span: slice) -> NodalMotion:
         """Return the samples of ``span``, not copied [m, rad, s]."""
@@ -72,10 +70,8 @@ FEWEST_SAMPLES = 4  # that the formulas at the ends need
 def check_samples(samples: int, step: float) -> None:
     """Raise InputError if there are too few samples of ``step`` [s] for the difference formulas."""
     if samples < FEWEST_SAMPLES:
-        raise InputError(
-            f"the incremental mode needs at least {FEWEST_SAMPLES} samples, step = {step:g} s gives {samples}: "
-            "write a smaller step"
-        )
+        needed = f"the incremental mode needs at least {FEWEST_SAMPLES} samples"
+        raise InputError(f"{needed}, step = {step:g} s gives {samples}: write a smaller step")
 
 
 def differenced(motion: NodalMotion, step: float) -> NodalMotion:
@@ -91,8 +87,7 @@ def differenced(motion: NodalMotion, step: float) -> NodalMotion:
     check_samples(len(motion.x), step)
     v = np.gradient(motion.x, step, axis=0, edge_order=2)
     a = _extended(np.diff(motion.x, 2, axis=0) / step**2)
-    turn = np.einsum("snji,snjk->snik", motion.rotation[:-1], motion.rotation[1:])
-    phi = log_so3(turn) / step  # (step, node, xyz)
+    phi = log_so3(np.einsum("snji,snjk->snik", motion.rotation[:-1], motion.rotation[1:])) / step  # (step, node, xyz)
     first, last = 1.5 * phi[:1] - 0.5 * phi[1:2], 1.5 * phi[-1:] - 0.5 * phi[-2:-1]
     omega = np.concatenate([first, 0.5 * (phi[1:] + phi[:-1]), last])
     return NodalMotion(motion.x, motion.rotation, v, omega, a, _extended(np.diff(phi, axis=0) / step))
@@ -128,8 +123,7 @@ def scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
     """
     if not KINDS[joint.kind].circle:
         return q[:, 0]
-    angle = np.arctan2(q[:, 1], q[:, 0])
-    return np.unwrap(angle) if history else angle
+    return np.unwrap(np.arctan2(q[:, 1], q[:, 0])) if history else np.arctan2(q[:, 1], q[:, 0])
 
 
 def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
@@ -178,14 +172,13 @@ def between(
     """
     step = difference(mechanism, first[0], last[0])
 
-    def powers(s: float, n: int) -> Array:
-        """Derivatives of the powers of s."""
+    def powers(s: float, n: int) -> Array:  # derivatives of the powers of s
         return np.array([0.0 if k < n else perm(k, n) * s ** (k - n) for k in range(6)])
 
     places = (np.zeros_like(step), first), (step, last)
     ends = [part for place, (_, rate, change) in places for part in (place, duration * rate, duration**2 * change)]
-    at_ends = [powers(s, n) for s in (0.0, 1.0) for n in range(3)]
-    factors = np.linalg.solve(np.array(at_ends), np.stack(ends))  # (power, coordinate)
+    at_ends = np.array([powers(s, n) for s in (0.0, 1.0) for n in range(3)])
+    factors = np.linalg.solve(at_ends, np.stack(ends))  # (power, coordinate)
     for k in range(1, parts):
         value, rate, change = (powers(k / parts, n) @ factors for n in range(3))
         yield moved(mechanism, first[0], value), rate / duration, change / duration**2
@@ -262,6 +255,5 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
 def _quaternion(turn: Array, first: Array) -> Array:
     """Unit quaternions x, y, z, w (samples, 4), without sign jumps from the ``first`` on along the samples."""
     out = scipy.spatial.transform.Rotation.from_matrix(turn).as_quat()
-    before = np.concatenate([first[None], out[:-1]])
-    same = np.where(np.sum(out * before, axis=1) < 0, -1.0, 1.0)
+    same = np.where(np.sum(out * np.concatenate([first[None], out[:-1]]), axis=1) < 0, -1.0, 1.0)
     return np.asarray(out * np.cumprod(same)[:, None])

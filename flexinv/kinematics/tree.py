@@ -18,7 +18,21 @@ from typing import NamedTuple
 
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, mat, mul, put, sum3, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    mat,
+    mul,
+    put,
+    put_block,
+    sum3,
+    tapply,
+    vec,
+    vec_at,
+)
 from flexinv.typing import Array
 
 
@@ -81,9 +95,7 @@ def carry(n, m, frames, joints):
 @jit_inner
 def _put_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
     put(frames.x[n], 0, position)
-    put(frames.r[n, 0], 0, rotation[0])
-    put(frames.r[n, 1], 0, rotation[1])
-    put(frames.r[n, 2], 0, rotation[2])
+    put_block(frames.r[n], 0, 0, rotation)
     put(frames.v[n], 0, velocity)
     put(frames.w[n], 0, omega)
     put(frames.a[n], 0, acceleration)
@@ -92,9 +104,9 @@ def _put_frame(n, frames, position, rotation, velocity, omega, acceleration, alp
 
 @jit_inner
 def carry_variation(n, m, columns, frames, joints, variation):
-    """Add to the variation of node n what follows from that of its parent m; on entry it holds the joint's own part [m, rad, s].
+    """Add to the variation of node n what follows from that of its parent m [m, rad, s].
 
-    Own part on entry, all in the frames of `Joints`: its x = dp, t = theta_j, v = dp', w = dw_j, a = dp'', al = dal_j.
+    On entry it holds the joint's own part, in frames of `Joints`: x = dp, t = theta_j, v = dp', w = dw_j, a = dp'', al = dal_j.
     """
     if m < 0:
         return

@@ -64,8 +64,7 @@ class TableLaw(Frozen):
     def _piece(self, length: ArrayLike) -> tuple[Array, Array]:
         table, at = self.pieces(), np.asarray(length, dtype=np.float64)
         piece = table[np.clip(np.searchsorted(table[:, 0], at, side="right") - 1, 0, len(table) - 1)]
-        start = np.where(np.isfinite(piece[..., 0]), piece[..., 0], self.length[0])
-        return piece[..., 1:], at - start
+        return piece[..., 1:], at - np.where(np.isfinite(piece[..., 0]), piece[..., 0], self.length[0])
 
     def pull(self, length: ArrayLike, rest: float) -> Array:
         """Return the pull [N] at lengths [m] (any shape); the table's lengths are whole ones, ``rest`` has no part in it."""
@@ -87,15 +86,9 @@ Law = GasLaw | TableLaw
 
 # closure kind -> number of constraints that it puts on the relative motion of its two frames
 CLOSURES: dict[str, int] = {
-    "fixed": 6,
-    "revolute": 5,
-    "prismatic": 5,
-    "cylindrical": 4,
-    "universal": 4,
-    "spherical": 3,
-    "point-on-line": 2,
-    "coupling": 1,
-}
+    "fixed": 6, "revolute": 5, "prismatic": 5, "cylindrical": 4,
+    "universal": 4, "spherical": 3, "point-on-line": 2, "coupling": 1,
+}  # fmt: skip
 
 # Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
 COUPLED = tuple(name for name, kind in KINDS.items() if kind.counts_turns)
@@ -113,8 +106,7 @@ class Closure(Frozen):
         no frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
     axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
         point-on-line (in the first frame), the axis of a universal closure that stays with the first frame
-    second_axis : (3,) [-], universal: the axis that stays with the second frame
-    active : intervals (start, end) [s] in which it acts; empty: always
+    second_axis : (3,) [-], universal: that of the second frame; active : intervals (start, end) [s] when it acts; empty: always
     capture : it ties the frames where they stand when it begins to act, as a hand that grasps; False: they must have met
     impact : what happens when it begins to act on frames that move against each other: one of ``IMPACTS``
     """

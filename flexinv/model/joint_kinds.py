@@ -63,8 +63,8 @@ class JointKind:
 
 _ANGLES, _LENGTHS = ("rad", "rad", "rad"), ("m", "m", "m")
 _QUATERNION, _RATES = (".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")
-# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
-# a free joint is position then quaternion, and its velocity is linear then angular, in the child's frame.
+# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w, a free joint is position
+# then quaternion, and its velocity is linear then angular, in the child's frame.
 KINDS: dict[str, JointKind] = {
     "revolute": JointKind(REVOLUTE, ("",), ("",), ("rad",), repeats=True),
     "continuous": JointKind(CONTINUOUS, (".cos", ".sin"), ("",), ("rad",), CIRCLE, repeats=True),
@@ -73,9 +73,7 @@ KINDS: dict[str, JointKind] = {
     "spherical": JointKind(SPHERICAL, _QUATERNION, _RATES, _ANGLES, ROTATION),
     "universal": JointKind(REVOLUTE, (".1", ".2"), (".1", ".2"), ("rad", "rad"), repeats=True),  # two nodes
     "fixed": JointKind(RIGID, (), (), ()),
-    "free": JointKind(
-        FREE, (".x", ".y", ".z", *_QUATERNION), (".vx", ".vy", ".vz", *_RATES), (*_LENGTHS, *_ANGLES), POSE
-    ),
+    "free": JointKind(FREE, (".x", ".y", ".z", *_QUATERNION), (".vx", ".vy", ".vz", *_RATES), _LENGTHS + _ANGLES, POSE),
 }
 # Node kind -> number of configuration and of velocity coordinates.
 CONFIGURATIONS = {RIGID: 0, SECTION: 0} | {k.number: len(k.q) for k in KINDS.values() if k != KINDS["universal"]}

@@ -44,10 +44,7 @@ def read_only(values: NDArray[T]) -> NDArray[T]:
 
 @dataclass(frozen=True)
 class Placement(Frozen):
-    """A frame B in a frame A: ``x_A = position + rotation @ x_B``.
-
-    position : (3,) [m]; rotation : (3, 3) [-], R_AB
-    """
+    """A frame B in a frame A: ``x_A = position + rotation @ x_B``, position (3,) [m], rotation R_AB (3, 3) [-]."""
 
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
@@ -79,8 +76,7 @@ class Inertia(Frozen):
 class Body:
     """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
 
-    station : None on a rigid link (the frame is the link frame); on a beam the fraction 0..1 of the length
-        whose cross-section frame carries the body (0 the root, 1 the tip)
+    station : None on a rigid link (link frame); on a beam the fraction 0..1 of the length whose section frame carries the body
     """
 
     name: str
@@ -95,8 +91,7 @@ class Section(Frozen):
     stations : (n,) [-], fraction 0..1 of the length, increasing
     stiffness : (n, 6): EA [N], GA_y [N], GA_z [N], GJ [N m^2], EI_y [N m^2], EI_z [N m^2]
         (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
-    mass_per_length : (n,) [kg/m]
-    rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
+    mass_per_length : (n,) [kg/m]; rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
     damping : (n, 6) [N s], [N m^2 s]: stress by rate of strain, in the order of ``stiffness``; None: none
     """
 
@@ -111,8 +106,7 @@ class Section(Frozen):
 class Beam(Frozen):
     """A geometrically exact Timoshenko beam.
 
-    length : scalar [m], arc length; section : Section along it
-    elements : number of finite elements; order : polynomial order of each (1 is the paper's element)
+    length : scalar [m], arc length; elements : number of finite elements; order : polynomial order of each (1 is the paper's)
     curvature : (3,) [1/m], initial twist, curvature about y and about z, constant along the length
     placement : root cross-section frame in the link frame; the axis leaves along local x
     """

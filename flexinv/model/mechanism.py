@@ -1,11 +1,10 @@
 """Mechanisms as frozen data: a tree of links and joints, with closures, springs and forces attached.
 
-A mechanism is a tree, which closures may tie into loops.  Every link hangs on one joint; the joint's parent is another
-link or ``"world"``.  The link frame sits at that joint.
+A mechanism is a tree, which closures may tie into loops.  Every link hangs on one joint, where its frame sits; the joint's
+parent is another link or ``"world"``.  SI units, radians, right-handed frames.
 
-Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these
-same numbers by their own code.  SI units, radians, right-handed frames.  Parts of it stand in `links` and
-`attachments`, and are imported from here.
+Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these same numbers by
+their own code.  Parts of it stand in `links` and `attachments`, and are imported from here.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ __all__ = [
     "Placement", "Section", "Spring",
 ]  # fmt: skip
 
-# Names of what an elastic drive adds to a mechanism: the gear's output and the spring to the link.
-GEAR, SPRING = ".gear", ".spring"
+GEAR, SPRING = ".gear", ".spring"  # names of what an elastic drive adds: the gear's output and the spring to the link
 # Kinds of joint that a drive may move, and of the spring between motor and link there.
 SPRINGS = {name: "revolute" if k.circle else name for name, k in KINDS.items() if len(k.v) == 1}
 
@@ -55,8 +53,7 @@ class Drive:
     """Motor, gear and elastic joint of a joint with one coordinate; the equations are in `motor_side`.
 
     ratio : [-], turns of the motor per turn of the joint, of one that slides [rad/m]; rotor_inertia : of the motor [kg m^2]
-    stiffness, damping : of the elastic joint, on its link's side [N m/rad], [N m s/rad] or [N/m], [N s/m]; stiffness 0: a rigid
-        gear
+    stiffness, damping : of the elastic joint, on link side [N m/rad], [N m s/rad] or [N/m], [N s/m]; stiffness 0: rigid gear
     torque_constant : [N m/A], 0 unknown; viscous [N m s/rad], coulomb, static [N m], stribeck [rad/s] : friction of the motor
     moves : "link" or "motor", which of the two the joint's coordinate is (the motor's over the ratio)
     """
@@ -152,7 +149,7 @@ class Mechanism(Frozen):
 
     closures : what ties links of the tree into loops; springs, forces : what else acts on them
     gravity : (3,) [m/s^2], world frame
-    urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
+    urdf : the URDF file the mechanism came from, if any (engines with a parser of their own read it again)
     packages : folders in which ``package://`` paths of that URDF are looked up
     notes : what a reader of results must know (mimic joints made independent, massless links, ...)
     modal_damping : of all beams by the ratio of one natural mode, data until a mesh is built; None where sections state it
@@ -278,15 +275,14 @@ class Mechanism(Frozen):
         placed = body.station is None if owner.beam is None else body.station is not None and 0 <= body.station <= 1
         if not placed:
             expected = "a station from 0 to 1" if owner.beam is not None else "no station: the link is rigid"
-            raise InputError(
-                f"with_body: body {body.name!r} on link {link!r} has station {body.station}, expected {expected}"
-            )
+            given = f"with_body: body {body.name!r} on link {link!r} has station {body.station}"
+            raise InputError(f"{given}, expected {expected}")
         loaded = replace(owner, bodies=(*owner.bodies, body))
         return replace(self, links=tuple(loaded if one is owner else one for one in self.links))
 
     def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
-        links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)
-        return replace(self, links=links)
+        links = (link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)
+        return replace(self, links=tuple(links))
 
 
 def _slices(sizes: list[tuple[str, int]]) -> dict[str, slice]:
@@ -298,24 +294,21 @@ def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
     """Return the mechanism with damped beams, D = seconds C [N s], [N m^2 s]; a stated ratio is replaced.
 
     seconds : retardation time [s], one for all strains or six: axial, shear y, shear z, twist, bending y, bending z
-
     Raises InputError for negative times.
     """
     times = np.asarray(seconds, dtype=float)
     if times.shape not in ((), (6,)) or not np.isfinite(times).all() or (times < 0).any():
         raise InputError(f"retardation times {times.tolist()}: expected one number >= 0 or six [s], for example 1e-3")
-
-    def damped(beam: Beam) -> Beam:
-        return replace(beam, section=replace(beam.section, damping=times * beam.section.stiffness))
-
-    return replace(mechanism._with_beams(damped), modal_damping=None)
+    damped = mechanism._with_beams(
+        lambda b: replace(b, section=replace(b.section, damping=times * b.section.stiffness))
+    )
+    return replace(damped, modal_damping=None)
 
 
 def expanded(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism that the drives make [kg m^2], [N m/rad]: rotors in joints, springs where the motor is moved.
 
     rotor N^2 J, damping N^2 v, dry friction N c at the joint; the Stribeck part above c is the motor's alone (`motor_side`)
-
     Raises InputError for a drive on a joint without just one coordinate, or beside rotor, damping, friction or spring.
     """
     joints, links = [], dict(mechanism.link_of)
@@ -325,8 +318,8 @@ def expanded(mechanism: Mechanism) -> Mechanism:
             joints.append(joint)
             continue
         if joint.kind not in SPRINGS:
-            expected = f"a drive moves one coordinate ({', '.join(SPRINGS)}), the joint is {joint.kind}"
-            raise InputError(f"joint {joint.name!r}: {expected}")
+            kinds = ", ".join(SPRINGS)
+            raise InputError(f"joint {joint.name!r}: a drive moves one coordinate ({kinds}), the joint is {joint.kind}")
         if joint.rotor_inertia or joint.damping or joint.friction or joint.stiffness:
             beside = "rotor, damping, friction or spring beside a drive; state them in the drive"
             raise InputError(f"joint {joint.name!r}: {beside}")
@@ -353,8 +346,5 @@ def check_expanded(joint: Joint) -> None:
     elastic = drive.stiffness and not joint.child.endswith(GEAR)
     own = drive.rotor_inertia or drive.viscous or drive.coulomb
     if elastic or (own and not (joint.rotor_inertia or joint.damping or joint.friction)):
-        raise InputError(
-            f"joint {joint.name!r}: its drive is not part of the mechanism yet; "
-            "write flexinv.model.mechanism.expanded(mechanism), "
-            "which puts rotors into joints and springs between motors and links"
-        )
+        advice = "write flexinv.model.mechanism.expanded(mechanism), which puts rotors into joints and springs between"
+        raise InputError(f"joint {joint.name!r}: its drive is not part of the mechanism yet; {advice} motors and links")

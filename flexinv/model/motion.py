@@ -1,11 +1,9 @@
 """Motions: what the joints do, as exact functions of time.
 
-A motion is independent of the mechanism until it is evaluated: joints are named, or all are given in the order of
-the mechanism.  ``evaluate`` gives q, qd and qdd in the mechanism's layout (Pinocchio's): a continuous joint is
-(cos, sin) with one angular velocity, a rotation is a quaternion x, y, z, w with the angular velocity in the moving
-frame, a free joint adds the position, and its linear velocity is also expressed in the moving frame:
-    v = R^T p',   v' = R^T p'' - omega x v
-Before time 0 and after its end a motion rests.
+A motion is independent of the mechanism until it is evaluated: joints are named, or all are given in the order of the mechanism.
+``evaluate`` gives q, qd and qdd in the mechanism's layout (Pinocchio's): a continuous joint is (cos, sin) with one angular
+velocity, a rotation is a quaternion x, y, z, w with the angular velocity in the moving frame, a free joint adds the position, and
+its linear velocity there, v = R^T p', v' = R^T p'' - omega x v.  Before time 0 and after its end a motion rests.
 """
 
 from __future__ import annotations
@@ -27,6 +25,7 @@ from flexinv.model.track import SNAP, Sampling, Track, find_law, joint_path, lis
 from flexinv.typing import Array, Triple
 
 Values = ArrayLike | Mapping[str, ArrayLike]
+ByJoint = Mapping[str, ArrayLike] | None
 Columns = tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]  # names of joints, numbers, and how many of each
 
 
@@ -54,15 +53,13 @@ class Motion:
         """
         find_law(law)
         duration = arguments.seconds("duration", duration, "a positive time [s]")
-        hold, delay = (
-            arguments.seconds(k, t, "a time, 0 or more [s]", zero=True) for k, t in (("hold", hold), ("delay", delay))
-        )
+        rests = ("hold", hold), ("delay", delay)
+        hold, delay = (arguments.seconds(name, t, "a time, 0 or more [s]", zero=True) for name, t in rests)
         names, first, widths = _row(start, "start")
         names_end, last, widths_end = _row(end, "end")
         if names != names_end:
-            raise InputError(
-                f"start gives {listed(names)}, end gives {listed(names_end)}: expected the same joints in both"
-            )
+            given = f"start gives {listed(names)}, end gives {listed(names_end)}"
+            raise InputError(f"{given}: expected the same joints in both")
         if first.shape != last.shape or widths != widths_end:
             raise InputError(f"start has {first.size} numbers, end has {last.size}: expected as many in both")
         track = Track(names, np.stack([first, last]), widths, float(duration), float(delay), law)
@@ -70,13 +67,9 @@ class Motion:
 
     @staticmethod
     def from_samples(
-        time: ArrayLike,
-        q: Values,
-        names: tuple[str, ...] | list[str] | None = None,
-        degree: int = 5,
-        rest: bool = False,
-        max_gap: float | None = None,
-    ) -> Motion:
+        time: ArrayLike, q: Values, names: tuple[str, ...] | list[str] | None = None,
+        degree: int = 5, rest: bool = False, max_gap: float | None = None,
+    ) -> Motion:  # fmt: skip
         """Join samples by a spline; rotations by a normalised spline of quaternions, angular velocity exact to it.
 
         time : (samples,) [s], from 0; q : (samples, nq) [rad], [m] in the order of the mechanism or of ``names``
@@ -133,10 +126,8 @@ class Motion:
         missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
         if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
             others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-            raise InputError(
-                f"the motion gives no joint {missing[0]!r}, which has an actuator; give it a motion (start = end holds "
-                f"it) or write actuated = false{others}"
-            )
+            advice = f"give it a motion (start = end holds it) or write actuated = false{others}"
+            raise InputError(f"the motion gives no joint {missing[0]!r}, which has an actuator; {advice}")
         return tuple(joint.name for joint in mechanism.joints if joint.name in given)
 
     def evaluate(self, mechanism: Mechanism, time: ArrayLike, side: Literal["left", "right"] = "right") -> Triple:
@@ -168,8 +159,8 @@ LARGE = 100_000  # samples of a table that is not kept
 def motion_at(motion: Motion, mechanism: Mechanism, time: NDArray[np.floating]) -> Triple:
     """Return the arrays of ``motion.evaluate`` at some times (samples,) [s], not to be written into.
 
-    Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.  Those of
-    other kinds of motions are not, as they may look at the mechanism.
+    Small tables are kept for a while, as batches and loops over designs share a motion; those of other kinds of motions are not,
+    as they may look at the mechanism.
     """
     if len(time) > LARGE or type(motion) is not Motion:
         return _evaluated(motion, mechanism, time)
@@ -192,8 +183,7 @@ def _kept(motion: Motion, layout: _Layout, time: Array) -> Triple:
 
 
 def _evaluated(motion: Motion, mechanism: Mechanism, time: ArrayLike) -> Triple:
-    found = motion.evaluate(mechanism, time)
-    for part in found:
+    for part in (found := motion.evaluate(mechanism, time)):
         part.flags.writeable = False
     return found
 
@@ -205,9 +195,8 @@ def _row(values: Values, where: str) -> Columns:
         if row.ndim != 1:
             raise InputError(f"{where}: expected shape (nq,), got {row.shape}")
         return None, row, None
-    parts = {
-        str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in sorted(values, key=str)
-    }
+    ordered = sorted(values, key=str)
+    parts = {str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in ordered}
     for name, part in parts.items():
         if part.ndim != 1:
             raise InputError(f"{where}, joint {name!r}: expected a number or a list of them, got shape {part.shape}")
@@ -249,10 +238,7 @@ def _frozen(values: ArrayLike, where: str) -> Array:
 
 
 def start_coordinates(
-    mechanism: Mechanism,
-    passive: set[str],
-    start: Mapping[str, ArrayLike] | None,
-    rate: Mapping[str, ArrayLike] | None = None,
+    mechanism: Mechanism, passive: set[str], start: ByJoint, rate: ByJoint = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return initial coordinates (nq,) [rad], [m] and rates (nv,) [1/s] by joint; of a continuous joint an angle is enough.
 
@@ -263,10 +249,9 @@ def start_coordinates(
     for label, given in (("start", start), ("start_rate", rate)):
         for name in given:
             if name not in passive:
-                raise InputError(
-                    f"{label}: joint {name!r} is not passive here (passive: {', '.join(sorted(passive)) or 'none'}); "
-                    "only unactuated joints that the motion leaves out take a start"
-                )
+                others = ", ".join(sorted(passive)) or "none"
+                rule = "only unactuated joints that the motion leaves out take a start"
+                raise InputError(f"{label}: joint {name!r} is not passive here (passive: {others}); {rule}")
     places = {}
     for name, value in start.items():
         kind = KINDS[mechanism.joint_of[name].kind]
@@ -286,8 +271,6 @@ def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.ndim != 1 or numbers.size not in counts or not np.isfinite(numbers).all():
-        wanted = " or ".join(map(str, counts))
-        raise InputError(
-            f"{label}: joint {name!r} takes {wanted} finite number{'s' * (counts != (1,))}, got {arguments.shown(value)}"
-        )
+        wanted = " or ".join(map(str, counts)) + " finite number" + "s" * (counts != (1,))
+        raise InputError(f"{label}: joint {name!r} takes {wanted}, got {arguments.shown(value)}")
     return numbers

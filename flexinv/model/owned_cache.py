@@ -29,7 +29,6 @@ def kept_with_owner(
     """Return a decorator: the first argument of a function keeps its last results, by the other arguments.
 
     They are hashable, or arrays [any unit], of which the numbers count.
-
     most : results of one function that an owner keeps [-], the oldest goes first; typed : 2.0 is not 2, nor 1 True
     """
 
@@ -42,10 +41,8 @@ def kept_with_owner(
             if results is None:
                 results = owner.__dict__.setdefault(ATTRIBUTE, _Results())
             own = results.setdefault(name, {})
-            index: tuple[Any, ...] = tuple(
-                (one.shape, one.dtype.char, one.tobytes()) if isinstance(one, np.ndarray) else one for one in key
-            )
-            index += tuple(map(type, key)) if typed else ()
+            index: tuple[Any, ...] = tuple(map(type, key)) if typed else ()
+            index += tuple((k.shape, k.dtype.char, k.tobytes()) if isinstance(k, np.ndarray) else k for k in key)
             try:
                 return own[index]  # type: ignore[no-any-return]
             except KeyError:

@@ -3,9 +3,8 @@
 A joint torque needs a continuous acceleration, an estimate of its rate a continuous jerk: the default is a quintic
 spline (four continuous derivatives); a cubic one has a continuous acceleration whose slope jumps at every sample.
 
-A law maps s = (t - start)/T in [0, 1] to (u, u', u''), derivatives with respect to s; a move of length D in T seconds
-then has the speed D u'/T and the acceleration D u''/T^2.  Source of the peaks in the table: the formulas themselves,
-see any text on cam design.
+A law maps s = (t - start)/T in [0, 1] to (u, u', u''), derivatives by s; a move of length D in T seconds then has the speed
+D u'/T and the acceleration D u''/T^2.  Source of the peaks: the formulas themselves, see any text on cam design.
 
 | law       | u' peak | u'' peak | acceleration jumps at s |
 |-----------|---------|----------|-------------------------|
@@ -37,8 +36,7 @@ GAP = 10.0  # an interval this many times the median one is a hole in the data, 
 UNIT_NORM = 1e-2  # components written with two decimals leave the norm this uncertain
 ABRUPT = 1e-3  # of the peak speed: a stop from less is lost among what any drive does in one sample
 QUARTER_TURN = np.cos(np.pi / 4)  # |<q_k, q_k+1>| of two rotations a quarter turn apart
-# Times k * step carry the rounding of a product; a sample this close to a jump is meant to be at the jump.
-# 1e-9 of the move is far above rounding (1e-16) and far below any step that resolves the move.
+# Times k * step carry the rounding of a product (1e-16): a sample this close to a jump, far below any step, is meant to be there.
 SNAP = 1e-9
 
 
@@ -91,8 +89,7 @@ LAWS: dict[str, Law] = {
     "cycloid": Law((), _cycloid),
     "quintic": Law((), _smooth(2, 30.0, 10.0, -15.0, 6.0)),
     "septic": Law((), _smooth(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
-    # for torques without corners of arms that bend
-    "nonic": Law((), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)),
+    "nonic": Law((), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)),  # no corners in torques of arms that bend
     "bang-bang": Law((0.0, 1.0 / 2.0, 1.0), _bang_bang),
     "trapezoid": Law((0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
 }
@@ -129,8 +126,7 @@ class Sampling:
     """Sample times and the spline that joins the samples.
 
     time : (samples,) [s], from 0, increasing; degree : 3 or 5
-    rest : True where the motion starts and ends at rest (velocity 0, and with degree 5 acceleration 0);
-        False leaves the ends to the samples ("not a knot")
+    rest : velocity 0, and with degree 5 acceleration 0, at both ends; False leaves the ends to the samples ("not a knot")
     """
 
     time: Array
@@ -140,8 +136,7 @@ class Sampling:
     @kept_with_owner()
     def spline(self, values: Array) -> scipy.interpolate.BSpline:
         """Return the interpolating spline of values (samples, columns) [any unit]; it is kept, as motions ask time by time."""
-        zero = np.zeros(values.shape[1])
-        at_rest = [(order, zero) for order in range(1, (self.degree + 1) // 2)]
+        at_rest = [(order, np.zeros(values.shape[1])) for order in range(1, (self.degree + 1) // 2)]
         ends = (at_rest, at_rest) if self.rest else None
         return scipy.interpolate.make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
 
@@ -158,18 +153,15 @@ class Sampling:
         steps = np.diff(time)
         if np.any(steps <= 0.0):
             k = int(np.argmax(steps <= 0.0))
-            raise InputError(
-                f"time: sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s; "
-                "sort the samples and remove repeated ones"
-            )
+            order = f"sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s"
+            raise InputError(f"time: {order}; sort the samples and remove repeated ones")
         if time[0] != 0.0:
             raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
         longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
         if steps[longest] > allowed:
-            raise InputError(
-                f"time: a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s, "
-                f"more than {allowed:g} s; fill the gap, or write max_gap if the spline may cross it"
-            )
+            gap = f"a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s"
+            advice = "fill the gap, or write max_gap if the spline may cross it"
+            raise InputError(f"time: {gap}, more than {allowed:g} s; {advice}")
 
 
 def unit_quaternions(quaternions: Array, where: str) -> Array:
@@ -177,9 +169,8 @@ def unit_quaternions(quaternions: Array, where: str) -> Array:
     norm = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     wrong = np.abs(norm - 1.0) > UNIT_NORM
     if np.any(wrong):
-        raise InputError(
-            f"{where}: a quaternion of norm {norm[wrong][0]:g}; expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
-        )
+        expected = "expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
+        raise InputError(f"{where}: a quaternion of norm {norm[wrong][0]:g}; {expected}")
     return np.asarray(quaternions / norm)
 
 
@@ -189,22 +180,17 @@ def continuous_signs(quaternions: Array, where: str) -> Array:
     if np.any(np.abs(cosines) < QUARTER_TURN):
         k = int(np.argmin(np.abs(cosines)))
         angle = np.degrees(2.0 * np.arccos(min(1.0, abs(cosines[k]))))
-        raise InputError(
-            f"{where}: turns by {angle:.0f} deg between samples {k} and {k + 1}; "
-            "a spline of rotations needs samples less than 90 deg apart"
-        )
-    signs = np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))
-    return np.asarray(quaternions * signs[:, None])
+        needed = "a spline of rotations needs samples less than 90 deg apart"
+        raise InputError(f"{where}: turns by {angle:.0f} deg between samples {k} and {k + 1}; {needed}")
+    return np.asarray(quaternions * np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))[:, None])
 
 
 def _rest_outside(
     sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, left: Mask, where: str, path: Triple
 ) -> Triple:
     """Rest before and after the samples; the stop itself belongs to the rest unless ``left`` asks for the move."""
-    end = sampling.time[-1]
-    snap = SNAP * end
-    after = np.where(left, at > end + snap, at >= end - snap)
-    before = np.where(left, at <= snap, at < -snap)
+    end, snap = sampling.time[-1], SNAP * sampling.time[-1]
+    after, before = np.where(left, at > end + snap, at >= end - snap), np.where(left, at <= snap, at < -snap)
     if np.any(at > end + snap):
         peak, stop = np.abs(spline(sampling.time, 1)).max(), np.abs(spline(end, 1)).max()
         if stop > ABRUPT * peak:
@@ -243,8 +229,7 @@ class Track:
         """Times [s] where the acceleration jumps."""
         if self.sampling is None:
             return tuple(self.delay + s * self.move for s in find_law(self.law).jumps)
-        smooth = self.sampling.rest and self.sampling.degree == 5
-        return () if smooth else (0.0, self.move)
+        return () if self.sampling.rest and self.sampling.degree == 5 else (0.0, self.move)
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -260,8 +245,7 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask)
     left : (samples,) where an acceleration jump gives its limit from the left
     returns q (samples, nq) [rad], [m]; qd (samples, nv) [rad/s], [m/s]; qdd (samples, nv) [rad/s^2], [m/s^2]
     """
-    where = f"joint {joint.name!r}"
-    kind = KINDS[joint.kind]
+    where, kind = f"joint {joint.name!r}", KINDS[joint.kind]
     if kind.layout == ROTATION:
         return _rotation(track, values, at, left, where)
     if kind.layout == POSE:
@@ -269,8 +253,7 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask)
         quaternion, omega, alpha = _rotation(track, values[:, 3:], at, left, where)
         to_body = scipy.spatial.transform.Rotation.from_quat(quaternion).inv()
         v, a = to_body.apply(v), to_body.apply(a)
-        a = a - np.cross(omega, v)
-        return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a, alpha])
+        return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a - np.cross(omega, v), alpha])
     if kind.circle:
         angle, rate, acceleration = _plain(track, _angles(values, track.sampling is not None, where), at, left, where)
         return np.hstack([np.cos(angle), np.sin(angle)]), rate, acceleration
@@ -347,28 +330,21 @@ def parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]
         full = list(track.widths)
     elif width not in (sum(full), sum(short)):
         angles = f" (or {sum(short)}, with one angle per continuous joint)" if sum(short) != sum(full) else ""
-        raise InputError(
-            f"{width} coordinates: expected {sum(full)}{angles}: "
-            + ", ".join(f"{j.name} {n}" for j, n in zip(joints, full, strict=True))
-        )
+        each = ", ".join(f"{j.name} {n}" for j, n in zip(joints, full, strict=True))
+        raise InputError(f"{width} coordinates: expected {sum(full)}{angles}: {each}")
     elif width != sum(full):
         full = short
-    ends = np.cumsum(full)
-    return tuple((j, slice(int(b) - n, int(b))) for j, n, b in zip(joints, full, ends, strict=True))
+    return tuple((j, slice(int(b) - n, int(b))) for j, n, b in zip(joints, full, np.cumsum(full), strict=True))
 
 
 def _named(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
     movable = {j.name: j for j in mechanism.joints if j.nv}
     for name in names or ():
         if name not in movable:
-            fixed = name in mechanism.joint_of
             like = nearest(name, movable)
-            raise InputError(
-                f"a motion for joint {name!r}, which "
-                + ("is fixed" if fixed else "does not exist")
-                + (f"; write {like!r}" if like and not fixed else "")
-                + f"; {mechanism.name} moves by {listed(tuple(movable))}"
-            )
+            why = "is fixed" if name in mechanism.joint_of else "does not exist" + (f"; write {like!r}" if like else "")
+            moved = listed(tuple(movable))
+            raise InputError(f"a motion for joint {name!r}, which {why}; {mechanism.name} moves by {moved}")
     return list(movable.values()) if names is None else [movable[name] for name in names]
 
 
