@@ -53,9 +53,8 @@ class MotorSide:
 
 def friction(drive: Drive, rate: Array) -> Array:
     """Return f, (samples,) [N m] at the motor's shaft, for its rate (samples,) [rad/s]."""
-    bump = np.zeros_like(rate)
-    if drive.static > drive.coulomb:
-        bump = (drive.static - drive.coulomb) * np.exp(-((rate / drive.stribeck) ** 2))
+    more = drive.static - drive.coulomb
+    bump = more * np.exp(-((rate / drive.stribeck) ** 2)) if more > 0.0 else np.zeros_like(rate)
     return np.asarray(drive.viscous * rate + (drive.coulomb + bump) * np.sign(rate))
 
 
@@ -77,8 +76,7 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
         own = n**2 * drive.rotor_inertia * acceleration + n * friction(replace(drive, static=0.0), n * rate)
         transmitted = tau - own
     else:
-        transmitted = tau
-        lag = _lag(drive, solution.time, tau, joint.name)
+        transmitted, lag = tau, _lag(drive, solution.time, tau, joint.name)
         angle, rate, acceleration = angle + lag[0], rate + lag[1], acceleration + lag[2]
     shaft = n * rate
     torque = n * drive.rotor_inertia * acceleration + friction(drive, shaft) + transmitted / n
@@ -88,15 +86,14 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
 
 def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:
     """delta, delta', delta'' (samples,) by which the motor, at the joint, runs ahead of the link: k delta + d delta' = tau."""
+    of = f"drive of joint {name!r}"
     if len(time) < FEWEST:
-        raise InputError(
-            f"drive of joint {name!r}: {len(time)} samples, expected {FEWEST} or more: take a smaller step"
-        )
+        raise InputError(f"{of}: {len(time)} samples, expected {FEWEST} or more: take a smaller step")
     found, coarse = _second(drive, time, tau), _second(drive, time[::2], tau[::2])
     change = np.abs(found[2][::2] - coarse[2]).max()
     if change > ROUGH * np.abs(found[2]).max():
         raise InputError(
-            f"drive of joint {name!r}: the second derivative of its torque changes by {change / np.abs(found[2]).max():.0%} with "
+            f"{of}: the second derivative of its torque changes by {change / np.abs(found[2]).max():.0%} with "
             "every second sample, so the link cannot be moved like this through an elastic joint; expected a motion with four "
             'continuous derivatives (samples joined by splines) and a small step, or write moves = "motor" in its drive'
         )

@@ -42,22 +42,19 @@ def simulate(
     ``simulate`` with the torque of `solve` gives its motion back, up to the time error of both (second order).
 
     time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between; a
-        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows; None
-        where no joint has a drive
+        time given twice is a jump: the first row ends what is before it, the second begins what follows; None without drives
     step : time step and spacing of the samples [s], or accuracy : as in `solve` [-]
     spectral_radius, initial : as in `solve` ("static": in equilibrium with the driven joints held where they start)
     start, start_rate : initial coordinates and rates of joints [rad], [m], [1/s], zero unless given; in loops what is given is
         kept, up to a hundredth (rad, of the length, of the largest rate), and the other joints are moved onto the closures
     progress : called with the number of samples done since its last call
-
     Raises InputError for input that cannot be, a drive of a free joint or a start that closures contradict among it,
     ConvergenceError (time, increment, advice) if Newton fails.
     """
     of_kind("mechanism", mechanism, Mechanism)
     if not isinstance(initial, str) or initial not in ("consistent", "static"):
-        raise InputError(
-            f"simulate: initial = {shown(initial)}, expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
-        )
+        expected = "'consistent' (starts undeformed) or 'static' (in equilibrium)"
+        raise InputError(f"simulate: initial = {shown(initial)}, expected {expected}")
     function("progress", progress, "a function of the number of samples done since its last call")
     table = _table(mechanism, time, torque)
     settles = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
@@ -76,8 +73,7 @@ def simulate(
 
     if accuracy is None and step is not None:
         step = number("step", step, "a positive number of seconds, for example step=1e-3")
-        span = table[0][-1] - table[0][0]
-        settings = checked(step, spectral_radius, EXACT, initial)
+        span, settings = table[0][-1] - table[0][0], checked(step, spectral_radius, EXACT, initial)
         count = round(span / step)
         if count < 1:
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
@@ -98,10 +94,7 @@ def simulate(
 
 
 def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], settles: bool) -> Stated:
-    """The known values of the start.
-
-    settles : passive joints may be stated where beams are bent, and the loops are closed unbent first
-    """
+    """The known values of the start; ``settles``: passive joints may be stated where beams are bent, loops are closed unbent."""
     m, q, qd = mechanism, mechanism.neutral, np.zeros(mechanism.nv)
     for name, value in places.items():
         q[m.q_slices[name]] = value
@@ -142,8 +135,7 @@ def _jumps(time: Array) -> Array:
 
 
 def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:
-    time, torque = table
-    jumps = np.append(_jumps(time), np.inf)
+    (time, torque), jumps = table, np.append(_jumps(table[0]), np.inf)
 
     def efforts(at: Array, before: bool) -> Array:
         after = np.minimum(np.searchsorted(jumps, at - SAME_TIME * step), len(jumps) - 1)
