@@ -107,8 +107,7 @@ class Flexible:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.rest)
         if status != CONVERGED:
-            turned = (self.solver if self.flat is None else self.flat).turned(count)
-            when = "in a step of the controller"
+            turned, when = (self.flat or self.solver).turned(count), "in a step of the controller"
             raise complaint(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
 
     def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
@@ -137,8 +136,7 @@ class Flexible:
         mesh, step = self.solver.mesh, self.scheme.h
         held, at_start, _, work, worked, steps, _ = self.instant.account.tolist()
         from_nowhere = holds + potential - held - at_start - work
-        most = held + worked + abs(potential - at_start)
-        most += float(carried(mesh, np.asarray(qd, dtype=float)[None], self.passive)[0])
+        most = held + worked + abs(potential - at_start) + float(carried(mesh, qd[None], self.passive)[0])
         if without_reason(mesh, from_nowhere, most):
             raise ConvergenceError(
                 f"controller: mechanism '{mesh.mechanism.name}', at call {steps:.0f} after start (step {step:g} s): "

@@ -50,12 +50,11 @@ def extrapolated_rotations(rotations: Sequence[Array], weight: Array) -> Array:
 
 def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array) -> FirstStep:
     """Return the first step of the paper extrapolated from several with the same samples [m, rad, s, N], the finest last."""
-    last = steps[-1]
     mixed: FirstStep = _each(steps, lambda parts: combined(parts, weight) if parts[-1].dtype == float else parts[-1])
     trajectory = mixed.trajectory._replace(r=extrapolated_rotations([one.trajectory.r for one in steps], weight))
     q, qd, qdd = zip(*(one.joints for one in steps), strict=True)
     joints = _coordinates(mechanism, q, weight), combined(qd, weight), combined(qdd, weight)
-    return replace(mixed, trajectory=trajectory, time=last.time, joints=joints, brought=last.brought)
+    return replace(mixed, trajectory=trajectory, time=steps[-1].time, joints=joints, brought=steps[-1].brought)
 
 
 def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:

@@ -234,8 +234,7 @@ class Switching:
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0
-        before = _rates(solver, qd)
-        impulses = solver.collide(joints)
+        before, impulses = _rates(solver, qd), solver.collide(joints)
         accept(s)
         solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
         record_instant(solver, sample, out)

@@ -28,8 +28,7 @@ from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
 from flexinv.validation import of_kind
 
-# A second derivative that changes by more than this when every second sample is left out is none: the motion is not smooth
-# enough, or the samples are too far apart.
+# A second derivative that changes by more when every second sample is left out is none: too rough a motion, or samples too few.
 ROUGH = 0.1
 FEWEST = 16  # samples that its quintic splines need
 
@@ -68,8 +67,7 @@ def motor_side(solution: Solution) -> dict[str, MotorSide]:
 
 
 def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
-    m, n = solution.mechanism, drive.ratio
-    at = m.v_slices[joint.name].start
+    m, n, at = solution.mechanism, drive.ratio, solution.mechanism.v_slices[joint.name].start
     tau, rate, acceleration = solution.torque_all[:, at], solution.qd[:, at], solution.qdd[:, at]
     angle = scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
@@ -78,10 +76,9 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
     else:
         transmitted, lag = tau, _lag(drive, solution.time, tau, joint.name)
         angle, rate, acceleration = angle + lag[0], rate + lag[1], acceleration + lag[2]
-    shaft = n * rate
-    torque = n * drive.rotor_inertia * acceleration + friction(drive, shaft) + transmitted / n
+    torque = n * drive.rotor_inertia * acceleration + friction(drive, n * rate) + transmitted / n
     current = torque / drive.torque_constant if drive.torque_constant else np.full_like(torque, np.nan)
-    return MotorSide(n * angle, shaft, n * acceleration, torque, current, transmitted)
+    return MotorSide(n * angle, n * rate, n * acceleration, torque, current, transmitted)
 
 
 def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:

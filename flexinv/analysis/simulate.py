@@ -62,10 +62,9 @@ def simulate(
 
     def released(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh, moves = build(meshed), {j.name for j in meshed.joints if j.nv}
-        stated = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), settles)
+        stated, first = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), settles), float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:
-            first = float(steps[0])
             state = begin(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
         began.append((stated, state[0], state[1]))
         history, jumps, efforts = still(*state), tuple(_jumps(table[0])), _efforts(meshed, table, own.step)
@@ -130,8 +129,7 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> t
 
 
 def _jumps(time: Array) -> Array:
-    """Times that are given twice."""
-    return np.asarray(time[1:][np.diff(time) == 0.0])
+    return np.asarray(time[1:][np.diff(time) == 0.0])  # that are given twice
 
 
 def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:

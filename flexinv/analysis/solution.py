@@ -309,5 +309,5 @@ def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -
     w, al, r = motion.omega[:, root], motion.alpha[:, root], motion.rotation[:, root]
     force = forces.force[:, outer].sum(axis=1) + mass * (motion.a[:, root] - mesh.mechanism.gravity)
     moment = (forces.moment[:, outer] + np.cross(arm, forces.force[:, outer])).sum(axis=1)
-    own = [np.einsum("sji,sj->si", r, part) for part in (force, moment)]
-    return -np.hstack([own[0], own[1] + al @ inertia.T + np.cross(w, w @ inertia.T)])
+    force, moment = (np.einsum("sji,sj->si", r, part) for part in (force, moment))
+    return -np.hstack([force, moment + al @ inertia.T + np.cross(w, w @ inertia.T)])

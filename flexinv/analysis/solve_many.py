@@ -136,10 +136,11 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
             if number:
                 go_to(number, here)
             work()
-            ended.put(None)
         except BaseException as error:
             stop()
             ended.put(error)
+        else:
+            ended.put(None)
 
     begun = 1
     try:
