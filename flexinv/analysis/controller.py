@@ -195,15 +195,13 @@ class Controller:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
         if mechanism.closures:
-            raise InputError(
-                f"controller: mechanism '{mechanism.name}' has beams and closures, which are not marched step by step; "
-                "write flexinv.solve(mechanism, motion, step=...) instead"
-            )
+            why = "which are not marched step by step; write flexinv.solve(mechanism, motion, step=...) instead"
+            raise InputError(f"controller: mechanism '{mechanism.name}' has beams and closures, {why}")
         if step is None:
-            raise InputError(
-                f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
-                "write step = the time between two calls in seconds, for example step=1e-3"
+            why = (
+                "whose deformation is carried on from call to call; write step = the time between two calls in seconds"
             )
+            raise InputError(f"controller: mechanism '{mechanism.name}' has beams, {why}, for example step=1e-3")
         tau = np.zeros(mechanism.nv)
         out = cls(mechanism, tau, None, Flexible(mechanism, generalized_alpha(step, radius), tau))
         out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
@@ -233,9 +231,8 @@ class Controller:
             return self.rigid.sample(q, qd, qdd, self.tau)
         f = self.flexible
         if f is None or not self.begun:
-            raise InputError(
-                "controller: write controller.start(q, qd, qdd) once, where the motion begins, before step"
-            )
+            write = "write controller.start(q, qd, qdd) once, where the motion begins, before step"
+            raise InputError(f"controller: {write}")
         if f.left > 0 or not (_is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)):
             q, qd, qdd = self._checked(q, qd, qdd)
         if f.left > 0:

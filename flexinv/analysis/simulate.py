@@ -25,17 +25,11 @@ from flexinv.validation import floats, function, number, of_kind, shown
 
 
 def simulate(
-    mechanism: Mechanism,
-    time: ArrayLike,
-    torque: ArrayLike | None = None,
-    step: float | None = None,
-    spectral_radius: float = 0.8,
-    initial: str = "consistent",
-    start: Mapping[str, ArrayLike] | None = None,
-    start_rate: Mapping[str, ArrayLike] | None = None,
-    progress: Progress | None = None,
-    accuracy: float | None = None,
-) -> Solution:
+    mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None = None, step: float | None = None,
+    spectral_radius: float = 0.8, initial: str = "consistent",
+    start: Mapping[str, ArrayLike] | None = None, start_rate: Mapping[str, ArrayLike] | None = None,
+    progress: Progress | None = None, accuracy: float | None = None,
+) -> Solution:  # fmt: skip
     """Return the motion that torques of the drives give a mechanism, rigid, flexible or mixed, open or closed.
 
     M a + f_elastic + f_velocity - m g = S tau(t), from ``time[0]`` to ``time[-1]``: `solve` with nothing prescribed, so that
@@ -110,21 +104,16 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> t
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
     in_order = at.ndim == 1 and len(at) > 1 and np.isfinite(at).all() and (np.diff(at) >= 0.0).all()
     if not in_order or at[0] == at[1] or at[-2] == at[-1] or not (at[2:] > at[:-2]).all():
-        raise InputError(
-            f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; between the first and the last "
-            "a time may be given twice, where the torque jumps"
-        )
+        twice = "between the first and the last a time may be given twice, where the torque jumps"
+        raise InputError(f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; {twice}")
     if values.shape != (len(at), len(names)) or not np.isfinite(values).all():
-        raise InputError(
-            f"simulate: torque has shape {values.shape}, expected finite numbers ({len(at)}, {len(names)}), a row for each time "
-            f"and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
-        )
+        each = f"a row for each time and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
+        expected = f"finite numbers ({len(at)}, {len(names)}), {each}"
+        raise InputError(f"simulate: torque has shape {values.shape}, expected {expected}")
     for joint in mechanism.joints:
         if KINDS[joint.kind].layout == POSE and joint.actuated:
-            raise InputError(
-                f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, whose force would turn with what it "
-                "moves; write actuated=False and a force with follower=True on its link"
-            )
+            why = "whose force would turn with what it moves; write actuated=False and a force with follower=True on its link"
+            raise InputError(f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, {why}")
     return at, values
 
 

@@ -32,21 +32,11 @@ OF_STEPS = 4 / 3
 
 
 def solve(
-    mechanism: Mechanism,
-    motion: Motion,
-    step: float | None = None,
-    error: bool = False,
-    end: float | None = None,
-    spectral_radius: float = 0.8,
-    initial: str = "consistent",
-    incremental: bool = False,
-    start: Stated = None,
-    start_rate: Stated = None,
-    progress: Progress | None = None,
-    every: int = 1,
-    tolerance: float = EXACT,
-    accuracy: float | None = None,
-) -> Solution:
+    mechanism: Mechanism, motion: Motion, step: float | None = None, error: bool = False, end: float | None = None,
+    spectral_radius: float = 0.8, initial: str = "consistent", incremental: bool = False,
+    start: Stated = None, start_rate: Stated = None, progress: Progress | None = None,
+    every: int = 1, tolerance: float = EXACT, accuracy: float | None = None,
+) -> Solution:  # fmt: skip
     """Return the torques that make a mechanism, rigid, flexible or mixed, follow a motion of its joints.
 
     Two steps, one program:  task -> flexible trajectory (M, C, K act) -> P = M (a - g) -> tau = L T P.

@@ -18,19 +18,10 @@ from flexinv.validation import whole
 
 
 def solve_in_parts(
-    mechanism: Mechanism,
-    motion: Motion,
-    step: float,
-    part: int = 10_000,
-    end: float | None = None,
-    spectral_radius: float = 0.8,
-    initial: str = "consistent",
-    start: Stated = None,
-    start_rate: Stated = None,
-    progress: Progress | None = None,
-    every: int = 1,
-    tolerance: float = EXACT,
-) -> Iterator[Solution]:
+    mechanism: Mechanism, motion: Motion, step: float, part: int = 10_000, end: float | None = None,
+    spectral_radius: float = 0.8, initial: str = "consistent", start: Stated = None, start_rate: Stated = None,
+    progress: Progress | None = None, every: int = 1, tolerance: float = EXACT,
+) -> Iterator[Solution]:  # fmt: skip
     """Return the Solution of `solve` in consecutive parts, an iterator: a long one can go to disk while it is computed.
 
     part : kept samples [-] by which the parts advance; each begins with the sample [s] with which that before ended, and sums

@@ -44,6 +44,7 @@ from flexinv.typing import Array, Triple
 from flexinv.validation import function, nearest, whole
 
 Each = Sequence[Mapping[str, Any]] | None
+Asked = tuple[Mechanism, Motion, Mapping[str, Any]]  # the last are options of its own
 OPTIONS = tuple(signature(solve).parameters)[2:]  # what a scenario may say beside its mechanism and its motion
 # Options of `solve` that scenarios that are alike may state; all others keep their defaults.
 ALIKE = {"step", "end", "spectral_radius", "tolerance"}
@@ -71,14 +72,9 @@ class Batch:
 
 
 def solve_many(
-    mechanisms: Mechanism | Sequence[Mechanism],
-    motions: Motion | Sequence[Motion],
-    step: float,
-    each: Each = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    **options: Any,
-) -> Batch:
+    mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], step: float, each: Each = None,
+    threads: int | None = None, progress: Progress | None = None, **options: Any,
+) -> Batch:  # fmt: skip
     """Return the solutions of many scenarios: `solve` of every mechanism with every motion that stands beside it.
 
     mechanisms, motions : one, or a list with one for each scenario; ``step`` and ``options`` are those of `solve`  [s]
@@ -117,10 +113,8 @@ def solve_many(
             results[k] = result
     if len(joined) < len(scenarios):
         side_by_side(work, ahead.clear, min(count, len(scenarios) - len(joined)))
-    return Batch(
-        solutions=tuple(result if isinstance(result, Solution) else None for result in results),
-        errors={k: result for k, result in enumerate(results) if isinstance(result, Exception)},
-    )
+    errors = {k: result for k, result in enumerate(results) if isinstance(result, Exception)}
+    return Batch(tuple(result if isinstance(result, Solution) else None for result in results), errors)
 
 
 def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: int) -> None:
@@ -162,16 +156,15 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
 
 def _scenarios(
     mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], each: Each
-) -> list[tuple[Mechanism, Motion, Mapping[str, Any]]]:
+) -> list[Asked]:
     for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
         if isinstance(value, str) or not isinstance(value, (kind, Sequence)):
             expected = f"expected one {kind.__name__} or a list; write list({name})"
             raise InputError(f"solve_many: {name} is a {type(value).__name__}: {expected}")
     if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
-        raise InputError(
-            f"solve_many: each is a {type(each).__name__}: expected a list with a table of options for every scenario, such as "
-            '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
-        )
+        such = '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
+        expected = f"expected a list with a table of options for every scenario, such as {such}"
+        raise InputError(f"solve_many: each is a {type(each).__name__}: {expected}")
     for k, own in enumerate(each or ()):
         _check_options(own, f"each[{k}]: ")
     given = {"motions": motions, "mechanisms": mechanisms, "each": each}
@@ -207,9 +200,7 @@ class Scenario:
     settings: Settings
 
 
-def prepare_all(
-    scenarios: Sequence[tuple[Mechanism, Motion, Mapping[str, Any]]], options: Mapping[str, Any]
-) -> dict[int, Scenario]:
+def prepare_all(scenarios: Sequence[Asked], options: Mapping[str, Any]) -> dict[int, Scenario]:
     """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
     known, out = dict[Any, Scenario | None](), dict[int, Scenario]()
     for k, (mechanism, motion, own) in enumerate(scenarios):
