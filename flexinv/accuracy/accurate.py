@@ -35,8 +35,7 @@ FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
 GRADES = 11
 # Instants closer than this part of the run are one.
 SAME = 1e-9
-# Samples to a coarsest step of a motion that is exact at any step.
-EXACT_SAMPLES = 8
+EXACT_SAMPLES = 8  # to a coarsest step, of a motion that is exact at any step
 # What a solution says where nothing was extrapolated.
 PLAIN = (
     "steps do not converge as powers of the step do: the answer is that of the shortest steps, with a bar of its own"
@@ -48,9 +47,8 @@ def check_accuracy(accuracy: float | None, step: float | None) -> float:
     if accuracy is None:
         raise InputError("neither step nor accuracy is given: write accuracy=1e-4, or a time step such as step=1e-3")
     if step is not None:
-        raise InputError(
-            f"step = {step} s and accuracy = {accuracy} are both given, and the accuracy decides the step: write one of them"
-        )
+        both = f"step = {step} s and accuracy = {accuracy}"
+        raise InputError(f"{both} are both given, and the accuracy decides the step: write one of them")
     expected = f"a part of the range between {FINEST:g} and {COARSEST:g}"
     asked = number("accuracy", accuracy, f"{expected}, for example 1e-4")
     if not FINEST <= asked <= COARSEST:
@@ -86,8 +84,7 @@ def problem_of(
     """
 
     def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
-        task = replace(task_of(meshed, steps, own), seams=seams)
-        (first,) = first_step(task)
+        (first,) = first_step(task := replace(task_of(meshed, steps, own), seams=seams))
         return task.mesh, first
 
     forces = [float(t) for force in mechanism.forces for t in force.time]  # linear between
@@ -108,11 +105,10 @@ def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, las
     sudden = [t for t in ends[:-1] if any(abs(t - jump) <= SAME * span for jump in jumps)]
     graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
     ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
-    stretches = np.diff(ends)
-    counts = [int(np.ceil(part / longest * (1 - SAME))) for part in stretches]
-    kept, joined = [0], [counts[0]]
+    counts = np.ceil(np.diff(ends) / longest * (1 - SAME)).astype(int).tolist()
+    kept, joined, steps = [0], counts[:1], np.diff(ends) / counts
     for k in range(1, len(counts)):
-        alike = abs(stretches[k] / counts[k] - stretches[k - 1] / counts[k - 1]) <= SAME * longest
+        alike = abs(steps[k] - steps[k - 1]) <= SAME * longest
         if alike and not any(abs(ends[k] - t) <= SAME * span for t in jumps):
             joined[-1] += counts[k]
         else:
@@ -131,22 +127,19 @@ def _apart(times: list[float], least: float) -> Array:
 
 
 def accurate(problem: Problem) -> Solution:
-    """Return the solution [N m, N, m, rad, s] of a problem with ``torque_error`` and ``tip_error`` within the accuracy asked.
-
-    Raises ConvergenceError where no step and mesh lead there.
-    """
+    """Return the solution [N m, N, m, rad, s] with bars within the accuracy asked; raises ConvergenceError out of reach."""
     refinement = Refinement(problem)
     if not problem.marched:
-        exact = refinement.level(0, EXACT_SAMPLES)
-        if exact is None:
+        if (exact := refinement.level(0, EXACT_SAMPLES)) is None:
             raise unreached(refinement, None)
         solution = solution_of(exact.mesh, exact.first, exact.settings)
         last = np.finfo(float).eps * solution.mesh.length
         tips = {name: np.full(len(solution.time), last) for name in solution.tip}
-        return _told(solution, _rounding(solution), tips, problem.accuracy)
+        said: Words = {"accuracy": problem.accuracy, "extrapolated": False, "order": 0.0}
+        settings = solution.settings | said
+        return replace(solution, torque_error=_rounding(solution), tip_error=tips, settings=settings)
     answer = refine(refinement)
-    level = answer.levels[-1]
-    steps = [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
+    level, steps = answer.levels[-1], [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
     first = extrapolated(level.mesh.mechanism, steps, answer.weight)
     found = second_step(level.mesh, first)
     solution = solution_of(level.mesh, first, level.settings, found)
@@ -160,9 +153,10 @@ def accurate(problem: Problem) -> Solution:
     torque = answer.bars[:, :count] * answer.ranges.torque + rounding
     links = zip(solution.tip, answer.ranges.tip, strict=True)
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
-    is_plain = len(answer.levels) == 1
-    solution = replace(solution, notes=(*solution.notes, PLAIN)) if is_plain else solution
-    return _told(solution, torque, tips, asked, not is_plain, answer.order)
+    if is_plain := len(answer.levels) == 1:
+        solution = replace(solution, notes=(*solution.notes, PLAIN))
+    said = {"accuracy": asked, "extrapolated": not is_plain, "order": round(answer.order, 2)}
+    return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | said)
 
 
 def _rounding(solution: Solution) -> Array:
@@ -170,14 +164,6 @@ def _rounding(solution: Solution) -> Array:
     apart = np.abs(solution.torque_all - solution.reaction)[:, solution.mechanism.actuated]
     floor = np.finfo(float).eps * len(solution.mesh.parent) * np.abs(solution.torque).max(axis=0, initial=0.0)
     return np.asarray(apart + floor)
-
-
-def _told(
-    solution: Solution, torque: Array, tips: dict[str, Array], asked: float, extrapolated: bool = False, order: float = 0.0
-) -> Solution:  # fmt: skip
-    """The solution with its bars, and what was done to get it."""
-    said: Words = {"accuracy": asked, "extrapolated": extrapolated, "order": round(order, 2)}
-    return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | said)
 
 
 def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: Collection[int]) -> Array:
@@ -193,9 +179,8 @@ def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: C
     energy = found.kinetic + found.potential + first.trajectory.energy[:, 0]
     worked = np.zeros(len(energy))
     for start, end in pairwise([0, *seams, len(energy) - 1]):
-        own = slice(start, end if end in jumps else end + 1)
+        own, ends = slice(start, end if end in jumps else end + 1), slice(start + 1, end + 1)
         time = first.time[own]
         spline = scipy.interpolate.make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
-        ends = slice(start + 1, end + 1)
         worked[ends] = worked[start] + spline(first.time[ends]) - spline(first.time[start])
     return np.asarray(worked - (energy - energy[0]))

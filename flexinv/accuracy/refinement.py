@@ -6,16 +6,15 @@ r = (c/a)^(p/2), so that
 
     |P - P0| >= (r - 1) |error of P|,      bar = |P - P0| max(1, 3/2 / (r - 1))
 
-with the p that two triples of rungs show, and p = 2 where there is one triple: with c = 2 a the bar is three times the error at
-order 4, 1.5 times at order 2, and never less.  Where P does not converge (jumps inside a step: friction that
-sticks) but the plain answers do, the plain one is returned with the bar of a first-order sequence, |T_c - T_a|.
+with the p that two triples of rungs show, p = 2 where there is one: with c = 2 a the bar is three times the error at order 4, 1.5
+times at order 2, never less.  Where P does not converge (jumps inside a step: friction that sticks) but the plain answers do, the
+plain one is returned with the bar of a first-order sequence, |T_c - T_a|.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,14 +29,10 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
-# Parts of what is asked that errors of steps may take; the mesh gets what is left.
-OF_STEPS = 0.7
-# An expansion below this order is none.
-LEAST_ORDER = 0.5
-# What an order seen on so few rungs may be off by, as a factor on the bar.
-MARGIN = 1.5
-# The order that is taken for granted where nothing shows one.
-ASSUMED_ORDER = 2.0
+OF_STEPS = 0.7  # part of what is asked that errors of steps may take; the mesh gets what is left
+# An expansion below the first order is none; the second is taken for granted where nothing shows one.
+LEAST_ORDER, ASSUMED_ORDER = 0.5, 2.0
+MARGIN = 1.5  # what an order seen on so few rungs may be off by, as a factor on the bar
 # A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
 FARTHEST, TRIPLES_SEEN = 4, 3
 # More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
@@ -114,10 +109,8 @@ class StepGrid:
 
     def steps(self, finer: int) -> Array:
         """Return all instants [s] where ``finer`` steps [-] make a coarsest one."""
-        parts = [
-            first + (last - first) * (np.arange(finer * count) / (finer * count))
-            for (first, last), count in zip(pairwise(self.ends), self.counts, strict=True)
-        ]
+        stretches = zip(self.ends[:-1], np.diff(self.ends), finer * np.array(self.counts), strict=True)
+        parts = [first + length * (np.arange(n) / n) for first, length, n in stretches]
         return np.concatenate([*parts, self.ends[-1:]])
 
     def seams(self, finer: int) -> tuple[int, ...]:
@@ -134,8 +127,7 @@ class Problem:
     """A task that can be solved at any steps and on any mesh.
 
     run : mechanism, instants [s], samples at which steps change, settings -> mesh, first step at the instants that are kept
-    accuracy : asked, part of ranges [-]; jumps : of its accelerations [s]
-    marched : whether it is integrated in time, not exact at every sample
+    accuracy : asked, part of ranges [-]; jumps : of its accelerations [s]; marched : integrated in time, else exact everywhere
     """
 
     mechanism: Mechanism
@@ -245,9 +237,8 @@ def refine(refinement: Refinement) -> Answer:
 
     Raises ConvergenceError where steps or meshes that can be paid for do not reach it, with what to change.
     """
-    asked = refinement.problem.accuracy
-    mesh, index = _coarsest(refinement)
     answer: Answer | None = None
+    mesh, index = _coarsest(refinement)
     while True:
         answer, index = _fine_steps(refinement, mesh, index, answer)
         if not refinement.problem.mechanism.beams:
@@ -255,7 +246,7 @@ def refine(refinement: Refinement) -> Answer:
         # At the longest steps of the three rungs: what meshes differ by hardly depends on the step, or falls with it; only where
         # something jumps undamped it grows, 1 to 2 times from these steps to the shortest.
         whole = replace(answer, bars=answer.bars + OF_MESH * _mesh_apart(refinement, mesh, answer.longest))
-        if whole.bar <= asked:
+        if whole.bar <= refinement.problem.accuracy:
             return whole
         mesh += 1
         if mesh + 1 >= len(MESHES):
@@ -270,9 +261,8 @@ def _coarsest(refinement: Refinement) -> tuple[int, int]:
         _check_budget(refinement, index, None)
     mesh, finer = 0, rung(index + 2)
     asked = (1.0 - OF_STEPS) * refinement.problem.accuracy
-    while refinement.problem.mechanism.beams and mesh + 2 < len(MESHES):
-        if _mesh_apart(refinement, mesh, finer).max() <= asked:
-            break
+    last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
+    while mesh < last and _mesh_apart(refinement, mesh, finer).max() > asked:
         mesh += 1
     return mesh, index
 
@@ -281,8 +271,7 @@ def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | 
     """The first answer on one mesh whose bar of the steps is small enough, from a rung on; and its rung."""
     asked = OF_STEPS * refinement.problem.accuracy
     while True:
-        three = refinement.triple(mesh, index)
-        if three is None:
+        if (three := refinement.triple(mesh, index)) is None:
             index += 1
             _check_budget(refinement, index, before)
             continue
@@ -303,8 +292,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     a, b, c = three
     found = [level.found.rows(level.kept // a.kept) for level in three]
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
-    scale = ranges(c.mesh, found[2])
-    bars = scale.apart(fine, coarse)
+    bars = (scale := ranges(c.mesh, found[2])).apart(fine, coarse)
     apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
@@ -315,8 +303,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
 
 def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
-    a, c = three[0], three[2]
-    found = [level.found.rows(level.kept // a.kept) for level in three]
+    (a, _, c), found = three, [level.found.rows(level.kept // three[0].kept) for level in three]
     scale = ranges(c.mesh, found[2])
     first, second, both = (scale.apart(found[k], found[j]) for k, j in ((1, 0), (2, 1), (2, 0)))
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
@@ -354,8 +341,7 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
     p = refinement.problem
     if answer is None:
         return refinement.failure or ConvergenceError(f"mechanism '{p.mechanism.name}': no step leads to a motion")
-    shortest = p.grid.spacing(answer.levels[-1].finer)
-    reached = answer.bar if np.isfinite(answer.bar) else answer.apart
+    shortest, reached = p.grid.spacing(answer.levels[-1].finer), answer.bar if np.isfinite(answer.bar) else answer.apart
     size = 10.0 ** np.floor(np.log10(reached))
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "

@@ -1,7 +1,4 @@
-"""Marches of scenarios that are alike, one after the other without the interpreter between them (compiled).
-
-Every thread has a work space and takes the next scenario that nobody has taken.
-"""
+"""Marches of scenarios that are alike, one after the other without the interpreter between them (compiled)."""
 
 from __future__ import annotations
 
@@ -78,7 +75,7 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
     """March scenarios that nobody has taken yet, and do the second step of each; return how many have come to the end [-].
 
     ahead : (1,) number of the next; mine : (most,) at most so many, gets their numbers, that of one that failed behind the others
-    room, line : the work space, `planar.solver.PlanarMarch.system` and (nodes, 6)
+    room, line : the work space of a thread, `planar.solver.PlanarMarch.system` and (nodes, 6)
     """
     for done in range(len(mine)):
         n = np.int64(take(ahead))

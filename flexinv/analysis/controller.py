@@ -64,14 +64,14 @@ class Flexible:
         in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
         self.flat = None if in_space else PlanarMarch.of(mesh, set())
         self.joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, still, still)))
-        self.masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
+        masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
         out, driven = self.solver.instant, mechanism.actuated.astype(float)
         self.frames = Frames(*(part[0] for part in out[:6]))
         self.instant = Instant(out.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
         freedoms, table, moves = mesh.freedoms.copy(), np.zeros((5, mesh.size)), mesh.v_index >= 0
         table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
         freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
-        self.nodes, self.drives = nodes_of(mesh), Drives(freedoms, mesh.slide, mesh.turn, table)
+        self.nodes, drives = nodes_of(mesh), Drives(freedoms, mesh.slide, mesh.turn, table)
         self.scheme, self.early = scheme, start_up(scheme)
         self.system: System | PlanarSystem
         march_in: Any
@@ -84,8 +84,8 @@ class Flexible:
             self.given = np.zeros((1, int(moves.sum()), 3))
             self.rest = np.zeros((0, 3)), False, self.given, row, out
         self.march = compiled(march_in, self.system, scheme, *self.rest)
-        parts = self.nodes, self.drives, self.masses, self.frames, (mechanism.neutral.copy(), driven, driven)
-        self.torques = compiled(guarded_torques, *parts, self.instant, driven)
+        self.parts, now = (self.nodes, drives, masses, self.frames), (mechanism.neutral.copy(), driven, driven)
+        self.torques = compiled(guarded_torques, *self.parts, now, self.instant, driven)
         self.left, self.before, self.wound = 0, list[Array](), dict[str, float]()
 
     def start(self, now: list[Array], initial: str) -> Array:
@@ -107,8 +107,7 @@ class Flexible:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.rest)
         if status != CONVERGED:
-            turned = (self.solver if self.flat is None else self.flat).turned(count)
-            when = "in a step of the controller"
+            turned, when = (self.flat or self.solver).turned(count), "in a step of the controller"
             raise complaint(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
 
     def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
@@ -125,53 +124,43 @@ class Flexible:
             end_early((self.flat or self.solver).system.state)
 
     def looked_at(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
+        """Return the torques (nv,) [N m], [N] of a step; raises ConvergenceError where its energy [J] comes from nowhere."""
         if self.applied or self.winds:
             self._set_torques(q, qd, qdd)
             holds, potential, power = self._energies(qd)
             doubtful = add_step(self.instant.account, holds, potential, power)
         else:
-            doubtful, holds, potential = self.torques(
-                self.nodes, self.drives, self.masses, self.frames, (q, qd, qdd), self.instant, self.tau
-            )
-        if doubtful:
-            self._judge(holds, potential, qd)
-        return self.tau
-
-    def _judge(self, holds: float, potential: float, qd: Array) -> None:
-        """Raise ConvergenceError where the energy of a step that was added [J] comes from nowhere; qd : (nv,) [1/s]."""
+            doubtful, holds, potential = self.torques(*self.parts, (q, qd, qdd), self.instant, self.tau)
+        if not doubtful:
+            return self.tau
         mesh, step = self.solver.mesh, self.scheme.h
         held, at_start, _, work, worked, steps, _ = self.instant.account.tolist()
         from_nowhere = holds + potential - held - at_start - work
-        most = held + worked + abs(potential - at_start)
-        most += float(carried(mesh, np.asarray(qd, dtype=float)[None], self.passive)[0])
+        most = held + worked + abs(potential - at_start) + float(carried(mesh, qd[None], self.passive)[0])
         if without_reason(mesh, from_nowhere, most):
             raise ConvergenceError(
                 f"controller: mechanism '{mesh.mechanism.name}', at call {steps:.0f} after start (step {step:g} s): "
                 f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
                 f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness"
             )
+        return self.tau
 
     def _energies(self, qd: Array) -> tuple[float, float, float]:
         """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
-        one = self.instant
-        held, potential, power = instant_energies(self.masses, self.frames, one.stored, one.driven, self.tau, qd)
-        motion = self.solver.instant.motion
-        applied = applied_forces(self.solver.mesh, motion, np.zeros(1))
-        if applied is not None:
+        one, motion, (_, _, *masses) = self.instant, self.solver.instant.motion, self.parts
+        held, potential, power = instant_energies(*masses, one.stored, one.driven, self.tau, qd)
+        if (applied := applied_forces(self.solver.mesh, motion, np.zeros(1))) is not None:
             turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
             power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
         return held, potential, power
 
     def _set_torques(self, q: Array, qd: Array, qdd: Array) -> None:
         """Set the torques, with springs in joints that turn on, less what springs between points and given forces do."""
-        line, motion, mesh = self.instant.line, self.solver.instant.motion, self.solver.mesh
-        instant_torques(self.nodes, self.drives, self.masses, self.frames, line, (q, qd, qdd), self.tau)
-        driven = self.mechanism.actuated
+        motion, mesh, driven = self.solver.instant.motion, self.solver.mesh, self.mechanism.actuated
+        instant_torques(*self.parts, self.instant.line, (q, qd, qdd), self.tau)
         if self.winds:
             self.tau += np.where(driven, winding(self.mechanism, q[None], self.wound), 0.0)
-        applied = applied_forces(mesh, motion, np.zeros(1))
-        if applied is not None:
+        if (applied := applied_forces(mesh, motion, np.zeros(1))) is not None:
             self.tau -= np.where(driven, project(mesh, motion, applied)[0], 0.0)
 
 
@@ -196,7 +185,6 @@ class Controller:
 
         step : time between two calls [s], of a mechanism with beams; spectral_radius : as in `solve` [-]
         With springs between points, given forces or joints without drives beams are marched in space.
-
         Raises InputError: closures with beams, forces that depend on time, no step for beams.
         """
         of_kind("mechanism", mechanism, Mechanism)
@@ -207,20 +195,17 @@ class Controller:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
         if mechanism.closures:
-            raise InputError(
-                f"controller: mechanism '{mechanism.name}' has beams and closures, which are not marched step by step; "
-                "write flexinv.solve(mechanism, motion, step=...) instead"
-            )
+            why = "which are not marched step by step; write flexinv.solve(mechanism, motion, step=...) instead"
+            raise InputError(f"controller: mechanism '{mechanism.name}' has beams and closures, {why}")
         if step is None:
-            raise InputError(
-                f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
-                "write step = the time between two calls in seconds, for example step=1e-3"
+            why = (
+                "whose deformation is carried on from call to call; write step = the time between two calls in seconds"
             )
+            raise InputError(f"controller: mechanism '{mechanism.name}' has beams, {why}, for example step=1e-3")
         tau = np.zeros(mechanism.nv)
         out = cls(mechanism, tau, None, Flexible(mechanism, generalized_alpha(step, radius), tau))
-        still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
-        out.start(*still)
-        out.step(*still)
+        out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
+        out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))
         out.begun = False
         return out
 
@@ -228,7 +213,6 @@ class Controller:
         """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
 
         Joints without drives begin (with beams) where q and qd say, or where the equilibrium has them.
-
         Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
         """
         now = self._checked(q, qd, qdd)
@@ -241,16 +225,14 @@ class Controller:
 
         q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
             there are beams, and their efforts are zero.  (Springs between points and given forces do allocate.)
-
         Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
         """
         if self.rigid is not None:
             return self.rigid.sample(q, qd, qdd, self.tau)
         f = self.flexible
         if f is None or not self.begun:
-            raise InputError(
-                "controller: write controller.start(q, qd, qdd) once, where the motion begins, before step"
-            )
+            write = "write controller.start(q, qd, qdd) once, where the motion begins, before step"
+            raise InputError(f"controller: {write}")
         if f.left > 0 or not (_is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)):
             q, qd, qdd = self._checked(q, qd, qdd)
         if f.left > 0:
@@ -261,13 +243,11 @@ class Controller:
 
     def _checked(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
-        m, now = self.mechanism, []
-        for name, part, size in zip(("q", "qd", "qdd"), given, (m.nq, m.nv, m.nv), strict=True):
-            own = np.array(floats(f"controller: {name}", part))
+        m, names, now = self.mechanism, [f"controller: {name}" for name in ("q", "qd", "qdd")], []
+        for name, part, size in zip(names, given, (m.nq, m.nv, m.nv), strict=True):
+            own = np.array(floats(name, part))
             if own.shape != (size,) or not np.isfinite(own).all():
-                raise InputError(
-                    f"controller: {name} has shape {own.shape}, expected ({size},) finite numbers [rad], [m]"
-                )
+                raise InputError(f"{name} has shape {own.shape}, expected ({size},) finite numbers [rad], [m]")
             now.append(own)
         return now
 

@@ -52,17 +52,19 @@ class FirstStep:
 
 
 def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: Found | None = None) -> Solution:
-    """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names.
-
-    found : of the second step, where that is made already
-    """
+    """Return the Solution of both steps [N m], [N], efforts of drives and springs included; found : of the second, where made."""
     found = second_step(mesh, first) if found is None else found
-    mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
+    mechanism, (q, qd, qdd), time, loops = mesh.mechanism, first.joints, first.time, first.loops
     tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
-    loops = first.loops
     if loops is not None and loops.left.size == 0:  # rigid loops have it from the allocation, a march only here
         loops = replace(loops, left=tau * ~mechanism.actuated)
-    internal, stations = _internal(mesh, first.trajectory)
+    internal, stations = dict[str, Array](), dict[str, Array]()
+    for name, own, order, station in _points(mesh):
+        part, stations[name] = first.trajectory.internal[:, own], station.copy()
+        if (order == part.shape[2]).all():  # not copied where they stand so in memory
+            internal[name] = part.reshape(len(part), -1, 6)
+        else:
+            internal[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
     elastic, _, dissipated = first.trajectory.energy.T
     balance = Balance(found.kinetic, found.potential, elastic, found.power, found.work, found.momentum, dissipated)
     # samples left out may hide work
@@ -71,13 +73,11 @@ def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: Found |
         balance.check(mesh, time, qd, set(first.smooth), settings.step)
     solution = Solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
-        torque_all=tau, reaction=reaction,
-        nodes=first.trajectory.motion, forces=NodalForces(found.force, found.moment),
+        torque_all=tau, reaction=reaction, nodes=first.trajectory.motion, forces=NodalForces(found.force, found.moment),
         tip=dict(zip((joint.child for joint in mechanism.joints), found.tip, strict=True)),
         deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
         wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
-        internal=internal, internal_stations=stations,
-        balance=balance, loops=loops,
+        internal=internal, internal_stations=stations, balance=balance, loops=loops,
         iterations=first.trajectory.iterations, settings=settings.words(), notes=mechanism.notes,
     )  # fmt: skip
     if whole and first.ends:
@@ -86,10 +86,7 @@ def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: Found |
 
 
 def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
-    """Return efforts (samples, nv) [N m], [N] of both sides with those of rotors, damping, friction and springs in joints.
-
-    Efforts that couplings give joints in place of their drives are none of the drives'.
-    """
+    """Return efforts (samples, nv) [N m], [N] of both sides with joints' rotors, damping, friction, springs, less couplings'."""
     if mechanism.drive_table[:4].any():
         own = own_efforts(mechanism, *first.joints, direction=_direction(mechanism, first.joints[1], first.smooth))
         tau, reaction = tau + own, reaction + own
@@ -99,8 +96,7 @@ def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Ar
 def second_step(mesh: Mesh, first: FirstStep) -> Found:
     """Return the paper's second step: nodal forces P = M (a - g) [N], [N m], joint efforts tau = L T P, tips, balances.
 
-    One compiled pass reads every sample of the motion once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the
-    same step by step.
+    One compiled pass reads every sample once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the same step by step.
     """
     none, shapes = np.empty((0, 0, 0)), found_shapes(mesh, len(first.time))
     trajectory, applied = first.trajectory, first.applied
@@ -109,8 +105,8 @@ def second_step(mesh: Mesh, first: FirstStep) -> Found:
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    line = np.empty((mesh.size, 6))
-    second_step_samples(skeleton(mesh), trajectory.motion.frames, Given(*map(plain, series)), line, found)
+    given, line = Given(*map(plain, series)), np.empty((mesh.size, 6))
+    second_step_samples(skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
 
 
@@ -137,12 +133,9 @@ def skeleton(mesh: Mesh) -> Skeleton:
     numbers = [list(mesh.joint_node.values()), [n for n, _ in end]]
     numbers += [[int(mesh.section_nodes[link.name][k]) for link in m.beams] for k in (0, -1)]
     joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
-    points = np.array([point for _, point in end], dtype=float).reshape(-1, 3)
-    gravity = np.array(m.gravity, dtype=float)
-    return Skeleton(
-        mesh.parent, mesh.mass, mesh.inertia, gravity, mesh.freedoms, mesh.v_index, mesh.slide, mesh.turn, joint, tip, points,
-        root, last, straight,
-    )  # fmt: skip
+    points, gravity = np.array([point for _, point in end], float).reshape(-1, 3), np.array(m.gravity, dtype=float)
+    moved = mesh.freedoms, mesh.v_index, mesh.slide, mesh.turn
+    return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)
 
 
 def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple) -> FirstStep:
@@ -155,10 +148,9 @@ def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple) -> FirstStep:
 def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
     """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
-    moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
-    wrench = np.concatenate([wrenches.force, moment], axis=2)
-    samples, points = len(wrench), mesh.elements.weight.shape
-    internal, energy, multipliers = (np.zeros((samples, *shape)) for shape in ((*points, 6), (3,), (0,)))
+    wrench = np.dstack([wrenches.force, np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)])
+    samples, shapes = len(wrench), ((*mesh.elements.weight.shape, 6), (3,), (0,))
+    internal, energy, multipliers = (np.zeros((samples, *shape)) for shape in shapes)
     return Trajectory(*motion.parts, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
 
 
@@ -177,19 +169,6 @@ def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> A
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
     return np.where(stated_of(mechanism, smooth_of), smooth_direction(qd), np.sign(qd))
-
-
-def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Resultants (samples, points, 6) and stations (points,) by beam; not copied where they stand so in memory."""
-    values, stations = {}, {}
-    for name, own, order, station in _points(mesh):
-        part = trajectory.internal[:, own]
-        if (order == part.shape[2]).all():
-            values[name] = part.reshape(len(part), -1, 6)
-        else:
-            values[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
-        stations[name] = station.copy()
-    return values, stations
 
 
 @kept_with_owner()

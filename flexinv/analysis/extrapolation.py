@@ -4,8 +4,7 @@
     w_k = prod_(j != k) n_k^2 / (n_k^2 - n_j^2)
     R = R_m exp(sum_k w_k log(R_m^T R_k))
 
-The motion of the nodes is what is extrapolated; nodal forces and torques follow from it by the second step, so that the balances
-of the answer are its own.
+The motion of the nodes is what is extrapolated; forces and torques follow by the second step: balances are the answer's own.
 Sources: Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I*, 1993, II.9; expansions in even powers belong to
 symmetric schemes; at a spectral radius below 1 odd powers remain, whose coefficients were measured to be a few per cent.
 Differences of two solutions cross zero, so that an error bar is the largest of them nearby.
@@ -51,18 +50,16 @@ def extrapolated_rotations(rotations: Sequence[Array], weight: Array) -> Array:
 
 def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array) -> FirstStep:
     """Return the first step of the paper extrapolated from several with the same samples [m, rad, s, N], the finest last."""
-    last = steps[-1]
     mixed: FirstStep = _each(steps, lambda parts: combined(parts, weight) if parts[-1].dtype == float else parts[-1])
     trajectory = mixed.trajectory._replace(r=extrapolated_rotations([one.trajectory.r for one in steps], weight))
     q, qd, qdd = zip(*(one.joints for one in steps), strict=True)
     joints = _coordinates(mechanism, q, weight), combined(qd, weight), combined(qdd, weight)
-    return replace(mixed, trajectory=trajectory, time=last.time, joints=joints, brought=last.brought)
+    return replace(mixed, trajectory=trajectory, time=steps[-1].time, joints=joints, brought=steps[-1].brought)
 
 
 def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
     """A record of what ``of`` makes of the arrays in ``records``, also those within other records; all else is the last's."""
-    last: Any = records[-1]
-    made: dict[str, Any] = {}
+    last, made = records[-1], dict[str, Any]()
     by_name = hasattr(last, "_fields")  # a named tuple
     for name in last._fields if by_name else [field.name for field in fields(last)]:
         values = [getattr(one, name) for one in records]
@@ -81,11 +78,9 @@ def _coordinates(mechanism: Mechanism, parts: Sequence[Array], weight: Array) ->
     for joint in mechanism.joints:
         kind, own = KINDS[joint.kind], mechanism.q_slices[joint.name]
         if kind.circle or kind.has_quaternion:
-            ball = slice(own.stop - (2 if kind.circle else 4), own.stop)
-            near = parts[-1][:, ball]
-            alike = [part[:, ball] * np.sign((part[:, ball] * near).sum(axis=1, keepdims=True)) for part in parts]
-            value = combined(alike, weight)
-            out[:, ball] = value / np.linalg.norm(value, axis=1, keepdims=True)
+            ball = [part[:, own.stop - (2 if kind.circle else 4) : own.stop] for part in parts]
+            value = combined([part * np.sign((part * ball[-1]).sum(axis=1, keepdims=True)) for part in ball], weight)
+            out[:, own.stop - value.shape[1] : own.stop] = value / np.linalg.norm(value, axis=1, keepdims=True)
     return out
 
 
@@ -96,8 +91,7 @@ def thinned(first: FirstStep, every: int) -> FirstStep:
     samples = len(first.time)
     out: FirstStep = _each([first], lambda parts: parts[0][::every] if len(parts[0]) == samples else parts[0])
     if first.brought is not None:
-        ends = np.cumsum(first.brought)[::every]
-        out = replace(out, brought=np.diff(ends, prepend=0.0))
+        out = replace(out, brought=np.diff(np.cumsum(first.brought)[::every], prepend=0.0))
     q, qd, qdd = (part[::every] for part in first.joints)
     return replace(out, joints=(q, qd, qdd))
 
@@ -112,6 +106,5 @@ def largest_nearby(values: Array, part: float = NEARBY) -> Array:
     largest, reach, width = np.concatenate([outside, values, outside]), 1, 2 * half + 1
     while reach < width:
         more = min(reach, width - reach)
-        largest = np.maximum(largest[:-more], largest[more:])
-        reach += more
+        largest, reach = np.maximum(largest[:-more], largest[more:]), reach + more
     return largest

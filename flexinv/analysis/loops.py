@@ -1,7 +1,4 @@
-"""Closed loops: motion that keeps the closures, and their forces among the nodal ones; of rigid links, and with beams.
-
-Of rigid links the loops are closed at every sample; with beams the march keeps the closures.
-"""
+"""Closed loops: motion that keeps the closures, and their forces among the nodal ones; of rigid links, and with beams."""
 
 from __future__ import annotations
 
@@ -35,10 +32,9 @@ from flexinv.typing import Array, Mask, Triple
 def rigid_loops(task: Task) -> FirstStep:
     """Return the first step of a rigid mechanism with closures [m, rad, s], their forces [N], [N m] among the applied ones.
 
-    Passive joints begin at their initial guess.
-    Closures that act for a while divide the time into phases, solved one after the other by the same equations.
-    Raises InputError for closures that meet with unequal velocities and for drives that cannot hold the mechanism,
-    ConvergenceError at singular configurations and lost branches.
+    Loops are closed at every sample, passive joints begin at their initial guess.  Closures that act for a while divide the time
+    into phases, solved one after the other by the same equations.  Raises InputError for closures that meet with unequal
+    velocities and for drives that cannot hold the mechanism, ConvergenceError at singular configurations and lost branches.
     """
     mesh, time, m = task.mesh, task.time, task.mesh.mechanism
     joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive))
@@ -47,7 +43,12 @@ def rigid_loops(task: Task) -> FirstStep:
     acting = applied_forces(mesh, motion, time)
     forces = nodal_forces(mesh, motion, acting)
     tree = project(mesh, motion, forces) + own_efforts(m, q, qd, qdd)
-    shares = _phased_shares(mesh, motion, tree, stretches, g)
+    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches]  # phase by phase
+    shares, width = parts[0], max(part.preload.shape[2] for part in parts)
+    if len(parts) > 1:
+        missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
+        parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
+        shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
     pulls = joint_wrenches(mesh, motion, forces).force
     largest = max(np.abs(pulls).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
     check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
@@ -77,9 +78,7 @@ def _phased_motion(
         given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
     whole, begins = history(time), np.zeros(len(m.closures), dtype=bool)
-    stretches: list[Stretch] = []
-    impacts: list[Impact] = []
-    before: tuple[Array, Array] | None = None
+    stretches, impacts, before = list[Stretch](), list[Impact](), None
     for piece in pieces:
         span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
         stretch, at = Stretch(piece, original), float(time[piece.first])
@@ -89,22 +88,16 @@ def _phased_motion(
         begun, rows = None if before is None else before[0], stretch.rows.of(piece.active)
         found = closed_motion(mesh, history, time[span], unknown, rows, begun)
         if before is not None and _is_plastic(mesh, begins):
-            impacts.append(_rigid_impact(mesh, stretch, begins, found[0][0], before[1], found[1][0], at))
+            rates, rest = (before[1], found[1][0]), np.zeros((1, m.nv))  # which the impulses change at once
+            one, two = ((rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
+            shares = _shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
+            impulses = shares.tau[0], shares.multipliers[0]
+            impacts.append(impact_of(mesh, stretch.rows, begins, (one, two), *impulses, at))
         stretches.append(stretch)
         before = found[0][-1], found[1][-1]
         for part, values in zip(whole, found, strict=True):
             part[span] = values
     return whole, stretches, impacts, None
-
-
-def _rigid_impact(
-    mesh: Mesh, stretch: Stretch, begins: Mask, q: Array, before: Array, after: Array, time: float
-) -> Impact:
-    """Impulses of drives and closures that change the rates (nv,) at a configuration (nq,) at once."""
-    rest = np.zeros((1, mesh.mechanism.nv))
-    one, two = ((rigid_motion(mesh, q[None], rate[None], rest), rate) for rate in (before, after))
-    shares = _shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
-    return impact_of(mesh, stretch.rows, begins, (one, two), shares.tau[0], shares.multipliers[0], time)
 
 
 def _caught(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion, time: float) -> tuple[Stretch, Mask]:
@@ -128,20 +121,6 @@ def _energy_jumps(time: Array, impacts: list[Impact]) -> Array:
     return out
 
 
-def _phased_shares(
-    mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch], jacobian: Array | None
-) -> Shares:
-    """Shares of the drives phase by phase."""
-    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], jacobian) for one in stretches]
-    if len(parts) == 1:
-        return parts[0]
-    width = max(part.preload.shape[2] for part in parts)
-    for k, part in enumerate(parts):
-        missing = (0, 0), (0, 0), (0, width - part.preload.shape[2])
-        parts[k] = part._replace(preload=np.pad(part.preload, missing))
-    return Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
-
-
 def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
     m, active = mesh.mechanism, stretch.phase.active
@@ -155,14 +134,11 @@ def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jaco
     return found._replace(multipliers=multipliers)
 
 
-# --------------------------------------------------------------------------------------------------- with beams
-
-
 def closed_task(task: Task) -> Task:
     """Return the task of a mechanism with beams and closures that begins with its loops closed, undeformed [rad or m, s].
 
-    From there the march carries closures, passive joints and beams together.
-    Drives may be more than the freedoms that rigid links would have: beams yield, and so decide how drives share the work.
+    From there the march carries closures, passive joints and beams together.  Drives may be more than the freedoms that rigid
+    links would have: beams yield, and so decide how drives share the work.
     Raises InputError unless the motion is that of the drives, ConvergenceError where the loops do not close.
     """
     mesh, m, start = task.mesh, task.mesh.mechanism, float(task.steps[0])
@@ -173,17 +149,15 @@ def closed_task(task: Task) -> Task:
         if wrong.any():
             name = m.velocity_names[int(np.argmax(wrong))]
             raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
-    guess = [part[0] for part in task.after(task.steps[:1])]
     masks = unknown, stated_of(m, task.stated_rates), phases(m, task.steps)[0].active
-    closed = _start(mesh, start, *masks, *guess)
+    closed = _start(mesh, start, *masks, *(part[0] for part in task.after(task.steps[:1])))
 
     def started(at: Array) -> Triple:
         if len(at) == 1 and at[0] == start:
             return closed
         q, qd, qdd = task.after(at)
         if at[0] == start:
-            q = q.copy()
-            q[0] = closed[0][0]
+            q = np.concatenate([closed[0], q[1:]])
         return q, qd, qdd
 
     return replace(task, after=started)
@@ -201,10 +175,7 @@ def _start(
 
 
 def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
-    """Return a first step with the forces of its closures, from their multipliers [N], [N m], among the applied ones.
-
-    Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
-    """
+    """Return a first step with its closures' forces [N], [N m] among those applied, from multipliers that each step has found."""
     m, time, trajectory = mesh.mechanism, first.time, first.trajectory
     motion, stretches = trajectory.motion, switching.stretches
     pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
@@ -219,17 +190,17 @@ def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstSt
     brought = -0.5 * np.diff(time, prepend=time[0]) * (power + np.concatenate([power[:1], power[:-1]]))
     brought += _damped_after(trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time)
     brought += _energy_jumps(time, switching.impacts)
-    none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
-    unseen = np.empty((0, m.nv))  # what is left at joints without a drive, until the second step
-    loops = LoopForces(reaction, none, unknown_condition, unseen, tuple(switching.impacts))
+    # no preload, an unknown condition, and until the second step nothing left at joints without a drive
+    unseen = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan), np.empty((0, m.nv))
+    loops = LoopForces(reaction, *unseen, tuple(switching.impacts))
     return replace(first, applied=pushed + first.applied, brought=brought, loops=loops, geared=efforts)
 
 
 def _damped_after(dissipated: Array, switches: list[int], time: Array) -> Array:
     """Return the excess of the trapezoidal sum of damping in the steps before and after ``switches``, (samples,) [J].
 
-    Velocities that jump at one section make strain rates that damping ends long before the next sample: the power that is
-    dissipated (samples,) [W] in these two steps is that of their other ends.
+    Strain rates of velocities that jump end long before the next sample: the power dissipated (samples,) [W] in these two steps
+    is that of their other ends.
     """
     out = np.zeros(len(time))
     for first in switches:
@@ -263,8 +234,7 @@ class Switching:
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0
-        before = _rates(solver, qd)
-        impulses = solver.collide(joints)
+        before, impulses = _rates(solver, qd), solver.collide(joints)
         accept(s)
         solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
         record_instant(solver, sample, out)

@@ -28,8 +28,7 @@ from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
 from flexinv.validation import of_kind
 
-# A second derivative that changes by more than this when every second sample is left out is none: the motion is not smooth
-# enough, or the samples are too far apart.
+# A second derivative that changes by more when every second sample is left out is none: too rough a motion, or samples too few.
 ROUGH = 0.1
 FEWEST = 16  # samples that its quintic splines need
 
@@ -53,9 +52,8 @@ class MotorSide:
 
 def friction(drive: Drive, rate: Array) -> Array:
     """Return f, (samples,) [N m] at the motor's shaft, for its rate (samples,) [rad/s]."""
-    bump = np.zeros_like(rate)
-    if drive.static > drive.coulomb:
-        bump = (drive.static - drive.coulomb) * np.exp(-((rate / drive.stribeck) ** 2))
+    more = drive.static - drive.coulomb
+    bump = more * np.exp(-((rate / drive.stribeck) ** 2)) if more > 0.0 else np.zeros_like(rate)
     return np.asarray(drive.viscous * rate + (drive.coulomb + bump) * np.sign(rate))
 
 
@@ -69,34 +67,30 @@ def motor_side(solution: Solution) -> dict[str, MotorSide]:
 
 
 def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
-    m, n = solution.mechanism, drive.ratio
-    at = m.v_slices[joint.name].start
+    m, n, at = solution.mechanism, drive.ratio, solution.mechanism.v_slices[joint.name].start
     tau, rate, acceleration = solution.torque_all[:, at], solution.qd[:, at], solution.qdd[:, at]
     angle = scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
         own = n**2 * drive.rotor_inertia * acceleration + n * friction(replace(drive, static=0.0), n * rate)
         transmitted = tau - own
     else:
-        transmitted = tau
-        lag = _lag(drive, solution.time, tau, joint.name)
+        transmitted, lag = tau, _lag(drive, solution.time, tau, joint.name)
         angle, rate, acceleration = angle + lag[0], rate + lag[1], acceleration + lag[2]
-    shaft = n * rate
-    torque = n * drive.rotor_inertia * acceleration + friction(drive, shaft) + transmitted / n
+    torque = n * drive.rotor_inertia * acceleration + friction(drive, n * rate) + transmitted / n
     current = torque / drive.torque_constant if drive.torque_constant else np.full_like(torque, np.nan)
-    return MotorSide(n * angle, shaft, n * acceleration, torque, current, transmitted)
+    return MotorSide(n * angle, n * rate, n * acceleration, torque, current, transmitted)
 
 
 def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:
     """delta, delta', delta'' (samples,) by which the motor, at the joint, runs ahead of the link: k delta + d delta' = tau."""
+    of = f"drive of joint {name!r}"
     if len(time) < FEWEST:
-        raise InputError(
-            f"drive of joint {name!r}: {len(time)} samples, expected {FEWEST} or more: take a smaller step"
-        )
+        raise InputError(f"{of}: {len(time)} samples, expected {FEWEST} or more: take a smaller step")
     found, coarse = _second(drive, time, tau), _second(drive, time[::2], tau[::2])
     change = np.abs(found[2][::2] - coarse[2]).max()
     if change > ROUGH * np.abs(found[2]).max():
         raise InputError(
-            f"drive of joint {name!r}: the second derivative of its torque changes by {change / np.abs(found[2]).max():.0%} with "
+            f"{of}: the second derivative of its torque changes by {change / np.abs(found[2]).max():.0%} with "
             "every second sample, so the link cannot be moved like this through an elastic joint; expected a motion with four "
             'continuous derivatives (samples joined by splines) and a small step, or write moves = "motor" in its drive'
         )

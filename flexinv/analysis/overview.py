@@ -15,10 +15,7 @@ from flexinv.typing import Array
 
 
 def start_of(mechanism: Mechanism, case: Case | None) -> Array:
-    """Return the configuration (nq,) [rad], [m] at which a case starts; zero without one.
-
-    Joints that the motion leaves out are where the case starts them.
-    """
+    """Return the configuration (nq,) [rad], [m] at which a case starts, joints that it leaves out as well; zero without one."""
     q = mechanism.neutral
     if case is not None:
         q = case.motion.evaluate(mechanism, [0.0])[0][0]
@@ -32,8 +29,7 @@ def link_mass(link: Link) -> float:
     bodies = sum(body.inertia.mass for body in link.bodies)
     if link.beam is None:
         return bodies
-    section = link.beam.section
-    stations = np.concatenate([[0.0], section.stations, [1.0]])
+    section, stations = link.beam.section, np.concatenate([[0.0], link.beam.section.stations, [1.0]])
     density = np.interp(stations, section.stations, section.mass_per_length)  # linear between, constant beyond
     return bodies + link.beam.length * float(np.trapezoid(density, stations))
 
@@ -44,8 +40,7 @@ def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
     It starts where the case does, without a case near its zero if it closes there; a singular start the line names.
     Raises ConvergenceError where the loops stay open.
     """
-    mesh = build(mechanism)
-    start = start_of(mechanism, case)
+    mesh, start = build(mechanism), start_of(mechanism, case)
     at = closed_anywhere(mesh, start) if case is None else closed_near(mesh, start)
     here = mobility(mesh, at)
     found = min([here, *(mobility(mesh, q) for q in places_near(mesh, at))], key=lambda one: one.freedoms)
@@ -73,25 +68,21 @@ def tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
     moving, closures = [j for j in mechanism.joints if j.nv], mechanism.closures
     beams = [(link.name, link.beam) for link in mechanism.links if link.beam is not None]
     joints = {
-        "joint": [j.name for j in moving],
-        "kind": [j.kind for j in moving],
+        "joint": [j.name for j in moving], "kind": [j.kind for j in moving],
         "parent": [j.parent if j.station is None else f"{j.parent} at {j.station:g}" for j in moving],
         "child": [j.child for j in moving],
         "q": [" ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]) for j in moving],
         "actuated": ["yes" if j.actuated else "no" for j in moving],
-    }
+    }  # fmt: skip
     for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
-        values = [getattr(j, key) for j in moving]
-        if any(values):
+        if any(values := [getattr(j, key) for j in moving]):
             joints[f"{key.replace('_', ' ')} [{unit}]"] = values
     tied = {
-        "closure": [c.name for c in closures],
-        "kind": [c.kind for c in closures],
-        "first": [c.first.link for c in closures],
-        "second": [c.second.link for c in closures],
+        "closure": [c.name for c in closures], "kind": [c.kind for c in closures],
+        "first": [c.first.link for c in closures], "second": [c.second.link for c in closures],
         "constraints": [CLOSURES[c.kind] for c in closures],
         "acts [s]": [" and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always" for c in closures],
-    }
+    }  # fmt: skip
     links = {
         "link": [link.name for link in mechanism.links],
         "kind": ["rigid" if link.beam is None else "beam" for link in mechanism.links],
@@ -99,10 +90,9 @@ def tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
         "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in mechanism.links],
     }
     bending = {
-        "beam": [name for name, _ in beams],
-        "length [m]": [beam.length for _, beam in beams],
+        "beam": [name for name, _ in beams], "length [m]": [beam.length for _, beam in beams],
         "mesh": [f"{beam.elements} x order {beam.order}" for _, beam in beams],
-    }
+    }  # fmt: skip
     for k, label in ((0, "EA [N]"), (3, "GJ [N m^2]"), (4, "EI_y [N m^2]"), (5, "EI_z [N m^2]")):
         bending[label] = [beam.section.stiffness[0][k] for _, beam in beams]
     bending["mass [kg/m]"] = [beam.section.mass_per_length[0] for _, beam in beams]

@@ -25,39 +25,30 @@ from flexinv.validation import floats, function, number, of_kind, shown
 
 
 def simulate(
-    mechanism: Mechanism,
-    time: ArrayLike,
-    torque: ArrayLike | None = None,
-    step: float | None = None,
-    spectral_radius: float = 0.8,
-    initial: str = "consistent",
-    start: Mapping[str, ArrayLike] | None = None,
-    start_rate: Mapping[str, ArrayLike] | None = None,
-    progress: Progress | None = None,
-    accuracy: float | None = None,
-) -> Solution:
+    mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None = None, step: float | None = None,
+    spectral_radius: float = 0.8, initial: str = "consistent",
+    start: Mapping[str, ArrayLike] | None = None, start_rate: Mapping[str, ArrayLike] | None = None,
+    progress: Progress | None = None, accuracy: float | None = None,
+) -> Solution:  # fmt: skip
     """Return the motion that torques of the drives give a mechanism, rigid, flexible or mixed, open or closed.
 
     M a + f_elastic + f_velocity - m g = S tau(t), from ``time[0]`` to ``time[-1]``: `solve` with nothing prescribed, so that
     ``simulate`` with the torque of `solve` gives its motion back, up to the time error of both (second order).
 
     time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between; a
-        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows; None
-        where no joint has a drive
+        time given twice is a jump: the first row ends what is before it, the second begins what follows; None without drives
     step : time step and spacing of the samples [s], or accuracy : as in `solve` [-]
     spectral_radius, initial : as in `solve` ("static": in equilibrium with the driven joints held where they start)
     start, start_rate : initial coordinates and rates of joints [rad], [m], [1/s], zero unless given; in loops what is given is
         kept, up to a hundredth (rad, of the length, of the largest rate), and the other joints are moved onto the closures
     progress : called with the number of samples done since its last call
-
     Raises InputError for input that cannot be, a drive of a free joint or a start that closures contradict among it,
     ConvergenceError (time, increment, advice) if Newton fails.
     """
     of_kind("mechanism", mechanism, Mechanism)
     if not isinstance(initial, str) or initial not in ("consistent", "static"):
-        raise InputError(
-            f"simulate: initial = {shown(initial)}, expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
-        )
+        expected = "'consistent' (starts undeformed) or 'static' (in equilibrium)"
+        raise InputError(f"simulate: initial = {shown(initial)}, expected {expected}")
     function("progress", progress, "a function of the number of samples done since its last call")
     table = _table(mechanism, time, torque)
     settles = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
@@ -65,10 +56,9 @@ def simulate(
 
     def released(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh, moves = build(meshed), {j.name for j in meshed.joints if j.nv}
-        stated = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), settles)
+        stated, first = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), settles), float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:
-            first = float(steps[0])
             state = begin(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
         began.append((stated, state[0], state[1]))
         history, jumps, efforts = still(*state), tuple(_jumps(table[0])), _efforts(meshed, table, own.step)
@@ -76,8 +66,7 @@ def simulate(
 
     if accuracy is None and step is not None:
         step = number("step", step, "a positive number of seconds, for example step=1e-3")
-        span = table[0][-1] - table[0][0]
-        settings = checked(step, spectral_radius, EXACT, initial)
+        span, settings = table[0][-1] - table[0][0], checked(step, spectral_radius, EXACT, initial)
         count = round(span / step)
         if count < 1:
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
@@ -98,10 +87,7 @@ def simulate(
 
 
 def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], settles: bool) -> Stated:
-    """The known values of the start.
-
-    settles : passive joints may be stated where beams are bent, and the loops are closed unbent first
-    """
+    """The known values of the start; ``settles``: passive joints may be stated where beams are bent, loops are closed unbent."""
     m, q, qd = mechanism, mechanism.neutral, np.zeros(mechanism.nv)
     for name, value in places.items():
         q[m.q_slices[name]] = value
@@ -118,32 +104,25 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> t
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
     in_order = at.ndim == 1 and len(at) > 1 and np.isfinite(at).all() and (np.diff(at) >= 0.0).all()
     if not in_order or at[0] == at[1] or at[-2] == at[-1] or not (at[2:] > at[:-2]).all():
-        raise InputError(
-            f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; between the first and the last "
-            "a time may be given twice, where the torque jumps"
-        )
+        twice = "between the first and the last a time may be given twice, where the torque jumps"
+        raise InputError(f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; {twice}")
     if values.shape != (len(at), len(names)) or not np.isfinite(values).all():
-        raise InputError(
-            f"simulate: torque has shape {values.shape}, expected finite numbers ({len(at)}, {len(names)}), a row for each time "
-            f"and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
-        )
+        each = f"a row for each time and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
+        expected = f"finite numbers ({len(at)}, {len(names)}), {each}"
+        raise InputError(f"simulate: torque has shape {values.shape}, expected {expected}")
     for joint in mechanism.joints:
         if KINDS[joint.kind].layout == POSE and joint.actuated:
-            raise InputError(
-                f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, whose force would turn with what it "
-                "moves; write actuated=False and a force with follower=True on its link"
-            )
+            why = "whose force would turn with what it moves; write actuated=False and a force with follower=True on its link"
+            raise InputError(f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, {why}")
     return at, values
 
 
 def _jumps(time: Array) -> Array:
-    """Times that are given twice."""
-    return np.asarray(time[1:][np.diff(time) == 0.0])
+    return np.asarray(time[1:][np.diff(time) == 0.0])  # that are given twice
 
 
 def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:
-    time, torque = table
-    jumps = np.append(_jumps(time), np.inf)
+    (time, torque), jumps = table, np.append(_jumps(table[0]), np.inf)
 
     def efforts(at: Array, before: bool) -> Array:
         after = np.minimum(np.searchsorted(jumps, at - SAME_TIME * step), len(jumps) - 1)

@@ -24,8 +24,7 @@ from flexinv.validation import index
 if TYPE_CHECKING:
     import pandas as pd
 
-# What the steps of a march may lose or make of the energy exchanged: torques are off by about as much.  All cases of models/ stay
-# below a thousandth.
+# What the steps of a march may lose or make of the energy exchanged: torques are off by as much.  Cases of models/: < 0.001.
 MOST_LOST = 0.01
 # An effort, an impact or what damping takes after it jumps at few samples of a run; where power jumps at more, it is nonsense.
 JUMPS = 16
@@ -44,10 +43,9 @@ RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
 class LoopForces:
     """Reactions of the closures of a mechanism, and the allocation of efforts to its actuators.
 
-    reaction : closure -> (samples, 6) force [N] and moment [N m] on the second link, at the closure, in the second frame (of a
-        closure to the world as its second link: at and in the first frame)
-    preload : (samples, nv, k) efforts that only stress the mechanism [-]: the null space of redundant drives (k = 0 with beams,
-        where redundant drives are refused)
+    reaction : closure -> (samples, 6) force [N] and moment [N m] on the second link, at the closure, in the second frame (in the
+        first, and there, where the second link is the world)
+    preload : (samples, nv, k) efforts that only stress the mechanism [-], null space of redundant drives (k = 0 with beams)
     condition : (samples,) of the drives' authority over the motions that the closures allow [-]: 1 where drives turn as the
         mechanism does, large where they hardly move it; with beams not computed (nan)
     left : (samples, nv) efforts that neither drives nor closures carry [N m], [N]: rounding where the drives suffice
@@ -148,10 +146,7 @@ class Solution:
 
     @property
     def energy_exchanged(self) -> float:
-        """Return the energy that drives and motion have exchanged [J], the scale of `energy_error`.
-
-        The work that efforts put in and that they take out, and the widest change of kinetic, potential or elastic energy.
-        """
+        """Return the energy exchanged [J], the scale of `energy_error`: work put in and taken out, the widest change of one."""
         b, power = self.balance, np.abs(self.torque_all * self.qd).sum(axis=1)
         widest = max(float(np.ptp(energy)) for energy in (b.kinetic, b.potential, b.elastic))
         return float(np.trapezoid(power, self.time)) + widest
@@ -190,10 +185,9 @@ class Solution:
         held = HELD * float(self.balance.kinetic.max())
         if float(np.abs(self.balance.work).max()) <= MOST_LOST * float(np.ptp(self.balance.kinetic)) + slow + held:
             return  # less than what the sums below would allow
-        error = self.energy_error
-        if error <= MOST_LOST * (exchanged := self.energy_exchanged) + slow + held:
+        error, exchanged, step = self.energy_error, self.energy_exchanged, float(self.settings["step"])
+        if error <= MOST_LOST * exchanged + slow + held:
             return
-        step = float(self.settings["step"])
         first = float(self.time[int(np.argmax(np.abs(self.balance.work) > 0.5 * error))])
         wanted = step / 2 ** max(1, int(np.ceil(np.log2(error / (MOST_LOST * exchanged)) / 2)))
         raise ConvergenceError(
@@ -211,8 +205,7 @@ class Solution:
 
     def frame(self) -> pd.DataFrame:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
-        m = self.mechanism
-        columns: dict[str, Array] = {}
+        m, columns = self.mechanism, dict[str, Array]()
         places = np.full_like(self.qd, np.nan)  # angles or lengths; some joints have none (rotations in space)
         for joint in m.joints:
             own, at = self.q[:, m.q_slices[joint.name]], m.v_slices[joint.name]
@@ -258,11 +251,8 @@ class Solution:
 
     def wrench_frame(self) -> pd.DataFrame:
         """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
-        columns = {
-            f"{c} {joint} [{'N' if c[0] == 'f' else 'N m'}]": w[:, i]
-            for joint, w in self.wrench.items()
-            for i, c in enumerate(WRENCH)
-        }
+        labels = [f"{c} {joint} [{'N' if c[0] == 'f' else 'N m'}]" for joint in self.wrench for c in WRENCH]
+        columns = dict(zip(labels, (column for w in self.wrench.values() for column in w.T), strict=True))
         return _framed(columns, self.time)
 
     def summary(self) -> pd.DataFrame:
@@ -276,20 +266,15 @@ class Solution:
         effort, speed = np.abs(self.torque_all).max(axis=0), np.abs(self.qd).max(axis=0)
         limit_effort, limit_speed = (np.array([getattr(j.limits, k) for j in joints]) for k in ("effort", "velocity"))
         rows = {
-            "unit": effort_units(m),
-            "peak effort": effort,
-            "rms effort": np.sqrt((self.torque_all**2).mean(axis=0)),
-            "peak speed": speed,
-            "peak power [W]": np.abs(self.torque_all * self.qd).max(axis=0),
+            "unit": effort_units(m), "peak effort": effort, "rms effort": np.sqrt((self.torque_all**2).mean(axis=0)),
+            "peak speed": speed, "peak power [W]": np.abs(self.torque_all * self.qd).max(axis=0),
             "effort / limit [-]": np.where(np.isfinite(limit_effort), effort / limit_effort, np.nan),
             "speed / limit [-]": np.where(np.isfinite(limit_speed), speed / limit_speed, np.nan),
-        }
+        }  # fmt: skip
         return _framed(rows, m.velocity_names, "coordinate")
 
 
-def _framed(
-    columns: Mapping[str, ArrayLike | list[str]], rows: ArrayLike | list[str], name: str = "time [s]"
-) -> pd.DataFrame:
+def _framed(columns: Mapping[str, ArrayLike], rows: ArrayLike, name: str = "time [s]") -> pd.DataFrame:
     import pandas  # whoever wants no table does not wait for it
 
     return pandas.DataFrame(columns, index=pandas.Index(rows, name=name))
@@ -315,18 +300,14 @@ def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
 
 
 def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
-    """Resultants at a beam's root: minus the sum of P over all nodes beyond it, and of the beam's own share of mass there.
-
-    What else hangs on the root's node is not the beam's.
-    """
+    """Resultants at a beam's root: minus the sum of P over all nodes beyond it, and of its own share of mass there alone."""
     root, outer = mesh.section_nodes[link.name][0], beyond(mesh, int(mesh.section_nodes[link.name][1]))
     arm = motion.x[:, outer] - motion.x[:, [root]]
     mass, inertia = mesh.mass[root], mesh.inertia[root].copy()
     for body in (one for one in link.bodies if mesh.body_node[(link.name, one.name)] == root):
         mass, inertia = mass - body.inertia.mass, inertia - body.inertia.tensor
-    w, al = motion.omega[:, root], motion.alpha[:, root]
+    w, al, r = motion.omega[:, root], motion.alpha[:, root], motion.rotation[:, root]
     force = forces.force[:, outer].sum(axis=1) + mass * (motion.a[:, root] - mesh.mechanism.gravity)
     moment = (forces.moment[:, outer] + np.cross(arm, forces.force[:, outer])).sum(axis=1)
-    r = motion.rotation[:, root]
-    own = [np.einsum("sji,sj->si", r, part) for part in (force, moment)]
-    return -np.hstack([own[0], own[1] + al @ inertia.T + np.cross(w, w @ inertia.T)])
+    force, moment = (np.einsum("sji,sj->si", r, part) for part in (force, moment))
+    return -np.hstack([force, moment + al @ inertia.T + np.cross(w, w @ inertia.T)])

@@ -32,21 +32,11 @@ OF_STEPS = 4 / 3
 
 
 def solve(
-    mechanism: Mechanism,
-    motion: Motion,
-    step: float | None = None,
-    error: bool = False,
-    end: float | None = None,
-    spectral_radius: float = 0.8,
-    initial: str = "consistent",
-    incremental: bool = False,
-    start: Stated = None,
-    start_rate: Stated = None,
-    progress: Progress | None = None,
-    every: int = 1,
-    tolerance: float = EXACT,
-    accuracy: float | None = None,
-) -> Solution:
+    mechanism: Mechanism, motion: Motion, step: float | None = None, error: bool = False, end: float | None = None,
+    spectral_radius: float = 0.8, initial: str = "consistent", incremental: bool = False,
+    start: Stated = None, start_rate: Stated = None, progress: Progress | None = None,
+    every: int = 1, tolerance: float = EXACT, accuracy: float | None = None,
+) -> Solution:  # fmt: skip
     """Return the torques that make a mechanism, rigid, flexible or mixed, follow a motion of its joints.
 
     Two steps, one program:  task -> flexible trajectory (M, C, K act) -> P = M (a - g) -> tau = L T P.
@@ -65,16 +55,14 @@ def solve(
         (turns of passive joints are counted, and work is summed, over the samples that are kept)
     tolerance : what Newton may leave of positions, over the mechanism's length [-]; by default less than rounding.  1e-9 saves a
         third of the time of a beam in a plane; accelerations are then known to some tolerance x length / step^2 at worst
-
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
     every = check_task(mechanism, motion, initial, every, progress)
     error, incremental = flag("error", error), flag("incremental", incremental)
     if accuracy is not None or step is None:
         if incremental or every > 1:
-            raise InputError(
-                "accuracy: it chooses the steps, their samples and the mode by itself; leave out incremental, every"
-            )
+            why = "it chooses the steps, their samples and the mode by itself; leave out incremental, every"
+            raise InputError(f"accuracy: {why}")
         from flexinv.accuracy.accurate import accurate, check_accuracy, solve_problem
 
         options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
@@ -84,9 +72,8 @@ def solve(
     if every > 1 and incremental:
         raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
     if every > 1 and mechanism.closures and not mechanism.is_rigid:
-        raise InputError(
-            f"every = {every}: mechanism '{mechanism.name}' has closures and beams, of which every step is kept; write every=1"
-        )
+        why = f"mechanism '{mechanism.name}' has closures and beams, of which every step is kept"
+        raise InputError(f"every = {every}: {why}; write every=1")
     if incremental:
         check_samples(len(steps[::every]), step)
     settings = replace(checked(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
@@ -114,9 +101,6 @@ def solve(
     even = marched and not (incremental or sticks or any(closure.active for closure in mechanism.closures))
     solution = with_error(solution, first, steps, settings, again, stride, even)
     return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
-
-
-# ------------------------------------------------------------------------------------------------- error bars
 
 
 def with_error(

@@ -18,33 +18,22 @@ from flexinv.validation import whole
 
 
 def solve_in_parts(
-    mechanism: Mechanism,
-    motion: Motion,
-    step: float,
-    part: int = 10_000,
-    end: float | None = None,
-    spectral_radius: float = 0.8,
-    initial: str = "consistent",
-    start: Stated = None,
-    start_rate: Stated = None,
-    progress: Progress | None = None,
-    every: int = 1,
-    tolerance: float = EXACT,
-) -> Iterator[Solution]:
+    mechanism: Mechanism, motion: Motion, step: float, part: int = 10_000, end: float | None = None,
+    spectral_radius: float = 0.8, initial: str = "consistent", start: Stated = None, start_rate: Stated = None,
+    progress: Progress | None = None, every: int = 1, tolerance: float = EXACT,
+) -> Iterator[Solution]:  # fmt: skip
     """Return the Solution of `solve` in consecutive parts, an iterator: a long one can go to disk while it is computed.
 
     part : kept samples [-] by which the parts advance; each begins with the sample [s] with which that before ended, and sums
         its work from there.  All else are arguments of `solve`, and the series are its own, up to rounding
     What is given is looked at by the call; a step is marched when its part is asked for, and its errors come with that part.
-
     Raises InputError as `solve` does, and for closures, which are solved as a whole; ConvergenceError.
     """
     every = check_task(mechanism, motion, initial, every, progress)
     part = whole("part", part, 1, "the number of samples of a part, 1 or more")
     if mechanism.closures:
-        raise InputError(
-            f"solve_in_parts: mechanism '{mechanism.name}' has closures, whose motion is found as a whole; write flexinv.solve"
-        )
+        why = "has closures, whose motion is found as a whole; write flexinv.solve"
+        raise InputError(f"solve_in_parts: mechanism '{mechanism.name}' {why}")
     steps = time_grid(motion, step, end, every)
     settings = replace(checked(step, spectral_radius, tolerance, initial), every=every)
     task = prescribe(mechanism, motion, steps, settings, start, start_rate, progress)

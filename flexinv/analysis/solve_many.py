@@ -1,9 +1,8 @@
 """solve_many: many payloads, stiffnesses, motions or mechanisms with one call, spread over threads.
 
 Scenarios that are alike (beams in a plane, one structure, one time grid, whatever else differs) are integrated many in one
-compiled call: what they share is prepared once, their series stand in one piece of memory, and short marches run side by side as
-well as long ones.  Each of the others is a `solve` of its own, whose compiled time integration holds no lock.
-Each result is, bit for bit, that of `solve` alone.
+compiled call: what they share is prepared once, their series stand in one piece of memory, short marches run side by side as well
+as long ones.  Each other is a `solve` of its own, which holds no lock.  Each result is, bit for bit, that of `solve` alone.
 """
 
 from __future__ import annotations
@@ -45,6 +44,7 @@ from flexinv.typing import Array, Triple
 from flexinv.validation import function, nearest, whole
 
 Each = Sequence[Mapping[str, Any]] | None
+Asked = tuple[Mechanism, Motion, Mapping[str, Any]]  # the last are options of its own
 OPTIONS = tuple(signature(solve).parameters)[2:]  # what a scenario may say beside its mechanism and its motion
 # Options of `solve` that scenarios that are alike may state; all others keep their defaults.
 ALIKE = {"step", "end", "spectral_radius", "tolerance"}
@@ -72,21 +72,15 @@ class Batch:
 
 
 def solve_many(
-    mechanisms: Mechanism | Sequence[Mechanism],
-    motions: Motion | Sequence[Motion],
-    step: float,
-    each: Each = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    **options: Any,
-) -> Batch:
+    mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], step: float, each: Each = None,
+    threads: int | None = None, progress: Progress | None = None, **options: Any,
+) -> Batch:  # fmt: skip
     """Return the solutions of many scenarios: `solve` of every mechanism with every motion that stands beside it.
 
     mechanisms, motions : one, or a list with one for each scenario; ``step`` and ``options`` are those of `solve`  [s]
     each : for every scenario the options in which it differs, for example {"start": {"swing": 0.1}} or {"step": 1e-4}
     threads : how many work at a time [-], by default one for every processor that the process may use
     progress : called with 1 after every scenario, from any thread but one at a time
-
     A scenario that fails does not stop the others: its error is kept.  Raises InputError for lists of unequal length.
     """
     scenarios = _scenarios(mechanisms, motions, each)
@@ -103,10 +97,9 @@ def solve_many(
         with shared_pieces():
             while ahead:
                 try:
-                    k = ahead.popleft()
+                    mechanism, motion, own = scenarios[k := ahead.popleft()]
                 except IndexError:  # another thread has taken it
                     return
-                mechanism, motion, own = scenarios[k]
                 try:
                     results[k] = solve(mechanism, motion, **{"step": step, **options, **own})
                 except Exception as error:  # whatever stops one scenario is kept as its result
@@ -116,15 +109,12 @@ def solve_many(
                         progress(1)
 
     for run in runs:
-        found = solve_alike([prepared[k] for k in run], count, progress)
-        for k, result in zip(run, found, strict=True):
+        for k, result in zip(run, solve_alike([prepared[k] for k in run], count, progress), strict=True):
             results[k] = result
     if len(joined) < len(scenarios):
         side_by_side(work, ahead.clear, min(count, len(scenarios) - len(joined)))
-    return Batch(
-        solutions=tuple(result if isinstance(result, Solution) else None for result in results),
-        errors={k: result for k, result in enumerate(results) if isinstance(result, Exception)},
-    )
+    errors = {k: result for k, result in enumerate(results) if isinstance(result, Exception)}
+    return Batch(tuple(result if isinstance(result, Solution) else None for result in results), errors)
 
 
 def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: int) -> None:
@@ -166,17 +156,15 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
 
 def _scenarios(
     mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], each: Each
-) -> list[tuple[Mechanism, Motion, Mapping[str, Any]]]:
+) -> list[Asked]:
     for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
         if isinstance(value, str) or not isinstance(value, (kind, Sequence)):
-            raise InputError(
-                f"solve_many: {name} is a {type(value).__name__}: expected one {kind.__name__} or a list; write list({name})"
-            )
+            expected = f"expected one {kind.__name__} or a list; write list({name})"
+            raise InputError(f"solve_many: {name} is a {type(value).__name__}: {expected}")
     if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
-        raise InputError(
-            f"solve_many: each is a {type(each).__name__}: expected a list with a table of options for every scenario, such as "
-            '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
-        )
+        such = '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
+        expected = f"expected a list with a table of options for every scenario, such as {such}"
+        raise InputError(f"solve_many: each is a {type(each).__name__}: {expected}")
     for k, own in enumerate(each or ()):
         _check_options(own, f"each[{k}]: ")
     given = {"motions": motions, "mechanisms": mechanisms, "each": each}
@@ -196,14 +184,9 @@ def _scenarios(
 def _check_options(options: Mapping[str, Any], where: str) -> None:
     for name in options:
         if name not in OPTIONS:
-            like = nearest(str(name), OPTIONS)
-            raise InputError(
-                f"solve_many: {where}{name!r} is no option of solve: expected some of {', '.join(OPTIONS)}"
-                + (f"; write {like!r}" if like else "")
-            )
-
-
-# ------------------------------------------------------------------------------------------------ scenarios that are alike
+            write = f"; write {like!r}" if (like := nearest(str(name), OPTIONS)) else ""
+            expected = f"expected some of {', '.join(OPTIONS)}{write}"
+            raise InputError(f"solve_many: {where}{name!r} is no option of solve: {expected}")
 
 
 @dataclass(frozen=True)
@@ -217,12 +200,9 @@ class Scenario:
     settings: Settings
 
 
-def prepare_all(
-    scenarios: Sequence[tuple[Mechanism, Motion, Mapping[str, Any]]], options: Mapping[str, Any]
-) -> dict[int, Scenario]:
+def prepare_all(scenarios: Sequence[Asked], options: Mapping[str, Any]) -> dict[int, Scenario]:
     """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
-    known: dict[Any, Scenario | None] = {}
-    out = {}
+    known, out = dict[Any, Scenario | None](), dict[int, Scenario]()
     for k, (mechanism, motion, own) in enumerate(scenarios):
         key = k if own else (mechanism, motion)
         if key not in known:
@@ -253,10 +233,9 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
 
 def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
     """Return the numbers [-] of those that are alike, in runs that stand in one piece of memory."""
-    groups: dict[Any, list[int]] = {}
+    groups, runs = dict[Any, list[int]](), list[list[int]]()
     for k, one in scenarios.items():
         groups.setdefault((_structure(one.mesh), one.settings, len(one.time)), []).append(k)
-    runs = []
     for group in groups.values():
         one = scenarios[group[0]]
         most = max(1, RUN // (len(one.time) * one.mesh.size * 50))
@@ -284,9 +263,8 @@ def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
 
 def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
     """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
-    first = scenarios[0]
+    first, tasks = scenarios[0], _tasks(scenarios)
     designs = _designs(first.mesh, tuple(dict.fromkeys(one.mesh for one in scenarios)))
-    tasks = _tasks(scenarios)
     out, found = _room(first, len(scenarios))
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
     ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
@@ -327,9 +305,8 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
     firsts = {id(one.table[0]): one for one in scenarios}
     number = {key: k for k, key in enumerate(firsts)}
     given = np.stack([model.joints.coordinates(*one.table) for one in firsts.values()])
-    joint = np.zeros((len(firsts), first.mesh.size, 3))
+    joint, instants = np.zeros((len(firsts), first.mesh.size, 3)), np.arange(len(first.time))
     joint[:, model.joints.node] = given[:, 0]
-    instants = np.arange(len(first.time))
     early = np.zeros((len(firsts), 0, *given.shape[2:]))  # at the parts of the first steps, none if all rest
     if given[:, 0, :, 1:].any() or any(one.mesh.mechanism.gravity.any() for one in scenarios):
         ends = early_times(first.time[: EARLY + 1])

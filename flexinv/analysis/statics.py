@@ -52,23 +52,19 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     """Return the equilibrium under gravity and loads with all joints held at ``q``: a Solution of one sample.
 
     In a loop the drives are held and the passive joints give way; ``q`` is their guess.
-
     Zero of the residual  f_elastic - m g - loads = 0  on all free nodes; gravity, the mechanism's springs and forces (those of
-    t = 0) and the loads are raised in steps as large as Newton converges.
-    ``torque`` holds the joints; ``tip``, ``deflection``, ``wrench``, ``internal`` are those of the rest position; ``stable`` is
-    False where its tangent stiffness is not positive definite, as of a straight column beyond its buckling load (a ModelWarning
-    says so, too).
+    t = 0) and the loads are raised in steps as large as Newton converges.  ``torque`` holds the joints; ``tip``, ``deflection``,
+    ``wrench``, ``internal`` are those of the rest position; ``stable`` is False where its tangent stiffness is not positive
+    definite, as of a straight column beyond its buckling load (a ModelWarning says so, too).
 
     q : (nq,) [rad], [m], all joints at zero by default
-
     Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
     """
     of_kind("mechanism", mechanism, Mechanism)
     at = mechanism.neutral if q is None else floats("statics: q", q)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
-        raise InputError(
-            f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
-        )
+        expected = f"expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
+        raise InputError(f"statics: q has shape {at.shape}, {expected}")
     forces = [_force(mechanism, load) for load in all_of_kind("loads", loads, Load)]
     loaded = replace(mechanism, forces=(*mechanism.forces, *forces))
     mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
@@ -86,9 +82,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
-    joints = equilibrium(solver, at, "statics")
+    joints, out = equilibrium(solver, at, "statics"), Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     iterations = solver.solve_instant(STATICS, joints, "statics")
-    out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     record_instant(solver, 0, out)
     out.iterations[0] = iterations
     joint_motion = at[None].copy(), rest, rest.copy()
@@ -99,8 +94,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     from flexinv.linearized.natural_modes import unstable_motions
 
     found = solution_of(mesh, first, SETTINGS)
-    unstable = unstable_motions(solver, joints)  # a word on whether a structure stays there
-    if not unstable:
+    if not (unstable := unstable_motions(solver, joints)):  # a word on whether a structure stays there
         return replace(found, stable=True)
     count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)}"
     note = (
@@ -115,17 +109,15 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
 def _force(mechanism: Mechanism, load: Load) -> Force:
     """The force of a load; raises InputError for one that cannot act."""
     if not isinstance(load.link, str) or load.link not in mechanism.link_of:
-        raise InputError(
-            f"load: no link {shown(load.link)} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
-        )
+        known = f"'{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
+        raise InputError(f"load: no link {shown(load.link)} in {known}")
     where, vectors = f"load on {load.link!r}", []
     for name, unit in (("force", "N"), ("moment", "N m"), ("point", "m")):
         value = floats(f"{where}: {name}", getattr(load, name))
         if value.shape != (3,) or not np.isfinite(value).all():
             raise InputError(f"{where}: {name} = {value}, expected three finite numbers [{unit}]")
         vectors.append(value)
-    station = number(f"{where}: station", load.station, "a fraction 0 to 1 of the length")
-    if not 0.0 <= station <= 1.0:
+    if not 0.0 <= (station := number(f"{where}: station", load.station, "a fraction 0 to 1 of the length")) <= 1.0:
         raise InputError(f"{where}: station = {load.station}, expected a fraction 0 to 1 of the length")
     flag(f"{where}: follower", load.follower)
     at = Attachment(load.link, Placement(vectors[2]), None if mechanism.link_of[load.link].beam is None else station)

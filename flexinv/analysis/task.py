@@ -55,11 +55,8 @@ class Settings:
         """Return the settings as a Solution records them [s], [-]."""
         if self.statics:
             return {"statics": True, "incremental": False}
-        out: Words = {
-            "step": self.step, "spectral_radius": self.spectral_radius, "initial": self.initial,
-            "incremental": self.incremental,
-        }  # fmt: skip
-        return out if self.tolerance is None else {**out, "tolerance": self.tolerance}
+        names = ("step", "spectral_radius", "initial", "incremental", "tolerance")[: 4 if self.tolerance is None else 5]
+        return {name: getattr(self, name) for name in names}
 
 
 def checked(step: float, spectral_radius: float, tolerance: float, initial: str = "consistent") -> Settings:
@@ -149,8 +146,7 @@ def looked_up(task: Task) -> Task:
     if task.settings.every > 1 or task.jumps or (m.closures and m.is_rigid):
         return task
     time, history = task.time, task.after
-    table = history(time)
-    for part in table:
+    for part in (table := history(time)):
         part.flags.writeable = False
 
     def samples(at: Array) -> Triple:
@@ -166,17 +162,13 @@ def looked_up(task: Task) -> Task:
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
     step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    last = last_time(motion, end)
+    last, given = last_time(motion, end), f"step = {step:g} s"
     if step > last:
-        raise InputError(
-            f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"
-        )
+        raise InputError(f"{given} is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}")
     count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding
-    if count >= MOST_SAMPLES * max(every, 1):
-        raise InputError(
-            f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES * max(every, 1)}: "
-            "write a larger step, or every=10 to keep one step of ten"
-        )
+    if count >= (most := MOST_SAMPLES * max(every, 1)):
+        write = "write a larger step, or every=10 to keep one step of ten"
+        raise InputError(f"{given} gives {count} samples in {last:g} s, more than {most}: {write}")
     return np.asarray(step * np.arange(count + 1))
 
 
@@ -188,11 +180,10 @@ def last_time(motion: Motion, end: float | None) -> float:
 def joint_histories(
     motion: Motion, mechanism: Mechanism, stated: tuple[dict[str, Array], dict[str, Array]], settings: Settings, grid: Array
 ) -> tuple[JointHistory, JointHistory]:  # fmt: skip
-    """Return joint motion [rad or m, s] with the passive joints at their start: left-hand limits at jumps, and right-hand ones.
+    """Return joint motion [rad or m, s] with the passive joints where ``stated``: left-hand limits at jumps, and right-hand ones.
 
     stated : start coordinates and rates by joint; grid : the times of which a table may be kept
     """
-    places, rates = stated
     uniform = len(grid) > 1 and grid[1] == settings.step and grid[-1] == grid[1] * (len(grid) - 1)
 
     def joint_motion(time: Array, side: str) -> Triple:
@@ -200,9 +191,9 @@ def joint_histories(
             q, qd, qdd = (part.copy() for part in motion_at(motion, mechanism, settings.step * np.arange(len(grid))))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
-        for name, value in places.items():
+        for name, value in stated[0].items():
             q[:, mechanism.q_slices[name]] = value
-        for name, value in rates.items():
+        for name, value in stated[1].items():
             qd[:, mechanism.v_slices[name]] = value
         return q, qd, qdd
 
@@ -211,8 +202,4 @@ def joint_histories(
 
 def still(q: Array, qd: Array, qdd: Array) -> JointHistory:
     """Return a joint motion that is at all times the state q (nq,), qd, qdd (nv,) [rad or m, s]."""
-
-    def history(time: Array) -> Triple:
-        return np.tile(q, (len(time), 1)), np.tile(qd, (len(time), 1)), np.tile(qdd, (len(time), 1))
-
-    return history
+    return lambda time: (np.tile(q, (len(time), 1)), np.tile(qd, (len(time), 1)), np.tile(qdd, (len(time), 1)))

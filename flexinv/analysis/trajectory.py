@@ -30,11 +30,8 @@ from flexinv.planar.stepper import planar_march
 from flexinv.typing import Array
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
-# enough to cost nothing, and few enough that what the joints do takes some megabytes.
-AT_ONCE = 1 << 14
-# Samples handed over at once in a plane, whose steps are short.
-PLANAR_CHUNK = 4096
-
+# enough to cost nothing, and few enough that what the joints do takes some megabytes; in a plane, whose steps are short, samples.
+AT_ONCE, PLANAR_CHUNK = 1 << 14, 4096
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
 
@@ -70,7 +67,6 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
 
     Each part begins with the last sample of that before.  The compiled loop over time steps is called for many of them at once,
     up to instants at which accelerations jump, closures begin or cease to act, or a part ends.
-
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     march, steps, kept, every = _March(task), task.steps, len(task.time), task.settings.every
@@ -113,10 +109,9 @@ class _March:
 
     def __init__(self, task: Task) -> None:
         """Prepare the march of a task, in the plane where the mechanism lies in one and begins undeformed."""
-        mesh = task.mesh
         self.task, self.scheme, self.origin, self.early = task, task.settings.scheme, 0, 0
+        mesh, self.phases = task.mesh, phases(task.mesh.mechanism, task.steps)
         self.last: Array | None = None
-        self.phases = phases(mesh.mechanism, task.steps)
         self.flat = None if task.efforts is not None else in_plane(mesh, task.passive)
         never_switches = len(self.phases) == 1 and self.phases[0].active.all()
         alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
@@ -127,8 +122,7 @@ class _March:
 
     def go_on(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
-        rows = len(self.out.iterations)
-        left = len(self.task.time) - origin
+        rows, left = len(self.out.iterations), len(self.task.time) - origin
         out = Trajectory.unwritten(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
         out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
         self.out, self.origin = out, origin
@@ -148,17 +142,13 @@ class _March:
         return with_closures(mesh, first, self.switching) if mesh.mechanism.closures else first
 
     def begin(self) -> int:
-        """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done.
-
-        In the plane alone that is left to the first call of the compiled loop.
-        """
+        """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done."""
         solver, flat, time = self.solver, self.flat, self.task.steps[:1]
         self.pace(0)
-        if solver is None:
+        if solver is None:  # in the plane alone that is left to the first call of the compiled loop
             return 0
-        when = f"at the start, t = {time[0]:g} s"
-        motion, initial = [part[0] for part in self.task.after(time)], self.task.settings.initial
-        joints = stand(solver, motion, float(time[0]), initial, when)
+        motion, when = [part[0] for part in self.task.after(time)], f"at the start, t = {time[0]:g} s"
+        joints = stand(solver, motion, float(time[0]), self.task.settings.initial, when)
         record_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
@@ -208,8 +198,7 @@ class _March:
 
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
         """Raise the error [-] of `failure` if there is one."""
-        one = self.solver if self.flat is None else self.flat
-        turned = None if one is None else one.turned
+        turned = (self._in_space() if self.flat is None else self.flat).turned
         if error := failure(self.task.mesh, result, time, self.scheme.h, begins, turned, parts):
             raise error
 
@@ -233,20 +222,18 @@ class _March:
     def restart(self, sample: int, phase: Phase | None) -> None:
         """Solve the accelerations anew where those of the task jump, or go over to a phase; record the right-hand limit."""
         self.pace(sample)
-        task, flat, row = self.task, self.flat, self.rows(sample, sample + 1)
-        time = task.steps[sample : sample + 1]
-        motion, now, when = task.after(time), float(time[0]), f"at t = {time[0]:g} s"
+        flat, row, time = self.flat, self.rows(sample, sample + 1), self.task.steps[sample : sample + 1]
+        motion, now, when = self.task.after(time), float(time[0]), f"at t = {time[0]:g} s"
         if flat is not None and phase is None:
             result = flat.restart(self.scheme, *motion, row, self.out)
             self.check(result, time, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return
         solver, (q, qd, qdd) = self._in_space(), (part[0] for part in motion)
-        s = solver.state
+        s, joints = solver.state, instant(self.task.mesh, q, qd, qdd)
         if flat is not None:
             flat.give(s, solver.border.ties)
         solver.load_at(now, q, qd, qdd)
-        joints = instant(task.mesh, q, qd, qdd)
         if phase is not None:
             self.switching.switch(solver, phase, joints, qd, now, self.out)
         else:
