@@ -8,16 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.dynamics.generalized_alpha import (
-    ACCELERATIONS,
-    PASSES,
-    RESOLVED,
-    ROUNDING,
-    STATICS,
-    Scheme,
-    generalized_alpha,
-    is_sudden,
-)
+from flexinv.dynamics import generalized_alpha as integrator
+from flexinv.dynamics.generalized_alpha import ACCELERATIONS, RESOLVED, STATICS, Scheme, generalized_alpha, is_sudden
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
@@ -83,9 +75,9 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     found, forces = s.du.copy(), multiplier.copy()
 
     sudden, scale = False, solver.topology.scale
-    if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > ROUNDING:
+    if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > integrator.ROUNDING:
         s.du[:] = s.du0
-        for _ in range(PASSES):
+        for _ in range(integrator.PASSES):
             solver.solve_instant(scheme._replace(mode=RESOLVED), joints, when)
         sudden = is_sudden(scheme, scale, found, s.du)
         left = np.abs((found - s.du) / scale).max()

@@ -24,26 +24,10 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.equations import gap
 from flexinv.dynamics.constraint_rows import UNIT, Ties, set_gradient
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import (
-    add,
-    add_scaled,
-    add_to,
-    apply,
-    cross,
-    dot,
-    madd,
-    mat,
-    mscale,
-    msub,
-    outer,
-    put_block,
-    scale,
-    tapply,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array
@@ -201,9 +185,9 @@ def pull_rows(springs, constraints, frames, level):
         law = scale(-ratio, d)
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
-        across = msub(mscale(ratio, UNIT), mscale(ratio, outer(n, n)))
-        put_block(springs.slope[k], 0, 0, mscale(-1.0, madd(outer(n, by_gap), across)))
-        put_block(springs.slope[k], 0, 3, mscale(-damping, outer(n, n)))
+        across = vec3.msub(vec3.mscale(ratio, UNIT), vec3.mscale(ratio, vec3.outer(n, n)))
+        put_block(springs.slope[k], 0, 0, vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
+        put_block(springs.slope[k], 0, 3, vec3.mscale(-damping, vec3.outer(n, n)))
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
             set_gradient(row + i, constraints, frames, UNIT[i], d)
