@@ -73,7 +73,6 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     """
     s, multiplier = solver.state, solver.border.ties.multiplier
     found, forces = s.du.copy(), multiplier.copy()
-
     sudden, scale = False, solver.topology.scale
     if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > integrator.ROUNDING:
         s.du[:] = s.du0
@@ -141,24 +140,18 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     solver.state.u[:], solver.state.du[:] = 0.0, 0.0
     if solver.topology.freedoms.any():
         _sink(solver, joints, when)
-    else:
-        _raise_loads(solver, joints, when)
-    return joints
-
-
-def _raise_loads(solver: Solver, joints: Joints, when: str) -> None:
-    level, state = solver.loads.level, solver.state
-    reached, part = 0.0, 1.0
+        return joints
+    level, reached, part = solver.loads.level, 0.0, 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
         status, count, size = solver.newton(STATICS, joints)
         if status == CONVERGED:
             reached, part = float(level[0]), 2 * part
             continue
-        state.d[:] = 0.0
-        part *= 0.5
+        solver.state.d[:], part = 0.0, 0.5 * part
         if part < 0.5**MOST_HALVINGS:
             raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
+    return joints
 
 
 def _sink(solver: Solver, joints: Joints, when: str) -> None:
@@ -230,12 +223,9 @@ def settle(solver: Solver, q: Array, when: str) -> None:
     names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
     count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)} of its stiffness"
     beside = f"write a start beside it for {names}, from which the mechanism sinks to another"
-    warnings.warn(
-        f"mechanism '{mesh.mechanism.name}', {when}: the rest position in which it begins is unstable ({count}), and is "
-        f"not the only one; {beside if names else 'write a smaller load'}, or initial = 'consistent'",
-        ModelWarning,
-        stacklevel=2,
-    )
+    begins = f"the rest position in which it begins is unstable ({count}), and is not the only one"
+    advice = f"{beside if names else 'write a smaller load'}, or initial = 'consistent'"
+    warnings.warn(f"mechanism '{mesh.mechanism.name}', {when}: {begins}; {advice}", ModelWarning, stacklevel=2)
 
 
 @kept_with_owner()

@@ -10,8 +10,7 @@ A spring between two points is three rows of the border.  The unknown of a row i
 
     F - f = 0,    F = -(p + c l') n,   p = k (l - l0),   n = d / l,   l' = n . d',   d the vector between the points
 
-(p by `model.attachments` where the spring has a law)
-so that springs between any two nodes, however stiff, leave the tree's elimination as it is.
+with p by `model.attachments` where the spring has a law: springs between any two nodes, however stiff, leave the tree as it is.
 """
 
 from __future__ import annotations
@@ -203,10 +202,8 @@ def pull_sides(topology, springs, constraints, frames, variation):
             for n in range(plan.first_part[row], plan.first_part[row + 1]):
                 for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
                     constraints.across[row, j] = 0.0
-            for n, place, sign in (
-                (constraints.a[row], constraints.place_a[row], -1.0),
-                (constraints.b[row], constraints.place_b[row], 1.0),
-            ):
+            a, b = constraints.a[row], constraints.b[row]
+            for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
                 _add_end(topology, n, sign, vec(place), springs.slope[k, i], frames, variation, constraints.across[row])
 
 
@@ -230,10 +227,8 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
     """Take off dwrench how the moments p x R^T f of the springs' forces turn with their nodes [N m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        for n, place, sign in (
-            (constraints.a[row], constraints.place_a[row], -1.0),
-            (constraints.b[row], constraints.place_b[row], 1.0),
-        ):
+        a, b = constraints.a[row], constraints.b[row]
+        for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
             if n >= 0:
                 own = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
                 for c in range(topology.size[topology.block[n]]):

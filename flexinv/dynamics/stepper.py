@@ -16,11 +16,9 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.tree import Joints
 
-# Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation
-# follows, and as convergence is quadratic the error that is left is about its square: rounding.  (A scheme that may leave more
-# lets it stop earlier.)
-INCREMENT = 1e-8
-MOST_ITERATIONS = 25
+# Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation follows, and as
+# convergence is quadratic about its square is left: rounding.  (A scheme that may leave more lets it stop earlier.)
+INCREMENT, MOST_ITERATIONS = 1e-8, 25
 # A predicted step that takes more iterations than this is begun anew, without the past: it may lead to another solution, and
 # Newton, whose increments square, needs two or three where the prediction is good (a slider-crank that took eight went on to a
 # rod rolled up by 1.9 rad: tests/flexinv/analysis/test_sudden.py).
@@ -31,7 +29,6 @@ BORDER_STAYS = 1e-4
 
 # SUDDEN_START is no failure: the march stands at its first instant, and what comes begins in parts (`generalized_alpha.EARLY`).
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0, 1, 2, 3, 4, 5
-
 
 # A section that turns by less than this in a step has not slipped, whatever carries it: how that turns is not asked.
 NO_SLIP = 1.0  # [rad]
@@ -179,11 +176,9 @@ def slips(topology, elements, scheme, state, frames):
             n = elements.nodes[k, i]
             turn = vec_at(state.d, topology.offset[topology.block[n]] + 3)
             if dot(turn, turn) > NO_SLIP * NO_SLIP:
-                carried = (
-                    vec_at(state.d, topology.offset[topology.block[root]] + 3)
-                    if topology.independent[root]
-                    else scale(scheme.h, vec(frames.w[root]))
-                )
+                carried = scale(scheme.h, vec(frames.w[root]))
+                if topology.independent[root]:
+                    carried = vec_at(state.d, topology.offset[topology.block[root]] + 3)
                 apart = sub(turn, tapply(mat(frames.r[n]), apply(mat(frames.r[root]), carried)))
                 if not dot(apart, apart) <= np.pi * np.pi:
                     return k

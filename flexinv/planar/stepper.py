@@ -1,7 +1,6 @@
 """The march in a plane: time steps of generalized-alpha, one linearisation for all iterations of a step (compiled).
 
-The same scheme, equations and accuracy as `dynamics.stepper`; in the plane positions and angles are a vector space, x_(n+1)
-= x_n + d.
+The same scheme, equations and accuracy as `dynamics.stepper`; positions and angles are a vector space here, x_(n+1) = x_n + d.
 """
 
 from __future__ import annotations
@@ -293,7 +292,12 @@ def record(sample, system, out):
     for n in range(len(elements.order)):
         for i in range(elements.order[n] + 1):
             power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
-        _resultants(n, elements, space, work.points, out.internal[sample, n])
+        side, axle = space.side[n], space.axle[elements.nodes[n, 0]]
+        for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal
+            at, internal = point(n, g, elements.shape.shape[1]), out.internal[sample, n, g]
+            for i in range(3):
+                internal[i], internal[3 + i] = work.points[at + N2] * side[i], work.points[at + M] * axle[i]
+            internal[0] = work.points[at + N1]
     stored, lost = energy(elements, work.points), planar_beam.dissipated(elements, work.rates)
     put(out.energy[sample], 0, (stored, power, lost))
 
@@ -303,15 +307,3 @@ def _embed(axes, vector, height, out):
     """A vector of the plane, and a height above it, in the world."""
     for i in range(3):
         out[i] = axes[i, 0] * vector[0] + axes[i, 1] * vector[1] + axes[i, 2] * height
-
-
-@jit_inner
-def _resultants(element, elements, space, points, internal):
-    """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
-    side, axle = space.side[element], space.axle[elements.nodes[element, 0]]
-    for g in range(elements.order[element]):
-        at = point(element, g, elements.shape.shape[1])
-        n1, n2, m = points[at + N1], points[at + N2], points[at + M]
-        for i in range(3):
-            internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
-        internal[g, 0] = n1
