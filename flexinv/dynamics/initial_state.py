@@ -160,9 +160,8 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     A step of h from rest, with a scheme that keeps no rates, ends where  f(x + d) = 2 M d / h^2:  a step down the slope of the
     energy that is short where h is short, and leads to a rest position where h is long.  A step that would climb, f(x) d < 0, is
     made shorter.  So a mechanism comes to rest below where it starts, and passes by what it would fall from (proximal point
-    method; Rockafellar, *Monotone operators and the proximal point algorithm*, SIAM J. Control Optim. 14, 1976).
-    Where nothing holds a joint and nothing moves it (a vertical axis), it stays where it is.
-    Raises ConvergenceError where no step succeeds.
+    method; Rockafellar, *Monotone operators and the proximal point algorithm*, SIAM J. Control Optim. 14, 1976). Where nothing
+    holds a joint and nothing moves it (a vertical axis), it stays where it is. Raises ConvergenceError where no step succeeds.
     """
     solver.loads.level[0] = 1.0
     gravity = float(np.linalg.norm(solver.topology.gravity))
