@@ -10,28 +10,10 @@ from __future__ import annotations
 from flexinv.elements.beam import relative, relative_rates
 from flexinv.elements.beam_element import damped_tangent, element_gradient, element_tangent, nodal_forces
 from flexinv.elements.joint_law import JointLaw, law_at, own_effort, own_slope, smooth_direction
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
-from flexinv.kernels.vec3 import (
-    ZERO,
-    add,
-    add_scaled,
-    add_to,
-    apply,
-    cross,
-    dot,
-    mat,
-    mscale,
-    mul,
-    put,
-    put_block,
-    scale,
-    sub,
-    tapply,
-    transpose,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.vec3 import ZERO, add, add_scaled, add_to, apply, cross, dot, mat, put, scale, tapply, vec, vec_at
 from flexinv.kinematics.tree import bring_back, carry, carry_variation
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
@@ -60,7 +42,7 @@ def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangen
 def _place_section(n, o, columns, state, frames, variation, cv, ca):
     psi = vec_at(state.d, o + 3)
     put(frames.x[n], 0, add(vec(state.x[n]), vec_at(state.d, o)))
-    put_block(frames.r[n], 0, 0, mul(mat(state.r[n]), exp(psi)))
+    vec3.put_block(frames.r[n], 0, 0, vec3.mul(mat(state.r[n]), exp(psi)))
     put(frames.v[n], 0, vec_at(state.u, o))
     put(frames.w[n], 0, vec_at(state.u, o + 3))
     put(frames.a[n], 0, vec_at(state.du, o))
@@ -70,9 +52,9 @@ def _place_section(n, o, columns, state, frames, variation, cv, ca):
     for k in range(3):
         variation.x[n, k, k], variation.v[n, k, k], variation.a[n, k, k] = 1.0, cv, ca
         variation.t[n, 3 + k, k] = 1.0
-    turned = transpose(inverse_tangent(psi))  # dpsi = H^-1 theta
-    put_block(variation.w[n], 3, 0, mscale(cv, turned))
-    put_block(variation.al[n], 3, 0, mscale(ca, turned))
+    turned = vec3.transpose(inverse_tangent(psi))  # dpsi = H^-1 theta
+    vec3.put_block(variation.w[n], 3, 0, vec3.mscale(cv, turned))
+    vec3.put_block(variation.al[n], 3, 0, vec3.mscale(ca, turned))
 
 
 @jit_inner
@@ -106,7 +88,7 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
             put(variation.a[n, at], 0, scale(ca, slide))
             put(variation.al[n, at], 0, scale(ca, rate))
     put(joints.p[n], 0, p)
-    put_block(joints.r[n], 0, 0, mul(mat(state.r[n]), exp(psi)))
+    vec3.put_block(joints.r[n], 0, 0, vec3.mul(mat(state.r[n]), exp(psi)))
     put(joints.dp[n], 0, dp)
     put(joints.ddp[n], 0, ddp)
     put(joints.w[n], 0, w)
@@ -120,7 +102,7 @@ def node_wrenches(topology, frames, variation, level, work, want_tangent):
     for n in range(len(topology.parent)):
         m, inertia, w = topology.mass[n], mat(topology.inertia[n]), vec(frames.w[n])
         spin = apply(inertia, w)
-        put(work.wrench[n], 0, scale(m, sub(vec(frames.a[n]), gravity)))
+        put(work.wrench[n], 0, scale(m, vec3.sub(vec(frames.a[n]), gravity)))
         put(work.wrench[n], 3, add(apply(inertia, vec(frames.al[n])), cross(w, spin)))
         for k in range(topology.size[topology.block[n]] if want_tangent else 0):
             dw = vec(variation.w[n, k])
@@ -142,7 +124,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
         nodes = elements.nodes[k]
         for i in range(count):
             put(z.x[i], 0, vec(frames.x[nodes[i]]))
-            put_block(z.r[i], 0, 0, mat(frames.r[nodes[i]]))
+            vec3.put_block(z.r[i], 0, 0, mat(frames.r[nodes[i]]))
         if not relative(count, z) <= LARGEST_TURN:
             return k
         if damped:
@@ -225,7 +207,7 @@ def _bring_back_variation(n, m, columns, system, joints):
         own = 0 <= i < topology.freedoms[n]
         slide, turn = vec(topology.slide[n, i]) if own else ZERO, vec(topology.turn[n, i]) if own else ZERO
         df, dmu = vec(work.dwrench[n, k]), vec_at(work.dwrench[n, k], 3)
-        dlocal = sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))
+        dlocal = vec3.sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))
         add_to(work.dwrench[m, k], 0, df)
         turned = apply(rj, add(cross(turn, mu), dmu))
         add_to(work.dwrench[m, k], 3, add(add(cross(slide, local), cross(p, dlocal)), turned))
@@ -254,7 +236,7 @@ def _passive_rows(n, columns, system, cv, ca):
         for k in range(columns):
             dforce = tapply(frame, vec(work.dwrench[n, k]))
             if m >= 0:
-                dforce = sub(dforce, cross(vec(system.variation.t[m, k]), force))
+                dforce = vec3.sub(dforce, cross(vec(system.variation.t[m, k]), force))
             diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
         slope = own_slope(law, direction, cv, ca)
         if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple

@@ -165,23 +165,17 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 
 
 @jit_inner
-def _geared(k, constraints, state, wanted):
-    """Equation of a coupling, sum gear q - offset, or a rate of it, of joints with and without a motion."""
-    value, rate = constraints.given[k, wanted], state.du if wanted == SECOND_RATES else state.u
-    for i in range(constraints.gear.shape[1]):
-        if constraints.gear[k, i] != 0.0:
-            value += constraints.gear[k, i] * (state.place[i] + state.d[i] if wanted == VALUES else rate[i])
-    return value
-
-
-@jit_inner
 def tie_rows(constraints, state, frames, wanted):
     """Set value and gradient of every constraint, and return nothing [m], [-]: phi, phi', or phi'' = u''.w + 2 u'.w' + u.w''."""
     for k in range(len(constraints.a)):
         if constraints.kind[k] == PULL:
             continue
-        if constraints.kind[k] == COUPLING:
-            constraints.value[k] = _geared(k, constraints, state, wanted)
+        if constraints.kind[k] == COUPLING:  # sum gear q - offset, or a rate of it, of joints with and without a motion
+            value, rate = constraints.given[k, wanted], state.du if wanted == SECOND_RATES else state.u
+            for i in range(constraints.gear.shape[1]):
+                if constraints.gear[k, i] != 0.0:
+                    value += constraints.gear[k, i] * (state.place[i] + state.d[i] if wanted == VALUES else rate[i])
+            constraints.value[k] = value
             continue
         if not constraints.acting[k]:
             constraints.value[k] = 0.0

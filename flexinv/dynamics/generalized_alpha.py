@@ -35,20 +35,16 @@ PASSES = 3
 # is more than DOMINANT times all that is resolved and above ROUNDING: at rest sections are known to 1e-3 rad/s^2.  Gravity on an
 # undeformed arm is neither at steps of 1e-4 s (some 1e-7, as much as is resolved); couples on sections, however small, are some
 # hundred times what is resolved.
-SUDDEN = 1e-6
-DOMINANT = 10.0
-ROUNDING = 1e-9
+SUDDEN, DOMINANT, ROUNDING = 1e-6, 10.0, 1e-9
 # After a sudden start the first EARLY steps are made in SUBSTEPS parts each, with a spectral radius of 0, which forgets what was
 # too fast in three parts: fewer parts or steps leave 2 % and more of the range where beams are damped
 # (tests/flexinv/analysis/test_sudden.py).
-EARLY = 4
-SUBSTEPS = 16
+EARLY, SUBSTEPS = 4, 16
 
 # What Newton leaves by default: less than rounding.
 EXACT = 1e-18
 # A new linearisation leaves the square of its increment times this, or less: where axial stiffness meets bending.
-SQUARED = 1e3
-MOST_LEFT = 1e-6
+SQUARED, MOST_LEFT = 1e3, 1e-6
 
 
 @by_address
@@ -147,9 +143,8 @@ def predict(scheme, state):
 @jit_inner
 def pseudo_acceleration(scheme, state, k):
     """Return the auxiliary acceleration A_(n+1) of unknown k [m/s^2], [rad/s^2], from the increment of the step."""
-    return (state.d[k] - scheme.h * state.u0[k] - scheme.h * scheme.h * (0.5 - scheme.beta) * state.pseudo[k]) / (
-        scheme.h * scheme.h * scheme.beta
-    )
+    h, beta = scheme.h, scheme.beta
+    return (state.d[k] - h * state.u0[k] - h * h * (0.5 - beta) * state.pseudo[k]) / (h * h * beta)
 
 
 @jit_inner
@@ -158,9 +153,8 @@ def update_rates(scheme, state):
     for k in range(len(state.d)):
         pseudo = pseudo_acceleration(scheme, state, k)
         state.u[k] = state.u0[k] + scheme.h * ((1 - scheme.gamma) * state.pseudo[k] + scheme.gamma * pseudo)
-        state.du[k] = (
-            (1 - scheme.alpha_m) * pseudo + scheme.alpha_m * state.pseudo[k] - scheme.alpha_f * state.du0[k]
-        ) / (1 - scheme.alpha_f)
+        both = (1 - scheme.alpha_m) * pseudo + scheme.alpha_m * state.pseudo[k] - scheme.alpha_f * state.du0[k]
+        state.du[k] = both / (1 - scheme.alpha_f)
 
 
 @jit_inner

@@ -75,22 +75,12 @@ def solve_masses(system, y):
         if ties.kind[k] == PULL:
             for i in range(y.shape[1]):
                 ties.across[k, i] = 0.0
-    _set_masses(system.topology, system.variation, system.work.diagonal)
-    weigh_massless(system.topology, system.work.diagonal)
-    topology, plan = system.topology, ties.layout
-    for b in range(len(topology.size)):
-        part = topology.part[b]
-        solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
-
-
-@jit_inner
-def _set_masses(topology, variation, diagonal):
-    """Mass matrices of all blocks, M = sum_n B_n^T diag(m_n, J_n) B_n over their nodes, and the rotors of passive joints."""
+    topology, variation, diagonal = system.topology, system.variation, system.work.diagonal
     for b in range(len(topology.size)):
         for i in range(topology.size[b]):
             for k in range(topology.size[b]):
                 diagonal[b, i, k] = 0.0
-    for n in range(len(topology.parent)):
+    for n in range(len(topology.parent)):  # M = sum_n B_n^T diag(m_n, J_n) B_n over the nodes of a block, and rotors
         m, inertia, own = topology.mass[n], mat(topology.inertia[n]), diagonal[topology.block[n]]
         columns = topology.size[topology.block[n]]
         for k in range(columns):
@@ -99,6 +89,11 @@ def _set_masses(topology, variation, diagonal):
                 own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
             own[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
+    weigh_massless(topology, diagonal)
+    plan = ties.layout
+    for b in range(len(topology.size)):
+        part = topology.part[b]
+        solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
 
 
 @jit_inner
@@ -112,8 +107,7 @@ def weigh_massless(topology, diagonal):
         o = topology.offset[b]
         for k in range(topology.size[b]):
             for i in range(topology.size[b]):
-                size = abs(diagonal[b, k, i]) * topology.scale[o + k] * topology.scale[o + i]
-                largest = max(largest, size)
+                largest = max(largest, abs(diagonal[b, k, i]) * topology.scale[o + k] * topology.scale[o + i])
     for b in range(len(topology.size)):
         for k in range(topology.size[b]):
             unit = topology.scale[topology.offset[b] + k] ** 2

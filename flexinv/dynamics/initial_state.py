@@ -8,16 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.dynamics.generalized_alpha import (
-    ACCELERATIONS,
-    PASSES,
-    RESOLVED,
-    ROUNDING,
-    STATICS,
-    Scheme,
-    generalized_alpha,
-    is_sudden,
-)
+from flexinv.dynamics import generalized_alpha as integrator
+from flexinv.dynamics.generalized_alpha import ACCELERATIONS, RESOLVED, STATICS, Scheme, generalized_alpha, is_sudden
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
@@ -81,11 +73,10 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     """
     s, multiplier = solver.state, solver.border.ties.multiplier
     found, forces = s.du.copy(), multiplier.copy()
-
     sudden, scale = False, solver.topology.scale
-    if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > ROUNDING:
+    if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > integrator.ROUNDING:
         s.du[:] = s.du0
-        for _ in range(PASSES):
+        for _ in range(integrator.PASSES):
             solver.solve_instant(scheme._replace(mode=RESOLVED), joints, when)
         sudden = is_sudden(scheme, scale, found, s.du)
         left = np.abs((found - s.du) / scale).max()
@@ -149,24 +140,18 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     solver.state.u[:], solver.state.du[:] = 0.0, 0.0
     if solver.topology.freedoms.any():
         _sink(solver, joints, when)
-    else:
-        _raise_loads(solver, joints, when)
-    return joints
-
-
-def _raise_loads(solver: Solver, joints: Joints, when: str) -> None:
-    level, state = solver.loads.level, solver.state
-    reached, part = 0.0, 1.0
+        return joints
+    level, reached, part = solver.loads.level, 0.0, 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
         status, count, size = solver.newton(STATICS, joints)
         if status == CONVERGED:
             reached, part = float(level[0]), 2 * part
             continue
-        state.d[:] = 0.0
-        part *= 0.5
+        solver.state.d[:], part = 0.0, 0.5 * part
         if part < 0.5**MOST_HALVINGS:
             raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
+    return joints
 
 
 def _sink(solver: Solver, joints: Joints, when: str) -> None:
@@ -175,9 +160,8 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     A step of h from rest, with a scheme that keeps no rates, ends where  f(x + d) = 2 M d / h^2:  a step down the slope of the
     energy that is short where h is short, and leads to a rest position where h is long.  A step that would climb, f(x) d < 0, is
     made shorter.  So a mechanism comes to rest below where it starts, and passes by what it would fall from (proximal point
-    method; Rockafellar, *Monotone operators and the proximal point algorithm*, SIAM J. Control Optim. 14, 1976).
-    Where nothing holds a joint and nothing moves it (a vertical axis), it stays where it is.
-    Raises ConvergenceError where no step succeeds.
+    method; Rockafellar, *Monotone operators and the proximal point algorithm*, SIAM J. Control Optim. 14, 1976). Where nothing
+    holds a joint and nothing moves it (a vertical axis), it stays where it is. Raises ConvergenceError where no step succeeds.
     """
     solver.loads.level[0] = 1.0
     gravity = float(np.linalg.norm(solver.topology.gravity))
@@ -238,12 +222,9 @@ def settle(solver: Solver, q: Array, when: str) -> None:
     names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
     count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)} of its stiffness"
     beside = f"write a start beside it for {names}, from which the mechanism sinks to another"
-    warnings.warn(
-        f"mechanism '{mesh.mechanism.name}', {when}: the rest position in which it begins is unstable ({count}), and is "
-        f"not the only one; {beside if names else 'write a smaller load'}, or initial = 'consistent'",
-        ModelWarning,
-        stacklevel=2,
-    )
+    begins = f"the rest position in which it begins is unstable ({count}), and is not the only one"
+    advice = f"{beside if names else 'write a smaller load'}, or initial = 'consistent'"
+    warnings.warn(f"mechanism '{mesh.mechanism.name}', {when}: {begins}; {advice}", ModelWarning, stacklevel=2)
 
 
 @kept_with_owner()

@@ -10,8 +10,7 @@ A spring between two points is three rows of the border.  The unknown of a row i
 
     F - f = 0,    F = -(p + c l') n,   p = k (l - l0),   n = d / l,   l' = n . d',   d the vector between the points
 
-(p by `model.attachments` where the spring has a law)
-so that springs between any two nodes, however stiff, leave the tree's elimination as it is.
+with p by `model.attachments` where the spring has a law: springs between any two nodes, however stiff, leave the tree as it is.
 """
 
 from __future__ import annotations
@@ -24,26 +23,10 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.equations import gap
 from flexinv.dynamics.constraint_rows import UNIT, Ties, set_gradient
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import (
-    add,
-    add_scaled,
-    add_to,
-    apply,
-    cross,
-    dot,
-    madd,
-    mat,
-    mscale,
-    msub,
-    outer,
-    put_block,
-    scale,
-    tapply,
-    vec,
-    vec_at,
-)
+from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array
@@ -201,9 +184,9 @@ def pull_rows(springs, constraints, frames, level):
         law = scale(-ratio, d)
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
-        across = msub(mscale(ratio, UNIT), mscale(ratio, outer(n, n)))
-        put_block(springs.slope[k], 0, 0, mscale(-1.0, madd(outer(n, by_gap), across)))
-        put_block(springs.slope[k], 0, 3, mscale(-damping, outer(n, n)))
+        across = vec3.msub(vec3.mscale(ratio, UNIT), vec3.mscale(ratio, vec3.outer(n, n)))
+        put_block(springs.slope[k], 0, 0, vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
+        put_block(springs.slope[k], 0, 3, vec3.mscale(-damping, vec3.outer(n, n)))
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
             set_gradient(row + i, constraints, frames, UNIT[i], d)
@@ -219,10 +202,8 @@ def pull_sides(topology, springs, constraints, frames, variation):
             for n in range(plan.first_part[row], plan.first_part[row + 1]):
                 for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
                     constraints.across[row, j] = 0.0
-            for n, place, sign in (
-                (constraints.a[row], constraints.place_a[row], -1.0),
-                (constraints.b[row], constraints.place_b[row], 1.0),
-            ):
+            a, b = constraints.a[row], constraints.b[row]
+            for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
                 _add_end(topology, n, sign, vec(place), springs.slope[k, i], frames, variation, constraints.across[row])
 
 
@@ -246,10 +227,8 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
     """Take off dwrench how the moments p x R^T f of the springs' forces turn with their nodes [N m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        for n, place, sign in (
-            (constraints.a[row], constraints.place_a[row], -1.0),
-            (constraints.b[row], constraints.place_b[row], 1.0),
-        ):
+        a, b = constraints.a[row], constraints.b[row]
+        for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
             if n >= 0:
                 own = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
                 for c in range(topology.size[topology.block[n]]):

@@ -4,33 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.dynamics import constraint_rows, generalized_alpha
 from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
-from flexinv.dynamics.constraint_rows import (
-    PULL,
-    RATES,
-    VALUES,
-    add_gears,
-    add_ties,
-    any_acts,
-    factorise_border,
-    solve_border,
-    tie_rows,
-    tie_sides,
-)
+from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, solve_border, tie_rows, tie_sides
 from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
-from flexinv.dynamics.generalized_alpha import (
-    ACCELERATION,
-    ACCELERATIONS,
-    DYNAMIC,
-    RESOLVED,
-    SQUARED,
-    STATIC,
-    advance,
-    copy,
-    correct,
-    largest_increment,
-    predict,
-)
+from flexinv.dynamics.generalized_alpha import ACCELERATION, DYNAMIC, RESOLVED, STATIC, advance, copy, correct, predict
 from flexinv.dynamics.index1 import project_accelerations, solve_masses, weigh_massless
 from flexinv.dynamics.loads import add_loads, pull_rows, pull_sides, set_loads, turn_arms
 from flexinv.dynamics.tree_solver import solve_tree
@@ -38,11 +16,9 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.tree import Joints
 
-# Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation
-# follows, and as convergence is quadratic the error that is left is about its square: rounding.  (A scheme that may leave more
-# lets it stop earlier.)
-INCREMENT = 1e-8
-MOST_ITERATIONS = 25
+# Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation follows, and as
+# convergence is quadratic about its square is left: rounding.  (A scheme that may leave more lets it stop earlier.)
+INCREMENT, MOST_ITERATIONS = 1e-8, 25
 # A predicted step that takes more iterations than this is begun anew, without the past: it may lead to another solution, and
 # Newton, whose increments square, needs two or three where the prediction is good (a slider-crank that took eight went on to a
 # rod rolled up by 1.9 rad: tests/flexinv/analysis/test_sudden.py).
@@ -53,7 +29,6 @@ BORDER_STAYS = 1e-4
 
 # SUDDEN_START is no failure: the march stands at its first instant, and what comes begins in parts (`generalized_alpha.EARLY`).
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0, 1, 2, 3, 4, 5
-
 
 # A section that turns by less than this in a step has not slipped, whatever carries it: how that turns is not asked.
 NO_SLIP = 1.0  # [rad]
@@ -111,13 +86,13 @@ def newton(system, scheme, joints, y, most):
         # At rest loose joints make it nearly singular, and equilibria need not be stable: pivots are sought among all rows.
         blocks = ties.layout.whole if scheme.mode == STATIC else ties.layout.blocks
         if not stays:
-            factorise_border(ties, blocks, y)
+            constraint_rows.factorise_border(ties, blocks, y)
         solve_border(ties, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
-        size = largest_increment(y[0], topology.scale)
+        size = generalized_alpha.largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         correct(topology, scheme, system.state, y[0])
-        last = size < INCREMENT or SQUARED * size * size < scheme.left
+        last = size < INCREMENT or generalized_alpha.SQUARED * size * size < scheme.left
         last = last or scheme.mode == ACCELERATION or scheme.mode == RESOLVED
     return NOT_CONVERGED, most, size
 
@@ -173,7 +148,7 @@ def march(system, scheme, instants, y, out):
             predicted, state.order[0] = False, 0
         if status != CONVERGED:
             return status, sample, count, size
-        settles = moves and any_acts(ties)
+        settles = moves and constraint_rows.any_acts(ties)
         if settles:
             copy(ties.multiplier, ties.kept)
             copy(state.du, state.kept)
@@ -201,11 +176,9 @@ def slips(topology, elements, scheme, state, frames):
             n = elements.nodes[k, i]
             turn = vec_at(state.d, topology.offset[topology.block[n]] + 3)
             if dot(turn, turn) > NO_SLIP * NO_SLIP:
-                carried = (
-                    vec_at(state.d, topology.offset[topology.block[root]] + 3)
-                    if topology.independent[root]
-                    else scale(scheme.h, vec(frames.w[root]))
-                )
+                carried = scale(scheme.h, vec(frames.w[root]))
+                if topology.independent[root]:
+                    carried = vec_at(state.d, topology.offset[topology.block[root]] + 3)
                 apart = sub(turn, tapply(mat(frames.r[n]), apply(mat(frames.r[root]), carried)))
                 if not dot(apart, apart) <= np.pi * np.pi:
                     return k
@@ -219,7 +192,7 @@ def collide(system, joints, y):
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
     """
     ties, state = system.border.ties, system.state
-    evaluate(system, ACCELERATIONS, joints, True)
+    evaluate(system, generalized_alpha.ACCELERATIONS, joints, True)
     tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
         system.work.residual[0, i] = 0.0
@@ -228,7 +201,7 @@ def collide(system, joints, y):
         if ties.kind[k] == PULL:
             ties.value[k] = 0.0
     solve_masses(system, y)
-    factorise_border(ties, ties.layout.blocks, y)
+    constraint_rows.factorise_border(ties, ties.layout.blocks, y)
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]

@@ -22,9 +22,8 @@ def solve_tree(topology, elements, variation, work, plan, first_only, y):
     """
     for k in range(len(elements.order) - 1, -1, -1):
         part = topology.part[topology.block[elements.nodes[k, 0]]]
-        _condense(
-            topology, elements, variation, work, k, plan.side[plan.first_side[part] : side_end(plan, part, first_only)]
-        )
+        sides = plan.side[plan.first_side[part] : side_end(plan, part, first_only)]
+        _condense(topology, elements, variation, work, k, sides)
     for part in range(len(topology.span) - 1):
         solve_block(topology, work, part, plan.side[plan.first_side[part] : side_end(plan, part, first_only)], y)
     for k in range(len(elements.order)):
@@ -79,7 +78,10 @@ def _condense(topology, elements, variation, work, k, sides):
                 system[at + r, rows + columns + s] = work.residual[sides[s], topology.offset[b] + r]
         for q in range(1, count):
             if q != i:
-                _copy_block(tangent, 6 * i, 6 * q, system, at, _row(topology, nodes, q))
+                beside = _row(topology, nodes, q)
+                for r in range(6):
+                    for c in range(6):
+                        system[at + r, beside + c] = tangent[6 * i + r, 6 * q + c]
         for r in range(6):
             for c in range(columns):
                 system[at + r, rows + c] = by_root(tangent, 6 * i + r, nodes[0], c, variation)
@@ -88,13 +90,6 @@ def _condense(topology, elements, variation, work, k, sides):
         for c in range(columns + len(sides)):
             work.solved[k, r, c] = system[r, rows + c]
     _add_to_first(topology, elements, variation, work, k, sides)
-
-
-@jit_inner
-def _copy_block(tangent, row, column, out, out_row, out_column):
-    for r in range(6):
-        for c in range(6):
-            out[out_row + r, out_column + c] = tangent[row + r, column + c]
 
 
 @jit_inner

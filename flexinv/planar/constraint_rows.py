@@ -4,8 +4,7 @@ With S(theta) a turn in the plane, J (a, b) = (-b, a), arms r = S p and d = x_B 
 
     position   phi = S_A u . d          direction   phi = S_A u . S_B w
 
-and g the gradient of phi by x, y, theta of both nodes.  The border is that of `dynamics.constraint_rows`, whose factors last as
-long as the linearisation of the tree.
+and g the gradient of phi by x, y, theta of both nodes.  The border's factors last as long as the linearisation of the tree.
 """
 
 from __future__ import annotations

@@ -58,8 +58,7 @@ def find_plane(mesh: Mesh) -> Plane | NotPlanar:
         rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
     found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
     for normal in _candidates(mesh, rotation):
-        found = _check(mesh, rotation, normal)
-        if isinstance(found, Plane):
+        if isinstance(found := _check(mesh, rotation, normal), Plane):
             break
     return found
 

@@ -63,12 +63,7 @@ def project_accelerations(system):
         _accelerate_block(b, tree, plan, masses, frames, residual, y)
     factorise_border(ties, plan.blocks, y)
     solve_border(ties, plan.blocks, 1.0, y)
-    _change(tree, ties, masses.change, frames, y[0])
-
-
-@jit_inner
-def _change(tree, ties, changes, frames, by):
-    """Add to the nodes' accelerations and wrenches what changes of accelerations and multipliers do, both of them linear."""
+    changes, by = masses.change, y[0]  # accelerations and wrenches are linear in those of unknowns and in multipliers
     for n in range(len(tree.parent)):
         first, change, m = tree.offset[tree.block[n]], ZERO, tree.mass[n]
         if tree.independent[n]:

@@ -39,9 +39,8 @@ class JointNodes:
     def coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""
         out = np.empty((len(q), len(self.node), 3))
-        for k, (place, rate, turns) in enumerate(
-            zip(self.q.tolist(), self.v.tolist(), self.turns_on.tolist(), strict=True)
-        ):
+        joints = zip(self.q.tolist(), self.v.tolist(), self.turns_on.tolist(), strict=True)
+        for k, (place, rate, turns) in enumerate(joints):
             out[:, k, 0] = np.arctan2(q[:, place + 1], q[:, place]) if turns else q[:, place]
             out[:, k, 1], out[:, k, 2] = qd[:, rate], qdd[:, rate]
         return out
@@ -76,11 +75,8 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     rows = constraint_rows(mesh)
     row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
     tree, space = _tree(mesh, t, plane), _embedding(mesh, plane, row)
-    elements, pick, tied = (
-        _elements(mesh, plane, space),
-        _pick(mesh, t, tree, plane, space),
-        _ties(rows, row, plane, tree, t),
-    )
+    elements, pick = _elements(mesh, plane, space), _pick(mesh, t, tree, plane, space)
+    tied = _ties(rows, row, plane, tree, t)
     node = np.flatnonzero(mesh.v_index >= 0)
     turns_on, given = mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
@@ -100,20 +96,18 @@ def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space:
 
 
 def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
-    frames, moves = plane.frames, mesh.v_index >= 0
+    frames, passive = plane.frames, topology.freedoms > 0
     hangs = np.arange(len(topology.size)) < len(topology.span) - 1  # on the world, with passive freedoms only
     size = np.where(hangs, topology.size, topology.size - 3)  # three freedoms of a node instead of six
-    passive = topology.freedoms > 0
     turning, sliding = np.any(mesh.turn, axis=(1, 2)), np.any(mesh.slide, axis=(1, 2))
     offset_p, axis = seen(plane, mesh.parent, mesh.offset), seen(plane, np.arange(mesh.size), mesh.axis)  # (node, xyz)
-    scale = np.ones(int(size.sum()))
-    offset, span = laid_out(size, topology.part)
+    scale, (offset, span) = np.ones(int(size.sum())), laid_out(size, topology.part)
     column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
     part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
     first = offset[topology.block]
     scale[first[topology.independent, None] + np.arange(2)] = mesh.length
     scale[(first + column)[passive & sliding]] = mesh.length
-    driven = moves & ~passive
+    driven = (mesh.v_index >= 0) & ~passive
     return PlanarTree(
         parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
         part=topology.part, span=span, first_element=np.searchsorted(np.sort(part), np.arange(len(span))),
@@ -159,17 +153,15 @@ def _in_blocks(rows: Sequence[Array]) -> Array:
 def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
     axes, frames, upright = plane.axes, plane.frames, np.diag([0.0, 0.0, 1.0])
     roots = frames[mesh.elements.nodes[:, :1].ravel()]
-    across, along, normal = (
-        np.ascontiguousarray(axes @ part @ frames) for part in (np.eye(3) - upright, QUARTER, upright)
-    )
+    parts = np.eye(3) - upright, QUARTER, upright
+    across, along, normal = (np.ascontiguousarray(axes @ part @ frames) for part in parts)
     side = np.einsum("kji,kj->ki", roots, roots[:, :, 0] @ QUARTER.T)
     return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side, row)
 
 
 def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
     """Rows, row and own of `PlanarFactors`: where the own unknowns of every element stand."""
-    elements, count = element_arrays.nodes.shape
-    widest = max(int(tree.size.max(initial=0)), 1)
+    (elements, count), widest = element_arrays.nodes.shape, max(int(tree.size.max(initial=0)), 1)
     row = np.zeros((elements, count, widest), dtype=np.int64)
     numbers = []
     for k in range(elements):
@@ -188,10 +180,8 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
 
 def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree, topology: Topology) -> Ties:
     a, b = rows.a[row], rows.b[row]
-    vectors = [
-        np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
-        for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
-    ]
+    pairs = (a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w)
+    vectors = [np.ascontiguousarray(seen(plane, node, v[row])[:, :2]) for node, v in pairs]
     gear, kind = np.zeros((len(row), len(tree.scale))), np.where(rows.direction[row], DIRECTION, POSITION)
     return ties(kind, (a, b), vectors, gear, layout(topology, tree.span, (a, b), gear, rows.closure[row]))
 

@@ -102,12 +102,8 @@ class PlanarMarch:
         own, row = self.system.ties, self.model.space.row
         own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
         if len(row):
-            for seen_here, node, vectors in (
-                (own.place_a, own.a, ties.place_a),
-                (own.place_b, own.b, ties.place_b),
-                (own.u, own.a, ties.u),
-                (own.w, own.b, ties.w),
-            ):
+            places = (own.place_a, own.a, ties.place_a), (own.place_b, own.b, ties.place_b)
+            for seen_here, node, vectors in (*places, (own.u, own.a, ties.u), (own.w, own.b, ties.w)):
                 seen_here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
         here, m, (free, at) = self.system.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):

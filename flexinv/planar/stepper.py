@@ -1,7 +1,6 @@
 """The march in a plane: time steps of generalized-alpha, one linearisation for all iterations of a step (compiled).
 
-The same scheme, equations and accuracy as `dynamics.stepper`; in the plane positions and angles are a vector space, x_(n+1)
-= x_n + d.
+The same scheme, equations and accuracy as `dynamics.stepper`; positions and angles are a vector space here, x_(n+1) = x_n + d.
 """
 
 from __future__ import annotations
@@ -11,66 +10,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.dynamics import generalized_alpha, stepper
 from flexinv.dynamics.assembly import LARGEST_TURN
 from flexinv.dynamics.constraint_rows import Ties, add_ties, any_acts, solve_border
-from flexinv.dynamics.generalized_alpha import (
-    ACCELERATION,
-    ACCELERATIONS,
-    DYNAMIC,
-    PASSES,
-    SQUARED,
-    advance_unknowns,
-    copy,
-    is_sudden,
-    largest_increment,
-    predict,
-)
+from flexinv.dynamics.generalized_alpha import ACCELERATION, ACCELERATIONS, DYNAMIC, PASSES, SQUARED, copy, predict
 from flexinv.dynamics.generalized_alpha import ROUNDING as STILL
-from flexinv.dynamics.stepper import (
-    CONVERGED,
-    MOST_ITERATIONS,
-    NO_SLIP,
-    NOT_CONVERGED,
-    NOT_FINITE,
-    SLIPPED,
-    SUDDEN_START,
-    TURNED_TOO_MUCH,
-)
+from flexinv.dynamics.stepper import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH
 from flexinv.dynamics.system import State
-from flexinv.elements.planar_beam import (
-    N1,
-    N2,
-    M,
-    PlanarElements,
-    add_forces,
-    dissipated,
-    energy,
-    interpolate,
-    interpolate_rates,
-    point,
-    point_gradients,
-    point_hessians,
-    relax,
-)
+from flexinv.elements import planar_beam
+from flexinv.elements.planar_beam import N1, N2, M, PlanarElements, add_forces, energy, interpolate, point, relax
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import dot, put, vec
+from flexinv.planar import tree as passes
 from flexinv.planar.constraint_rows import factorise_ties, tie_rows
 from flexinv.planar.index1 import BlockMasses, project_accelerations
-from flexinv.planar.tree import (
-    PlanarFrames,
-    PlanarTree,
-    accept,
-    forward_pass,
-    gather,
-    gather_variations,
-    node_wrench_variations,
-    node_wrenches,
-    stand,
-    vary,
-    vary_independent,
-)
+from flexinv.planar.tree import PlanarFrames, PlanarTree, accept, forward_pass, gather, node_wrenches, stand, vary
 from flexinv.planar.tree_solver import PlanarFactors, factorise, put_stiffness, solve_tree
 from flexinv.typing import Array
 
@@ -152,8 +108,8 @@ def evaluate(system, given, moved):
     if moved:
         largest, worst = interpolate(elements, frames.pose, work.u, work.points)
         if len(elements.damping) > 0:
-            interpolate_rates(elements, frames.rate, work.rates)
-        point_gradients(elements, work.points, work.rates)
+            planar_beam.interpolate_rates(elements, frames.rate, work.rates)
+        planar_beam.point_gradients(elements, work.points, work.rates)
     node_wrenches(system.tree, frames)
     add_ties(system.ties, system.ties.multiplier, frames.wrench)
     add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
@@ -166,10 +122,10 @@ def linearise(system, scheme):
     """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
     tree, elements, frames, work = system.tree, system.elements, system.frames, system.work
     vary(tree, frames, scheme.cv, scheme.ca)
-    node_wrench_variations(tree, frames)
-    point_hessians(elements, scheme.cv, work.points)
+    passes.node_wrench_variations(tree, frames)
+    planar_beam.point_hessians(elements, scheme.cv, work.points)
     put_stiffness(tree, elements, work.points, frames, system.factors)
-    gather_variations(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
+    passes.gather_variations(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
     factorise(tree, elements, frames, system.factors)
     factorise_ties(system)
 
@@ -195,7 +151,7 @@ def newton(system, scheme, given, slow, most):
             linearise(system, scheme)
         solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
         solve_border(ties, ties.layout.blocks, 1.0, work.y)
-        before, size = size, largest_increment(work.y[0], tree.scale)
+        before, size = size, generalized_alpha.largest_increment(work.y[0], tree.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         for i in range(len(state.d)):
@@ -224,7 +180,7 @@ def begin_step(system, scheme, given):
     if jump > STILL:
         copy(ties.multiplier, ties.kept)
         copy(state.du0, state.du)
-        vary_independent(tree, system.frames, scheme.cv, scheme.ca)
+        passes.vary_independent(tree, system.frames, scheme.cv, scheme.ca)
         for _ in range(PASSES):
             evaluate(system, given, True)
             linearise(system, scheme)
@@ -233,7 +189,7 @@ def begin_step(system, scheme, given):
             solve_border(ties, ties.layout.blocks, scheme.ca, work.y)
             for i in range(len(state.du)):
                 state.du[i] += scheme.ca * work.y[0, i]
-        if is_sudden(scheme, tree.scale, state.pseudo, state.du):
+        if generalized_alpha.is_sudden(scheme, tree.scale, state.pseudo, state.du):
             accept(state)
             return True
         copy(ties.kept, ties.multiplier)
@@ -249,7 +205,7 @@ def slips(tree, elements, scheme, state, frames):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
             turn = state.d[tree.offset[tree.block[elements.nodes[k, i]]] + 2]
-            if not abs(turn) <= NO_SLIP:
+            if not abs(turn) <= stepper.NO_SLIP:
                 own = state.d[tree.offset[tree.block[root]] + 2]
                 if not abs(turn - (own if tree.independent[root] else scheme.h * frames.rate[root, 2])) <= np.pi:
                     return k
@@ -281,7 +237,7 @@ def planar_march(system, step, start_at, still, given, row, out):
         moves = n > 0 or not still
         scheme = step if moves else ACCELERATIONS
         if n == 0 or (n == 1 and still):
-            vary_independent(tree, frames, scheme.cv, scheme.ca)
+            passes.vary_independent(tree, frames, scheme.cv, scheme.ca)
         if moves:
             predict(step, state)
         copy(ties.multiplier, ties.kept)
@@ -304,11 +260,11 @@ def planar_march(system, step, start_at, still, given, row, out):
             for i in range(len(state.du)):
                 state.du[i] += work.y[0, i]
             if begin_step(system, step, given[n]):
-                return SUDDEN_START, n + 1, count, size
+                return stepper.SUDDEN_START, n + 1, count, size
             continue
         if settles:
             copy(ties.kept, ties.multiplier)
-        advance_unknowns(step, state, tree.scale)
+        generalized_alpha.advance_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
 
 
@@ -336,8 +292,13 @@ def record(sample, system, out):
     for n in range(len(elements.order)):
         for i in range(elements.order[n] + 1):
             power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
-        _resultants(n, elements, space, work.points, out.internal[sample, n])
-    stored, lost = energy(elements, work.points), dissipated(elements, work.rates)
+        side, axle = space.side[n], space.axle[elements.nodes[n, 0]]
+        for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal
+            at, internal = point(n, g, elements.shape.shape[1]), out.internal[sample, n, g]
+            for i in range(3):
+                internal[i], internal[3 + i] = work.points[at + N2] * side[i], work.points[at + M] * axle[i]
+            internal[0] = work.points[at + N1]
+    stored, lost = energy(elements, work.points), planar_beam.dissipated(elements, work.rates)
     put(out.energy[sample], 0, (stored, power, lost))
 
 
@@ -346,15 +307,3 @@ def _embed(axes, vector, height, out):
     """A vector of the plane, and a height above it, in the world."""
     for i in range(3):
         out[i] = axes[i, 0] * vector[0] + axes[i, 1] * vector[1] + axes[i, 2] * height
-
-
-@jit_inner
-def _resultants(element, elements, space, points, internal):
-    """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
-    side, axle = space.side[element], space.axle[elements.nodes[element, 0]]
-    for g in range(elements.order[element]):
-        at = point(element, g, elements.shape.shape[1])
-        n1, n2, m = points[at + N1], points[at + N2], points[at + M]
-        for i in range(3):
-            internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
-        internal[g, 0] = n1

@@ -1,8 +1,7 @@
 """Linear solve on the tree in a plane, in two parts so that a linearisation can be kept: factors, and solutions with them.
 
-As in `dynamics.tree_solver`, the unknowns of an element's own blocks are condensed onto its first block, leaf elements
-first.  With S the
-own linearisation and B how it varies with the first block's unknowns y_1 (B^T the other way round: the energy is the same),
+As in `dynamics.tree_solver`, unknowns of an element's own blocks are condensed onto its first block, leaf elements first.  With S
+the own linearisation and B how it varies with the first block's unknowns y_1 (B^T the other way round: the energy is the same),
 
     own unknowns = -S^-1 (r + B y_1),     D_1 <- D_1 - B^T S^-1 B,     r_1 <- r_1 - B^T S^-1 r
 
@@ -66,19 +65,14 @@ def put_stiffness(tree, elements, points, frames, factors):
                     for c in range(3):
                         factors.to_root[k, c, a * order + i] = stiffness[a][c]
             for j in range(i + 1):
-                _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, points))
+                stiffness = pair_stiffness(k, i + 1, j + 1, elements, points)
+                for a in range(3):
+                    for c in range(3):
+                        own[a * order + i, c * order + j] = stiffness[a][c]
+                        own[c * order + j, a * order + i] = stiffness[a][c]
         of_root = pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
             add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
-
-
-@jit_inner
-def _put_pair(own, order, node, other, stiffness):
-    """Write a pair of nodes into the matrix of an element, all x first, then y, then theta; the energy's is symmetric."""
-    for a in range(3):
-        for c in range(3):
-            own[a * order + node, c * order + other] = stiffness[a][c]
-            own[c * order + other, a * order + node] = stiffness[a][c]
 
 
 @jit_inner
@@ -188,7 +182,14 @@ def solve_part(tree, elements, factors, part, residual, y):
             add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
         else:
             _solve_own(k, tree, elements, factors, residual, factors.found[k], first)
-    _solve_root(tree, factors, part, residual, y)
+    size, start, line = tree.size[part], tree.offset[part], factors.line  # the block on the world
+    for r in range(size):
+        line[0, r] = residual[start + r]
+    for r in range(size, -(-size // FOUR) * FOUR):
+        line[0, r] = 0.0
+    _transposed_product(factors.root[part], line[0], line[1], size)
+    for r in range(size):
+        y[start + r] = -line[1, r]
     for n in range(tree.first_element[part], tree.first_element[part + 1]):
         k = tree.element[n]
         first = tree.offset[tree.block[elements.nodes[k, 0]]]
@@ -200,19 +201,6 @@ def solve_part(tree, elements, factors, part, residual, y):
                 subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
             for r in range(factors.rows[k]):
                 y[factors.own[k, r]] = -found[r]
-
-
-@jit_inner
-def _solve_root(tree, factors, part, residual, y):
-    """Solve for the block of a part that hangs on the world."""
-    size, first, line = tree.size[part], tree.offset[part], factors.line
-    for r in range(size):
-        line[0, r] = residual[first + r]
-    for r in range(size, -(-size // FOUR) * FOUR):
-        line[0, r] = 0.0
-    _transposed_product(factors.root[part], line[0], line[1], size)
-    for r in range(size):
-        y[first + r] = -line[1, r]
 
 
 @jit_inner
