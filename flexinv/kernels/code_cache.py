@@ -39,7 +39,7 @@ KERNELS: list[Any] = []
 # What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.
 _HAS_KERNELS = re.compile(r"^from flexinv\.kernels\.(jit|records) import", re.MULTILINE)
 ALSO = "kernels.jit", "kernels.kernel_compiler", "kernels.records", "kernels.threads.atomics", "model.joint_kinds"
-_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (\w*)", re.MULTILINE)
+_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (.*)", re.MULTILINE)
 
 
 def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -192,7 +192,7 @@ def family(module: str, folder: Path) -> tuple[str, ...]:
     found, ahead = {module}, [module]
     while ahead:
         imports = _IMPORT.findall(_text(folder, ahead.pop()))
-        names = {name for package, one in imports for name in (package, f"{package}.{one}".rstrip("."))}
+        names = {f"{package}.{one}".rstrip(".") for package, line in imports for one in ("", *re.findall(r"\w+", line))}
         ahead += [name for name in names - found if _is_source(folder, name)]
         found.update(ahead)
     return tuple(sorted(found))

@@ -63,6 +63,7 @@ def test_families() -> None:
         *planar,
     }
     assert planar | {"kernels.simd", "dynamics.generalized_alpha"} <= set(family("planar.stepper", FOLDER))
+    assert {"kernels.so3", "kernels.vec3"} <= set(family("elements.beam", FOLDER))  # all names of an import count
     assert loops == compiler | {
         "constraints.continuation_kernel", "constraints.equations", "kernels.fronts", "kernels.sparse_qr",
         "kinematics.configuration",
