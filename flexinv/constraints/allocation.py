@@ -167,15 +167,8 @@ class GivenLoops:
         g = np.zeros((len(q), len(self.rows.closure), qd.shape[1]))
         worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        closing(
-            Chain.of(nodes_of(self.mesh), self.rows),
-            self.rows.scale,
-            frames,
-            (plain(q), plain(qd), plain(qdd)),
-            g,
-            worst,
-            at,
-        )
+        chain, given = Chain.of(nodes_of(self.mesh), self.rows), (plain(q), plain(qd), plain(qdd))
+        closing(chain, self.rows.scale, frames, given, g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:

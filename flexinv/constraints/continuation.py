@@ -274,15 +274,12 @@ class Follower:
         return q
 
     def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
-        sizes, given = measures(self.mesh), history(np.array([after]))[0][0]
-        _, g = self.closures(q)
+        sizes, given, (_, g) = measures(self.mesh), history(np.array([after]))[0][0], self.closures(q)
         rate = np.where(self.unknown, 0.0, history(np.array([before]))[1][0]) / sizes
         rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
         guess = np.where(self.owned, moved(self.mesh.mechanism, q, (after - before) * sizes * rate), given)
-        found = self.solve(guess)
-        if found is None or (np.abs(found - guess) > kernel.LARGEST_SURPRISE * sizes_of(self.mesh)).any():
-            return None
-        return found
+        found, most = self.solve(guess), kernel.LARGEST_SURPRISE * sizes_of(self.mesh)
+        return None if found is None or (np.abs(found - guess) > most).any() else found
 
 
 def standing(mesh: Mesh) -> Follower:

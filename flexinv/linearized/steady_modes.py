@@ -34,14 +34,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized import natural_modes as at_rest
-from flexinv.linearized.natural_modes import (
-    REDUNDANT,
-    Shapes,
-    allowed_motions,
-    constraints,
-    load_springs,
-    scaled_gradient,
-)
+from flexinv.linearized.natural_modes import REDUNDANT, Shapes, allowed_motions, scaled_gradient
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array
@@ -205,10 +198,10 @@ def _settle(solver: Solver, q: Array, rates: Mapping[str, float]) -> None:
 
 
 def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
-    n, ties, size = constraints(solver), solver.border.ties, 0.0
+    n, ties, size = at_rest.constraints(solver), solver.border.ties, 0.0
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
-        load_springs(solver, joints)
+        at_rest.load_springs(solver, joints)
         stiffness = _matrices(matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
         y = _increment(solver, stiffness, residual)

@@ -100,9 +100,8 @@ class Following:
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
-        choice(
-            "name", name, {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
-        )
+        ways = {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
+        choice("name", name, ways)
         torque, q = self.feed_forwards[name].torque, self.solution.q[0]
         m, step = self.solution.mechanism, float(self.time[1] - self.time[0])
         places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
@@ -234,10 +233,9 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
         if given < fades:
             advice = f"write {name} = {fades:.3g}, in which what moves inside fades"
         elif len(swings):
-            advice = (
-                f"inside something swings without end (slowest at {swings.min() / (2 * np.pi):.3g} Hz): give the path more time, "
-                "law = 'nonic', or the joint without a drive damping"
-            )
+            slowest = f"slowest at {swings.min() / (2 * np.pi):.3g} Hz"
+            advice = f"inside something swings without end ({slowest}): give the path more time, law = 'nonic', or the joint "
+            advice += "without a drive damping"
         else:
             advice = "give the path more time, or law = 'nonic'"
         raise InputError(
