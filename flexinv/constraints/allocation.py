@@ -65,8 +65,7 @@ def share_out(
     constraints : whose G it is: over their scales ranks are told, and redundant multipliers least; without, G may have entries
         everywhere
     """
-    samples, rows, nv = g.shape
-    drives = np.flatnonzero(driven)
+    (samples, rows, nv), drives = g.shape, np.flatnonzero(driven)
     root = np.sqrt(np.ones(len(drives)) if weight is None else weight)
     if constraints is None:
         scale, fronts = np.ones(rows), fronts_of(np.ones((rows, nv), dtype=bool), driven)
@@ -102,28 +101,23 @@ def by_singular_values(g: Array, tau_tree: Array, driven: Mask, root: Array) -> 
     # N^T, zero for what cannot move (sample, freedom, nv)
     motions = np.where((np.arange(first, nv) < rank[:, None])[:, :, None], 0.0, right[:, first:])
     u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
-    driving, most = ranks(s), s.shape[1]
-    tau = np.zeros((samples, nv))
+    driving, most, tau = ranks(s), s.shape[1], np.zeros((samples, nv))
+    # one over singular values, zero for those that are redundant
+    pairs = ((one, one > REDUNDANT * one.max(axis=-1, initial=0.0)[..., None]) for one in (s, values))
+    by_drives, by_closures = (np.divide(1.0, one, out=np.zeros_like(one), where=sure) for one, sure in pairs)
     along = np.einsum("sfk,sf->sk", u[:, :, :most], np.einsum("sfv,sv->sf", motions, tau_tree))
-    tau[:, driven] = np.einsum("skd,sk->sd", vt[:, :most], _inverse(s) * along) / root
+    tau[:, driven] = np.einsum("skd,sk->sd", vt[:, :most], by_drives * along) / root
     # G^T lambda = rest, of least norm: lambda = U S^-1 V^T rest
     rest = np.einsum("skv,sv->sk", right[:, :few], tau_tree - tau)
-    multipliers = np.einsum("srk,sk->sr", left[:, :, :few], _inverse(values) * rest)
+    multipliers = np.einsum("srk,sk->sr", left[:, :, :few], by_closures * rest)
     smallest = np.where(np.arange(most) < nv - rank[:, None], s, 1.0).min(axis=1, initial=1.0)
     condition = np.full(samples, np.inf)
     known = (smallest > 0.0) & (rank < nv) & (len(root) > 0)
     np.divide(s.max(axis=1, initial=1.0), smallest, out=condition, where=known)
     least = len(root) - int(driving.max(initial=0))
-    beyond = (driving[:, None] + np.arange(least))[:, :, None]  # (sample, preload, 1)
-    preload = np.zeros((samples, nv, least))
+    beyond, preload = (driving[:, None] + np.arange(least))[:, :, None], np.zeros((samples, nv, least))
     preload[:, driven] = np.take_along_axis(vt, beyond, axis=1).transpose(0, 2, 1) / root[:, None]
     return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
-
-
-def _inverse(values: Array) -> Array:
-    """One over singular values (..., k), zero for those that are redundant."""
-    largest = values.max(axis=-1, initial=0.0)[..., None]
-    return np.divide(1.0, values, out=np.zeros_like(values), where=values > REDUNDANT * largest)
 
 
 def ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -170,11 +164,11 @@ class GivenLoops:
         self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
-        g, worst = np.zeros((len(q), len(self.rows.closure), qd.shape[1])), np.zeros((3, 2))
-        at = np.zeros((3, 2), dtype=np.int64)
+        g = np.zeros((len(q), len(self.rows.closure), qd.shape[1]))
+        worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        chain = Chain.of(nodes_of(self.mesh), self.rows)
-        closing(chain, self.rows.scale, frames, (plain(q), plain(qd), plain(qdd)), g, worst, at)
+        chain, given = Chain.of(nodes_of(self.mesh), self.rows), (plain(q), plain(qd), plain(qdd))
+        closing(chain, self.rows.scale, frames, given, g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
@@ -199,7 +193,7 @@ class GivenLoops:
     def share_some(self, which: Mask, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
-        g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])
+        g = self._closing(q[samples], qd[samples], qdd[samples])[0]
         tau[samples] = self._shared(g, tau[samples], samples).tau
 
     def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:

@@ -76,21 +76,17 @@ def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) ->
 
 
 @jit_inner
-def _allowed(place):
-    """Set the motions N^T that the closures allow, each with one independent coordinate at 1."""
-    fronts, n = place.fronts, 0
+def _driving(place, freedoms):
+    """Set the motions N^T that the closures allow, each with one independent coordinate at 1, and factor S^T N over the roots of
+    the weights; whether every freedom is driven for certain."""
+    fronts, free = place.fronts, 0
     for f in range(fronts.parent.shape[0]):
         for at in range(fronts.first[f], fronts.first[f] + fronts.own[f]):
             if place.closing.pivot[at] < 0:
-                place.motions[n] = 0.0
-                place.motions[n, fronts.column[at]] = 1.0
-                sparse_qr.solve_upper(fronts, place.closing, place.motions[n])
-                n += 1
-
-
-@jit_inner
-def _driving(place, freedoms):
-    """Set and factor S^T N over the roots of the weights; whether every freedom is driven for certain."""
+                place.motions[free] = 0.0
+                place.motions[free, fronts.column[at]] = 1.0
+                sparse_qr.solve_upper(fronts, place.closing, place.motions[free])
+                free += 1
     sparse_qr.clear(place.driving)
     for e in range(place.whole.entry.shape[0]):
         i, n = place.whole.entry[e, 0], place.whole.entry[e, 1]
@@ -165,8 +161,7 @@ def _rotate(matrix, size, first, second, turn):
             one, two = matrix[i, first, k], matrix[i, second, k]
             matrix[i, first, k] = turn[0, k] * one - turn[1, k] * two
             matrix[i, second, k] = turn[1, k] * one + turn[0, k] * two
-    matrix[first, second] = 0.0
-    matrix[second, first] = 0.0
+    matrix[first, second], matrix[second, first] = 0.0, 0.0
 
 
 @jit_inner
@@ -206,16 +201,6 @@ def _close(place, s, g, left, multipliers):
             left[s + k, entry[e, 1]] -= g[s + k, entry[e, 0], entry[e, 1]] * y[entry[e, 0], k]
 
 
-@jit_inner
-def _set_matrix(place, s, g):
-    """Put G of the samples s and on into their lanes."""
-    sparse_qr.clear(place.closing)
-    for e in range(place.fronts.entry.shape[0]):
-        r, i = place.fronts.entry[e, 0], place.fronts.entry[e, 1]
-        for k in range(SAMPLES_AT_ONCE):
-            sparse_qr.set_entry(place.fronts, place.closing, e, k, g[min(s + k, g.shape[0] - 1), r, i])
-
-
 @jit
 def share(place, g, tree, out, width):
     """Share out the efforts ``tree`` (samples, nv) [N m], [N].
@@ -227,13 +212,14 @@ def share(place, g, tree, out, width):
     for s in range(0, samples, SAMPLES_AT_ONCE):
         end = min(s + SAMPLES_AT_ONCE, samples)
         width[s:end] = -1
-        _set_matrix(place, s, g)
+        sparse_qr.clear(place.closing)
+        for e in range(place.fronts.entry.shape[0]):
+            r, i = place.fronts.entry[e, 0], place.fronts.entry[e, 1]
+            for k in range(SAMPLES_AT_ONCE):
+                sparse_qr.set_entry(place.fronts, place.closing, e, k, g[min(s + k, samples - 1), r, i])
         rank = sparse_qr.factorise(place.fronts, place.closing)
         freedoms = nv - rank
-        if rank < 0 or freedoms == 0 or freedoms > drives:
-            continue
-        _allowed(place)
-        if not _driving(place, freedoms):
+        if rank < 0 or freedoms == 0 or freedoms > drives or not _driving(place, freedoms):
             continue
         width[s:end] = drives - freedoms
         _drive(place, freedoms, s, tree, out.tau, out.preload)

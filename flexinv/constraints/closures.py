@@ -59,9 +59,8 @@ def constraint_rows(mesh: Mesh) -> Rows:
             table.append((index, True, -1, -1, *np.zeros((4, 3)), gear, closure.offset))
     kinds: list[tuple[type, tuple[int, ...]]] = [(kind, ()) for kind in (np.int64, bool, np.int64, np.int64)]
     kinds += [*4 * [(float, (3,))], (float, (m.nv,)), (float, ())]
-    columns: list[Any] = [
-        np.array([row[k] for row in table], kind).reshape(len(table), *shape) for k, (kind, shape) in enumerate(kinds)
-    ]
+    parts = zip(kinds, zip(*table, strict=True) if table else 10 * [()], strict=True)
+    columns: list[Any] = [np.array(part, kind).reshape(len(table), *shape) for (kind, shape), part in parts]
     _, directed, of_first, of_second, *_, gears, _ = columns
     geared = (np.abs(gears) * measures(mesh)).max(axis=1, initial=0.0)
     scale = np.where(geared > 0.0, geared, np.where(directed, 1.0, mesh.length))
@@ -207,7 +206,6 @@ class Stretch:
 
 def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
     """Return the phases of a grid ``time`` (samples,) [s], uniform at its start; a closure acts from its start to before its end.
-
     Raises InputError when a closure begins or ceases between two samples.
     """
     step = float(time[1] - time[0]) if len(time) > 1 else 1.0
@@ -221,13 +219,11 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
                     f"({step:g} s apart); write step = {(instant - time[0]) / max(1, sample):.10g} or another that meets it"
                 )
             cuts.add(sample)
-    bounds = [*sorted(cuts), len(time)]
-    slack = SAME_INSTANT * step
+    bounds, slack = [*sorted(cuts), len(time)], SAME_INSTANT * step
     return [Phase(first, last, acting(mechanism, float(time[first]) + slack)) for first, last in pairwise(bounds)]
 
 
 def acting(mechanism: Mechanism, time: float) -> Mask:
     """Return a mask (closures,) of the closures that act at ``time`` [s]."""
-    return np.array(
-        [not c.active or any(start <= time < end for start, end in c.active) for c in mechanism.closures], dtype=bool
-    )
+    acts = [not c.active or any(start <= time < end for start, end in c.active) for c in mechanism.closures]
+    return np.array(acts, dtype=bool)

@@ -12,27 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
+from flexinv.constraints import closures
+from flexinv.constraints import continuation_kernel as kernel
 from flexinv.constraints.allocation import REDUNDANT, ranks
-from flexinv.constraints.closures import (
-    Rows,
-    acting,
-    closed_rows,
-    constraint_rows,
-    coupling_residuals,
-    measures,
-    sizes_of,
-    without_rounding,
-)
-from flexinv.constraints.continuation_kernel import (
-    CLOSED,
-    LARGEST_SURPRISE,
-    LAST_INCREMENT,
-    MOST_ITERATIONS,
-    Chain,
-    Problem,
-    closure_equations,
-    continue_branch,
-)
+from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
+from flexinv.constraints.continuation_kernel import Chain, Problem, continue_branch
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import plain
 from flexinv.kernels.sparse_qr import FrontFactors
@@ -64,14 +48,12 @@ class Mobility:
 
 def mobility(mesh: Mesh, q: Array) -> Mobility:
     """Return the freedoms and the redundant constraints [-] of a mechanism, at t = 0 and a configuration q (nq,) closed then."""
-    g = standing(mesh).closures(q)[1]
-    rank = _rank(g)
+    rank = _rank(g := standing(mesh).closures(q)[1])
     return Mobility(mesh.mechanism.nv - rank, len(g), len(g) - rank)
 
 
 def closed_near(mesh: Mesh, guess: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0 near a guess (nq,): every coordinate may move, least squares.
-
     Raises ConvergenceError, which names the closure that stays open.
     """
     return standing(mesh).start(0.0, guess)
@@ -90,15 +72,13 @@ def closed_motion(
     unknown : (nv,) which velocity coordinates follow from the closures
     rows : constraints of the closures that act, all of them by default; those of a phase may repeat what the motion says
     start : (nq,) where the unknown coordinates stand at first, by default where ``history`` has them
-
     Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
     given = history(time)
     follower = Follower(mesh, constraint_rows(mesh) if rows is None else rows, unknown)
     q = np.array(given[0])
-    guess = q[0] if start is None else np.where(follower.owned, start, q[0])
-    q[0] = follower.start(float(time[0]), guess)
+    q[0] = follower.start(float(time[0]), q[0] if start is None else np.where(follower.owned, start, q[0]))
     follower.check_freedoms(q[0], float(time[0]), phase=rows is not None)
     chain, problem = follower.compiled()
     qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
@@ -124,8 +104,7 @@ def closed_start(
     Raises ConvergenceError when the loops cannot be closed.
     """
     follower = Follower(mesh, rows, unknown)
-    closed = follower.closed(*guess)
-    if closed is not None:
+    if (closed := follower.closed(*guess)) is not None:
         return closed
     q, qd, qdd = follower.start(time, guess[0]), guess[1].copy(), guess[2].copy()
     sets = [unknown] if stated is None else [unknown & ~stated, unknown]
@@ -165,9 +144,9 @@ class Follower:
     @cached_property
     def owned(self) -> Mask:
         """Mask (nq,) [-] of the coordinates of joints that move."""
-        joints = self.mesh.mechanism.joints
-        moves = [self.unknown[self.mesh.mechanism.v_slices[j.name]].any() for j in joints]
-        return np.repeat(np.array(moves, dtype=bool), [len(KINDS[j.kind].q) for j in joints])
+        m = self.mesh.mechanism
+        moves = [self.unknown[m.v_slices[j.name]].any() for j in m.joints]
+        return np.repeat(np.array(moves, dtype=bool), [len(KINDS[j.kind].q) for j in m.joints])
 
     @cached_property
     def _chain(self) -> Chain:
@@ -205,8 +184,7 @@ class Follower:
         g = g[:, :, unknown] * sizes / rows.scale[:, None]
         inverse = sizes[:, None] * np.linalg.pinv(g, rcond=REDUNDANT) / rows.scale
         condition = np.linalg.cond(g) if unknown.any() else np.zeros(len(g))
-        worst = int(np.argmax(condition))
-        if condition[worst] > WORST_CONDITION:
+        if condition[worst := int(np.argmax(condition))] > WORST_CONDITION:
             raise ConvergenceError(
                 f"mechanism '{mesh.mechanism.name}', t = {time[worst]:g} s: singular configuration (condition number "
                 f"{condition[worst]:.1e}): the closures do not determine the passive coordinates there; drive another joint, or "
@@ -222,32 +200,29 @@ class Follower:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
         scale, rest = self.rows.scale, np.zeros(self.mesh.mechanism.nv)
         g = np.zeros((1, len(scale), len(rest)))
-        closure_equations(self._chain, plain(q), rest, g[0])
-        g = without_rounding(self.mesh, self.rows.direction, g)
+        kernel.closure_equations(self._chain, plain(q), rest, g[0])
+        g = closures.without_rounding(self.mesh, self.rows.direction, g)
         return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
         sizes = measures(self.mesh)
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(kernel.MOST_ITERATIONS):
             phi, g = self.closures(q)
             if not np.isfinite(phi).all():
                 return None
             step = np.zeros(self.mesh.mechanism.nv)
             step[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], phi, rcond=REDUNDANT)[0]
             q = moved(self.mesh.mechanism, q, sizes * step)
-            if np.abs(step).max(initial=0.0) < LAST_INCREMENT:
-                return q if np.abs(self.closures(q)[0]).max(initial=0.0) < CLOSED else None
+            if np.abs(step).max(initial=0.0) < kernel.LAST_INCREMENT:
+                return q if np.abs(self.closures(q)[0]).max(initial=0.0) < kernel.CLOSED else None
         return None
 
     def start(self, time: float, guess: Array) -> Array:
         """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; ConvergenceError names what stays open."""
-        q = self.solve(guess)
-        if q is None:
-            m = self.mesh.mechanism
-            phi = np.abs(self.closures(guess)[0])
+        if (q := self.solve(guess)) is None:
+            m, phi, asked = self.mesh.mechanism, np.abs(self.closures(guess)[0]), int((~self.unknown).sum())
             worst = m.closures[int(self.rows.closure[int(np.argmax(phi))])].name
-            asked = int((~self.unknown).sum())
             fewer = f", or if the loops leave fewer freedoms a motion of fewer than {asked} coordinates"
             raise ConvergenceError(
                 f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start (closure '{worst}' is open by "
@@ -260,11 +235,9 @@ class Follower:
 
         In a phase it may give more, as the loops have closed on what it gives; the unknown ones must follow all the same.
         """
-        m = self.mesh.mechanism
-        _, g = self.closures(q)
+        m, (_, g) = self.mesh.mechanism, self.closures(q)
         if phase:
-            loose = int(self.unknown.sum()) - _rank(g[:, self.unknown])
-            if loose:
+            if loose := int(self.unknown.sum()) - _rank(g[:, self.unknown]):
                 names = ", ".join(n for n, u in zip(m.velocity_names, self.unknown, strict=True) if u)
                 raise InputError(
                     f"mechanism '{m.name}', t = {time:g} s: from here on {loose} of the coordinates without motion ({names}) "
@@ -286,33 +259,30 @@ class Follower:
         done, part = 0.0, 1.0
         while done < 1.0:
             target = min(1.0, done + part)
-            reached = self._step(history, q, before + done * (after - before), before + target * (after - before))
-            if reached is not None:
+            now, then = (before + share * (after - before) for share in (done, target))
+            if (reached := self._step(history, q, now, then)) is not None:
                 q, done = reached, target
                 continue
             part *= 0.5
             if part < 0.5**MOST_HALVINGS:
-                condition, lost = np.linalg.cond(self.closures(q)[1][:, self.unknown]), before + done * (after - before)
+                condition = np.linalg.cond(self.closures(q)[1][:, self.unknown])
                 raise ConvergenceError(
-                    f"mechanism '{self.mesh.mechanism.name}', t = {lost:g} s: the branch of the closures cannot be followed "
+                    f"mechanism '{self.mesh.mechanism.name}', t = {now:g} s: the branch of the closures cannot be followed "
                     f"(condition number {condition:.1e}): a dead point, or the motion asks for a position that the loops cannot "
                     "reach; drive another joint or shorten the motion"
                 )
         return q
 
     def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
-        sizes, given = measures(self.mesh), history(np.array([after]))[0][0]
-        _, g = self.closures(q)
+        sizes, given, (_, g) = measures(self.mesh), history(np.array([after]))[0][0], self.closures(q)
         rate = np.where(self.unknown, 0.0, history(np.array([before]))[1][0]) / sizes
         rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
         guess = np.where(self.owned, moved(self.mesh.mechanism, q, (after - before) * sizes * rate), given)
-        found = self.solve(guess)
-        if found is None or (np.abs(found - guess) > LARGEST_SURPRISE * sizes_of(self.mesh)).any():
-            return None
-        return found
+        found, most = self.solve(guess), kernel.LARGEST_SURPRISE * sizes_of(self.mesh)
+        return None if found is None or (np.abs(found - guess) > most).any() else found
 
 
 def standing(mesh: Mesh) -> Follower:
     """Return Newton on the closures that act at t = 0, in which all coordinates [rad], [m] move."""
-    rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
+    rows = constraint_rows(mesh).of(closures.acting(mesh.mechanism, 0.0))
     return Follower(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool))

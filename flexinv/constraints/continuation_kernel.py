@@ -152,26 +152,6 @@ def newton(chain, problem):
     return False
 
 
-@jit_inner
-def _predict(chain, problem, q, rate, dt):
-    """Set problem.guess to q, where `_equations` has been, moved on by dt; return whether the closures tell the unknown rates."""
-    _copy(rate, problem.step)
-    for i in range(problem.unknown.shape[0]):
-        problem.step[problem.unknown[i]] = 0.0
-    for k in range(problem.scale.shape[0]):
-        problem.y[k, 0] = 0.0
-        for i in range(problem.step.shape[0]):
-            problem.y[k, 0] += problem.g[k, i] * problem.step[i] / problem.scale[k]
-    if not factor(problem):
-        return False
-    solve_factored(problem, problem.step)
-    for i in range(problem.step.shape[0]):
-        problem.step[i] *= dt
-    _copy(q, problem.guess)
-    step_coordinates(chain.nodes, problem.guess, problem.step)
-    return True
-
-
 @jit
 def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
     """Follow the branch from sample ``first`` - 1 on, then set all rates; return the first sample [-] that is not reached.
@@ -183,8 +163,20 @@ def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
     """
     _equations(chain, problem, q[first - 1])
     for k in range(first, q.shape[0]):  # Newton ends with the equations where it ends
-        if not _predict(chain, problem, q[k - 1], qd[k - 1], time[k] - time[k - 1]):
+        _copy(qd[k - 1], problem.step)
+        for i in range(problem.unknown.shape[0]):
+            problem.step[problem.unknown[i]] = 0.0
+        for r in range(problem.scale.shape[0]):
+            problem.y[r, 0] = 0.0
+            for i in range(problem.step.shape[0]):
+                problem.y[r, 0] += problem.g[r, i] * problem.step[i] / problem.scale[r]
+        if not factor(problem):  # the closures do not tell the unknown rates
             return k
+        solve_factored(problem, problem.step)
+        for i in range(problem.step.shape[0]):
+            problem.step[i] *= time[k] - time[k - 1]
+        _copy(q[k - 1], problem.guess)
+        step_coordinates(chain.nodes, problem.guess, problem.step)
         for i in range(problem.owner.shape[0]):
             if not problem.owner[i]:
                 problem.guess[i] = q[k, i]

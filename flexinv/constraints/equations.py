@@ -237,8 +237,7 @@ def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
     wrench : (closures, samples, 6), zero on entry, force and moment at the closures' ends, in the axes there
     """
     for s in range(multipliers.shape[0]):
-        f = frames_at(frames, s)
-        k = 0
+        f, k = frames_at(frames, s), 0
         while k < rows.a.shape[0]:
             push, on_a, on_b = _wrenches(k, rows, f, multipliers[s])
             if rows.b[k] >= 0:

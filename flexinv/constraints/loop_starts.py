@@ -72,15 +72,13 @@ class Stated:
 
 def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
-
     Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.
     """
     sets = given.sets(given.places)
-    found = _placed(mesh, given, rows, sets)
-    if found is None:
+    if (q := _placed(mesh, given, rows, sets)) is None:
         Follower(mesh, rows, sets[-1]).start(time, given.q)  # says which closure stays open
         raise AssertionError("the loops close from the start")
-    q, off = found, off_start(mesh, given.places, given.q, found)
+    off = off_start(mesh, given.places, given.q, q)
     if given.missed(off)[:2] != (0.0, 0.0):
         raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
     qd, qdd = given.qd.copy(), given.qdd.copy()
@@ -115,8 +113,7 @@ def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Arra
     """
     best: tuple[tuple[float, float, float], Array] | None = None
     for held, free in _attempts(mesh, given, rows, sets):
-        q = Follower(mesh, rows, free).solve(held)
-        if q is None:
+        if (q := Follower(mesh, rows, free).solve(held)) is None:
             continue
         q = unwound(mesh.mechanism, given.q, q)
         missed = given.missed(off_start(mesh, given.places, given.q, q))
@@ -157,8 +154,7 @@ def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
 def _held(follower: Follower, q: Array) -> Array:
     """Bring the loops as close to closed as the unknown coordinates can: damped least squares from a guess (nq,) [rad], [m]."""
     m, sizes, damping = follower.mesh.mechanism, measures(follower.mesh), 1e-3
-    free = follower.unknown
-    phi, g = follower.closures(q)
+    free, (phi, g) = follower.unknown, follower.closures(q)
     for _ in range(MOST_STEPS if free.any() else 0):
         a, step = g[:, free], np.zeros(m.nv)
         normal = a.T @ a
@@ -203,8 +199,7 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     m, rest, follower = mesh.mechanism, np.zeros(mesh.mechanism.nv), standing(mesh)
     passive, every = stated_of(m, {j.name for j in m.joints if not j.actuated}), follower.unknown
     given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=NEAR)
-    found = _placed(mesh, given, follower.rows, [passive, every] if drives_move else [passive])
-    if found is None:
+    if (found := _placed(mesh, given, follower.rows, [passive, every] if drives_move else [passive])) is None:
         return follower.start(0.0, q) if drives_move else q
     off = off_start(mesh, ~passive, q, found)
     if off.max(initial=0.0) > ROUNDED:
@@ -214,7 +209,6 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
 
 def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0: near q, or where joints stand anywhere.
-
     Raises ConvergenceError, which names the closure that stays open.
     """
     m, random = mesh.mechanism, np.random.default_rng(1)
@@ -231,14 +225,12 @@ def places_near(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
     m, random = mesh.mechanism, np.random.default_rng(1)
     follower, found = standing(mesh), []
-    _, g = follower.closures(q)
-    _, values, right = np.linalg.svd(g)
+    _, values, right = np.linalg.svd(follower.closures(q)[1])
     allowed = right[int(ranks(values)) if len(values) else 0 :]
     for size in AWAY if len(allowed) else ():
         along = allowed.T @ random.normal(size=len(allowed))
         step = size * measures(mesh) * along / np.abs(along).max()
-        place = follower.solve(moved(m, q, step))
-        if place is not None:
+        if (place := follower.solve(moved(m, q, step))) is not None:
             found.append(place)
     return found
 
@@ -250,9 +242,8 @@ def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> 
     most = np.where(slides(m), 0.5 * FAR, FAR)
     worst = int(np.argmax(off / most)) if off.size else 0
     if off.size and not off[worst] <= most[worst]:
-        joint = _owner(m, worst)
         raise ConvergenceError(
-            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(joint, m, guess, q)}; "
+            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(_owner(m, worst), m, guess, q)}; "
             "give starts of the passive joints that belong together, start = {...}; nearest is "
             + _written(m, [j.name for j in m.joints if j.name in names], q, places=True)
         )
@@ -304,10 +295,9 @@ def _number(mechanism: Mechanism, name: str, values: Array, places: bool) -> str
 def _unit(joint: Joint, places: bool) -> str:
     """Unit of a joint's coordinates, or of its rates."""
     kind = KINDS[joint.kind]
+    place, rate = kind.units[0], f"{kind.units[0]}/s"
     if kind.has_quaternion:
         place, rate = ("m and quaternion", "m/s and rad/s") if kind.layout == POSE else ("(quaternion)", "rad/s")
-    else:
-        place, rate = kind.units[0], f"{kind.units[0]}/s"
     return place if places else rate
 
 
@@ -342,10 +332,7 @@ def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     a, b = _place(joint, guess[own]), _place(joint, q[own])
     d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
     if kind.scalar and not any(kind.translations):
-        k = int(np.argmax(np.abs(d)))
-        return (
-            f"joint '{joint.name}' at {np.degrees(b[k]):.1f} deg, {abs(np.degrees(d[k])):.0f} deg from its start of "
-            f"{np.degrees(a[k]):.1f} deg"
-        )
+        start, now, off = np.degrees([part[int(np.argmax(np.abs(d)))] for part in (a, b, d)])
+        return f"joint '{joint.name}' at {now:.1f} deg, {abs(off):.0f} deg from its start of {start:.1f} deg"
     unit = _unit(joint, places=True)
     return f"joint '{joint.name}' at {_shown(b)} {unit}, {_shown(np.abs(d))} from its start of {_shown(a)} {unit}"

@@ -28,8 +28,6 @@ from flexinv.typing import Array, Mask
 MEETING = 1e-6
 # Frames further apart than this part of the mechanism's length (or 1 rad) have not met.
 OPEN = 1e-6
-
-
 # Nodal motion (one sample) and rates (nv,) of the joints on one side of an instant.
 Side = tuple[NodalMotion, Array]
 
@@ -92,8 +90,7 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     rows : with the frames that they will tie; motion : one sample, just before; begins : (closures,)
     Frames may stand apart where the closure captures, and move where its impact is plastic.
     """
-    m = mesh.mechanism
-    scale = np.where(rows.direction, 1.0, mesh.length)
+    m, scale = mesh.mechanism, np.where(rows.direction, 1.0, mesh.length)
     apart, rate = np.abs(closed_rows(mesh, motion, rows)[0][0, :, :2].T) / scale
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):

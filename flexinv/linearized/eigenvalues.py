@@ -16,13 +16,11 @@ from flexinv.typing import Array
 MASSLESS = 1e-16
 # Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
 SOFT = 1e-12
-# Motions whose w^2 is below this many shifts are told apart without the shift: the others are then known to 1e-16 of the ratio of
-# the fastest to the slowest of them.
+# Motions with w^2 below so many shifts are told apart without it: the others are known to 1e-16 of fastest over slowest of them.
 SOFTER = 1e3
 # A w^2 below this part of its terms' absolute sum is what is left of terms that cancel: a rigid motion, neither stable nor
 # unstable.  Some tens of operations leave 1e-15; where the terms are zero, rounding of the largest entry is left.
 NOTHING, ROUNDED = 1e-13, 1e-16
-
 # Of a stiffness with a unit diagonal: what rounding leaves of its symmetry, and of an eigenvalue that is zero, for each freedom.
 SYMMETRIC, LEAST = 1e-9, 1e-15
 
@@ -81,9 +79,8 @@ def _soft(k: Array, m: Array) -> Array:
     """
     if not k.any() and _definite(m):  # all motions are, and no shift of K is in scale with M
         return np.eye(len(k))
-    shift = 0.0
+    shift, smallest = 0.0, SOFT * np.abs(k).max() / max(np.abs(m).max(), np.finfo(float).tiny)
     while not _definite(k + shift * m):
-        smallest = SOFT * np.abs(k).max() / max(np.abs(m).max(), np.finfo(float).tiny)
         if shift > smallest / SOFT**2:
             raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
         shift = max(10 * shift, smallest, np.finfo(float).tiny)
@@ -98,11 +95,9 @@ def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
     if not soft.shape[1]:
         return np.empty(0), soft
     squared, vectors = scipy.linalg.eigh(soft.T @ k @ soft, soft.T @ m @ soft)
-    shapes = soft @ vectors
+    shapes, stiff = soft @ vectors, np.abs(k)
     size = np.abs(shapes)  # of unit modal mass
-    rounding = (
-        NOTHING * np.einsum("km,kl,lm->m", size, np.abs(k), size) + ROUNDED * np.abs(k).max() * size.max(axis=0) ** 2
-    )
+    rounding = NOTHING * np.einsum("km,kl,lm->m", size, stiff, size) + ROUNDED * stiff.max() * size.max(axis=0) ** 2
     return np.where(np.abs(squared) <= rounding, 0.0, squared), shapes
 
 
@@ -111,5 +106,4 @@ def _definite(matrix: Array) -> bool:
         factor = scipy.linalg.cholesky(matrix)
     except scipy.linalg.LinAlgError:
         return False
-    pivots = np.diag(factor) ** 2
-    return bool((pivots > SOFT * np.abs(np.diag(matrix))).all())
+    return bool((np.diag(factor) ** 2 > SOFT * np.abs(np.diag(matrix))).all())

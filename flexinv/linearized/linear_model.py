@@ -75,7 +75,6 @@ def linear_model(
     free : joints that move, by default all that are not accelerated; joints that are neither are held
     accelerated : joints whose acceleration is given, with one velocity coordinate each; not in a loop
     modes : number of the slowest modes (accelerated joints held) that are kept, all by default
-
     Raises InputError as `steady_modes`, and for joints that cannot be accelerated.
     """
     if modes is not None:
@@ -105,13 +104,10 @@ def linear_model(
     driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
     efforts = basis.T @ coordinates[driven].T
     a, b = _first_order(mass, damping, stiffness, efforts, given)
-    c, labels, units = _outputs(motion.solver, mechanism, coordinates, basis)
-    size = basis.shape[1]
-    own = [*accelerated, *(f"mode {k + 1}" for k in range(size - given))]
-    unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated]
-    unit += (size - given) * ["kg^0.5 m"]
-    turns = ~slides(mechanism)
-    velocity = mechanism.velocity_names
+    c, labels, units = _outputs(motion.solver, coordinates, basis)
+    shaped, turns, velocity = basis.shape[1] - given, ~slides(mechanism), mechanism.velocity_names
+    own = [*accelerated, *(f"mode {k + 1}" for k in range(shaped))]
+    unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated] + shaped * ["kg^0.5 m"]
     return LinearModel(
         a, b, c, np.zeros((len(c), b.shape[1])),
         (*own, *(f"{name} rate" for name in own)),
@@ -129,36 +125,30 @@ def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array
     k, m = motion.matrices.stiffness, motion.matrices.mass
     own = accelerated.any(axis=0)
     if not own.any():
-        _, shapes = undamped(k, m, allowed_motions(motion.solver))
-        return shapes[:, :modes], 0
-    scale = np.diag(motion.solver.topology.scale)
-    rest = scale[:, ~own]
+        return undamped(k, m, allowed_motions(motion.solver))[1][:, :modes], 0
+    rest = np.diag(motion.solver.topology.scale)[:, ~own]
     held, inertia = (rest.T @ part @ rest for part in (k, m))
     held, inertia = (held + held.T) / 2, (inertia + inertia.T) / 2
     # where other joints are free K_ff is singular: any Psi is exact, this one is near the slow one
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
     follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
-    _, shapes = undamped(k, m, rest)
-    return np.hstack([follow, shapes[:, :modes]]), len(accelerated)
+    return np.hstack([follow, undamped(k, m, rest)[1][:, :modes]]), len(accelerated)
 
 
 def _first_order(mass: Array, damping: Array, stiffness: Array, efforts: Array, given: int) -> tuple[Array, Array]:
     """A and B of (p, eta, p', eta'): the accelerations of the first ``given`` coordinates are inputs, the rest follows."""
     size, rest = len(mass), slice(given, None)
     a, b = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, efforts.shape[1] + given))
-    a[:size, size:] = np.eye(size)
-    right = np.hstack([-stiffness, -damping, efforts, -mass[:, :given]])[rest]
-    own = np.linalg.solve(mass[rest, rest], right)
+    a[:size, size:], b[size : size + given, efforts.shape[1] :] = np.eye(size), np.eye(given)
+    own = np.linalg.solve(mass[rest, rest], np.hstack([-stiffness, -damping, efforts, -mass[:, :given]])[rest])
     a[size + given :], b[size + given :] = own[:, : 2 * size], own[:, 2 * size :]
-    b[size : size + given, efforts.shape[1] :] = np.eye(given)
     return a, b
 
 
-def _outputs(
-    solver: Solver, mechanism: Mechanism, coordinates: Array, basis: Array
-) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
+def _outputs(solver: Solver, coordinates: Array, basis: Array) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
     """C, names and units: joints, their rates, tips."""
+    mechanism = solver.mesh.mechanism
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
     joints, translation = coordinates[moved] @ basis, slides(mechanism)
     joined = [mechanism.velocity_names[v] for v in moved]

@@ -111,13 +111,11 @@ def natural_modes(
     q : (nq,) [rad], [m], zero by default; in a loop drives stay there, and for the other joints it is the guess
     free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
     count : number of modes, all by default
-
     Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
     """
     mesh, at, moving = chosen(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
-    joints, _ = rest(solver, at)
-    mass, damping, stiffness = matrices_at_rest(solver, joints)
+    mass, damping, stiffness = matrices_at_rest(solver, rest(solver, at)[0])
     squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
     last = len(squared) if count is None else count
     moves = nodal_shapes(solver, shapes[:, :last])
@@ -130,7 +128,6 @@ def chosen(
     mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None, count: int | None
 ) -> tuple[Mesh, Array, tuple[str, ...]]:
     """Return the mesh, the configuration (nq,) [rad], [m], loops closed, and the names of the free joints that are asked for.
-
     Raises InputError for arguments of another kind, for unknown joints, a wrong q and where nothing can move.
     """
     of_kind("mechanism", mechanism, Mechanism)
@@ -210,8 +207,7 @@ def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
     """
     ties, n = solver.border.ties, constraints(solver)
     load_springs(solver, joints)
-    force = ties.multiplier.copy()
-    tied = stiffness_of_ties(solver, joints)
+    force, tied = ties.multiplier.copy(), stiffness_of_ties(solver, joints)
     ties.multiplier[:n] = 0.0
     mass, damping, stiffness = matrices(solver, joints)
     ties.multiplier[:] = force
@@ -233,9 +229,8 @@ STEP = 1e-3
 
 def stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
     """Return -d(G^T lambda) / dy [N/m], [N m]: what forces in closures add to the stiffness where something loads them."""
-    n = constraints(solver)
-    size, force = len(solver.topology.scale), solver.border.ties.multiplier[:n].copy()
-    k = np.zeros((size, size))
+    n, size = constraints(solver), len(solver.topology.scale)
+    force, k = solver.border.ties.multiplier[:n].copy(), np.zeros((size, size))
     if not np.any(force):
         return k
 
@@ -285,17 +280,13 @@ def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
 
 
 def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
-    """Return the displacement of every link's tip (motions, 3) [m] world from ``moves`` of the nodes as of `nodal_shapes`.
-
-    orientation : (nodes, 3, 3) where they stand [-]
-    """
+    """Return displacements of links' tips (motions, 3) [m] world from `nodal_shapes`; orientation : (nodes, 3, 3) [-]."""
     out = {}
     for joint in mesh.mechanism.joints:
         link = mesh.mechanism.link_of[joint.child]
         node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
         arm = np.zeros(3) if link.beam is not None else link.tip
-        swing = np.cross(moves[:, node, 3:], arm) @ orientation[node].T
-        out[link.name] = moves[:, node, :3] + swing
+        out[link.name] = moves[:, node, :3] + np.cross(moves[:, node, 3:], arm) @ orientation[node].T
     return out
 
 
@@ -318,10 +309,8 @@ def damped(mechanism: Mechanism) -> Mechanism:
     if stated is None or stated.seconds is not None:
         return mechanism
     made, seconds, found = with_ratio(mechanism, stated.ratio, stated.mode)
-    ratios = ", ".join(
-        f"{k} at {frequency:.4g} Hz {ratio:.3g}"
-        for k, (frequency, ratio) in enumerate(zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True), 1)
-    )
+    pairs = zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True)
+    ratios = ", ".join(f"{k} at {frequency:.4g} Hz {ratio:.3g}" for k, (frequency, ratio) in enumerate(pairs, 1))
     computed = replace(stated, seconds=seconds)
     note = f"damping of beams: {computed}, computed by flexinv; ratios of modes: {ratios}"
     return replace(made, modal_damping=computed, notes=(*made.notes, note))
@@ -333,7 +322,6 @@ def with_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tuple[Mecha
     eta = ratio / (ratio of that mode at eta = 1 s)
 
     ratio : of critical damping, 0 to 1; mode : its number, 1 the lowest, all joints held at zero [rad], [m]
-
     Raises InputError for a ratio outside 0 to 1, without beams, and for a mode that does not oscillate or strain them.
     """
     if not mechanism.beams:

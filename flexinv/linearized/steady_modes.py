@@ -33,21 +33,8 @@ from flexinv.dynamics.stepper import INCREMENT, MOST_ITERATIONS
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.natural_modes import (
-    REDUNDANT,
-    Shapes,
-    allowed_motions,
-    check_rates,
-    chosen,
-    closing_forces,
-    constraints,
-    load_springs,
-    nodal_shapes,
-    rest,
-    scaled_gradient,
-    tied_matrices,
-    update_start,
-)
+from flexinv.linearized import natural_modes as at_rest
+from flexinv.linearized.natural_modes import REDUNDANT, Shapes, allowed_motions, scaled_gradient
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array
@@ -63,8 +50,7 @@ ZERO = 0.1
 # Real part and imaginary part of a root below this part of its size are rounding of nothing: roots of multiplicity two (free
 # motions) are known to the root of 1e-16 only.
 NOTHING = 1e-8
-# Rates are raised from zero in steps that are halved at most this often.
-MOST_HALVINGS = 8
+MOST_HALVINGS = 8  # of steps in which rates are raised from zero
 # Gravity or a load across the axis by more than this part of itself is no rounding of an axis.
 ACROSS = 1e-9
 
@@ -94,7 +80,6 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
     """Return the linearisation about a mechanism that turns steadily, joints at q (nq,) [rad], [m], some at ``rates`` [rad/s].
 
     free : joints that move about the steady motion; what holds them there is taken as a constant effort
-
     Raises InputError where the motion cannot be steady, ConvergenceError where no deformed shape is found.
     """
     m = mesh.mechanism
@@ -109,7 +94,7 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
     for joint in spun:
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
     solver = Solver.of(mesh, free)
-    joints, held = rest(solver, q)
+    joints, held = at_rest.rest(solver, q)
     if any(rates.values()):
         if len(held.topology.scale):
             _settle(held, q, rates)
@@ -119,7 +104,7 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
     solver.evaluate(STATICS, joints)
     along = _turning(solver, rates, 1.0)
     _move_along(solver, along)
-    found = _matrices(tied_matrices(solver, joints), solver, along)
+    found = _matrices(at_rest.tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
     return Steady(solver, found, solver.work.residual[0].copy())
@@ -176,10 +161,9 @@ def _turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning
     out = Turning(np.zeros((mesh.size, 3)), np.zeros((mesh.size, 3)))
     for name, rate in rates.items():
         if rate:
-            node = mesh.joint_node[name]
+            node, carried = mesh.joint_node[name], beyond(mesh, mesh.joint_node[name])
             axis = solver.frames.r[node] @ mesh.axis[node]
             _check_across(mesh, mesh.mechanism.joint_of[name], axis)
-            carried = beyond(mesh, node)
             out.rate[carried], out.centre[carried] = part * rate * axis, solver.frames.x[node]
     return out
 
@@ -214,17 +198,17 @@ def _settle(solver: Solver, q: Array, rates: Mapping[str, float]) -> None:
 
 
 def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
-    n, ties, size = constraints(solver), solver.border.ties, 0.0
+    n, ties, size = at_rest.constraints(solver), solver.border.ties, 0.0
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
-        load_springs(solver, joints)
+        at_rest.load_springs(solver, joints)
         stiffness = _matrices(matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
         y = _increment(solver, stiffness, residual)
-        ties.multiplier[:n] += closing_forces(solver, residual + stiffness @ y)
+        ties.multiplier[:n] += at_rest.closing_forces(solver, residual + stiffness @ y)
         if not np.isfinite(y).all():
             break
-        update_start(solver.topology, STATICS, solver.state, y)
+        at_rest.update_start(solver.topology, STATICS, solver.state, y)
         size = float(np.abs(y / solver.topology.scale).max(initial=0.0))
         if size < INCREMENT:
             return
@@ -305,23 +289,20 @@ def steady_modes(
 
     q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s], none by default
     free : joints that move about the motion, as in `natural_modes`; count : number of modes, all by default
-
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
     ConvergenceError where no deformed shape is found.
     """
-    rates = check_rates(rates)
-    mesh, at, names = chosen(mechanism, q, free, count)
+    rates = at_rest.check_rates(rates)
+    mesh, at, names = at_rest.chosen(mechanism, q, free, count)
     motion = steady_motion(mesh, at, rates, set(names))
     n = allowed_motions(motion.solver)
     root, shapes = roots(*(n.T @ part @ n for part in motion.matrices))
     last = len(root) if count is None else count
-    moves: Complex = nodal_shapes(motion.solver, n @ shapes[:, :last])
+    moves: Complex = at_rest.nodal_shapes(motion.solver, n @ shapes[:, :last])
     moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
-    moves /= np.where(moved > NOTHING * mesh.length * turned, moved, turned)[
-        :, None, None
-    ]  # displacements may be rounding
-    frames = motion.solver.frames
-    place, turn = frames.x.copy(), frames.r.copy()
+    largest = np.where(moved > NOTHING * mesh.length * turned, moved, turned)  # displacements may be rounding
+    moves /= largest[:, None, None]
+    place, turn = motion.solver.frames.x.copy(), motion.solver.frames.r.copy()
     return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, rates, root[:last])
 
 
@@ -341,7 +322,6 @@ def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Compl
     root = np.where(np.abs(root) < ZERO * shift, 0.0, root)
     root = np.where(np.abs(root.real) < NOTHING * np.abs(root), 1j * root.imag, root)
     root = np.where(np.abs(root.imag) < NOTHING * np.abs(root), root.real, root)
-    one = root.imag >= 0
-    root, shapes = root[one], shapes[:, one]
+    root, shapes = root[root.imag >= 0], shapes[:, root.imag >= 0]
     order = np.argsort(np.abs(root), kind="stable")
     return root[order], shapes[:, order]

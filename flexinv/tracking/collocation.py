@@ -26,7 +26,7 @@ from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.dynamics.stepper import evaluate, record
 from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.dense import solve_tridiagonal
-from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.jit import jit
 from flexinv.kernels.records import by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
 from flexinv.kernels.vec3 import mat, put, put_block, vec
@@ -76,8 +76,15 @@ def evaluate_instants(system, joints, motion, frame, out):
     """Fill ``out`` (`Evaluated`) [N, m], ``frame`` the node of its reach; return -1, -1 or the instant and its bad element."""
     state, want = system.state, out.tangent.shape[0] > 0
     still = Scheme(DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    block = system.topology.block[frame]
+    first, size = system.topology.offset[block], system.topology.size[block]
     for k in range(motion.x.shape[0]):
-        _take(state, motion, k)
+        for n in range(motion.x.shape[1]):
+            put(state.x[n], 0, vec(motion.x[k, n]))
+            put_block(state.r[n], 0, 0, mat(motion.r[k, n]))
+        for i in range(len(state.d)):
+            state.d[i], state.u[i], state.du[i] = 0.0, motion.u[k, i], motion.du[k, i]
+            state.place[i] = motion.place[k, i]
         set_loads(system.loads, motion.table[k], state.d[:0])
         bad = differentiate(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
         if bad >= 0:
@@ -86,31 +93,12 @@ def evaluate_instants(system, joints, motion, frame, out):
             out.residual[k, i] = system.work.residual[0, i]
         record(k, system.frames, system.work, out.histories)
         if want:
-            _reach(system.topology, system.variation, frame, out.reach[k])
+            out.reach[k] = 0.0
+            for c in range(size):  # the frame's Jacobian by the unknowns of its block
+                for i in range(3):
+                    out.reach[k, i, first + c] = system.variation.x[frame, c, i]
+                    out.reach[k, 3 + i, first + c] = system.variation.t[frame, c, i]
     return -1, -1
-
-
-@jit_inner
-def _take(state, motion, k):
-    for n in range(motion.x.shape[1]):
-        put(state.x[n], 0, vec(motion.x[k, n]))
-        put_block(state.r[n], 0, 0, mat(motion.r[k, n]))
-    for i in range(len(state.d)):
-        state.d[i], state.u[i], state.du[i] = 0.0, motion.u[k, i], motion.du[k, i]
-        state.place[i] = motion.place[k, i]
-
-
-@jit_inner
-def _reach(topology, variation, frame, out):
-    """Write the Jacobian (6, unknowns) of a node by the unknowns of its block."""
-    for r in range(6):
-        for c in range(out.shape[1]):
-            out[r, c] = 0.0
-    o = topology.offset[topology.block[frame]]
-    for k in range(topology.size[topology.block[frame]]):
-        for i in range(3):
-            out[i, o + k] = variation.x[frame, k, i]
-            out[3 + i, o + k] = variation.t[frame, k, i]
 
 
 @jit
@@ -202,12 +190,10 @@ class Layout:
 
     def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
         """Return u, u' (samples, unknowns) [m, rad, s], zero at the ends, and delta+ of rotations (samples - 1, rotations, 3)."""
-        ahead = np.diff(at.flat, axis=0)
-        delta = log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
+        ahead, delta = np.diff(at.flat, axis=0), log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
         ahead[:, self.triple] = delta
         u, du = np.zeros_like(at.flat), np.zeros_like(at.flat)
-        u[1:-1] = (ahead[1:] + ahead[:-1]) / (2 * h)
-        du[1:-1] = (ahead[1:] - ahead[:-1]) / h**2
+        u[1:-1], du[1:-1] = (ahead[1:] + ahead[:-1]) / (2 * h), (ahead[1:] - ahead[:-1]) / h**2
         return u, du, delta
 
 
@@ -218,8 +204,7 @@ def _in_plane(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
         o = t.offset[t.block[n]]
         if t.independent[n]:
             own = np.zeros((3, len(t.scale)))
-            own[:2, o : o + 3] = plane.axes.T[:2]
-            own[2, o + 3 : o + 6] = plane.frames[n, 2]
+            own[:2, o : o + 3], own[2, o + 3 : o + 6] = plane.axes.T[:2], plane.frames[n, 2]
             rows += list(own)
         elif t.freedoms[n]:
             rows.append(np.eye(len(t.scale))[o + t.column[n]])
@@ -268,17 +253,14 @@ class Horizon:
         return self.layout.undeformed(self.reach.q)
 
     def evaluate(self, at: Placed, stiffness: float = 1.0, want: bool = True) -> Linearised:
-        """Return residuals and derivatives at the poses ``at`` [m], [rad], the beams ``stiffness`` times as stiff [-].
-
-        Raises TurnedTooMuch.
-        """
+        """Return residuals and derivatives at ``at`` [m, rad], beams ``stiffness`` times as stiff [-].  Raises TurnedTooMuch."""
         u, du, _ = self.layout.differences(at, self.h)
         rows, mesh, size = len(self.layout.pick), self.layout.solver.mesh, len(self.time)
         tasks = self.reach.within.shape[2] + self.reach.idle.shape[2]
         shapes = (size, rows), (3, size if want else 0, rows, rows), (size, tasks), (size, tasks, rows)
         residual, tangents, missed, derivatives = (np.zeros(shape) for shape in shapes)
         out = Linearised(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
-        solver, pick, joints = self.layout.solver, self.layout.pick, self.layout.joints
+        solver, pick = self.layout.solver, self.layout.pick
         beams = solver.elements._replace(stiffness=stiffness * solver.elements.stiffness)
         system, unknowns = solver.system._replace(elements=beams), u.shape[1]
         for first in range(0, size, CHUNK):
@@ -287,7 +269,7 @@ class Horizon:
             own, wanted = out.trajectory.rows(part.start, part.stop), len(x) if want else 0
             tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
             now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own)
-            free = Joints(*(given.copy() for given in joints))  # they are overwritten
+            free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
             motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
             instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
             if instant_ >= 0:
@@ -303,8 +285,7 @@ class Horizon:
     def _missed(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""
         wanted, frame, drives, length = self.wanted, self.way.frame, self.layout.drives, self.way.mesh.length
-        now = frame.poses(own.motion)
-        node = own.motion.rotation[:, frame.node]
+        now, node = frame.poses(own.motion), own.motion.rotation[:, frame.node]
         off, by = now.x - wanted.x[part], np.zeros((len(reach), 3, reach.shape[2]))
         if len(reach):
             spin = np.cross(np.swapaxes(reach[:, 3:], 1, 2), frame.point)  # (sample, unknown, xyz)
@@ -314,8 +295,7 @@ class Horizon:
             off = np.hstack([off, length * turn])
             if len(reach):
                 by = np.concatenate([by, length * inverse_tangents(turn) @ (frame.turn.T @ reach[:, 3:])], axis=1)
-        across = np.swapaxes(self.reach.within[part], 1, 2)  # (sample, direction, row)
-        idle = np.swapaxes(self.reach.idle[part], 1, 2)  # (sample, self-motion, drive)
+        across, idle = (np.swapaxes(basis[part], 1, 2) for basis in (self.reach.within, self.reach.idle))
         away = (at.flat[part] - self.rigid.flat[part]) @ drives.T
         missed = np.hstack([np.einsum("str,sr->st", across, off), np.einsum("std,sd->st", idle, away)])
         return missed, np.concatenate([across @ by, idle @ drives], axis=1) if len(reach) else by
@@ -345,8 +325,7 @@ class Horizon:
             ahead[ends], back[ends] = 0.0, 0.0
         if self.layout.planar or not len(self.layout.triple):
             return back, k - ahead - back, ahead
-        delta = self.layout.differences(at, h)[2]
-        none = np.zeros((1, *delta.shape[1:]))
+        delta, none = self.layout.differences(at, h)[2], np.zeros((1, len(self.layout.triple), 3))
         after, before = np.concatenate([delta, none]), np.concatenate([none, -delta])
         own = k - (self._through(ahead, after, True) + self._through(back, before, True))
         return self._through(back, before, False), own, self._through(ahead, after, False)

@@ -45,10 +45,8 @@ LEFT, RESTLESS = 1e-6, 1e-2
 SWINGING = 1e-3
 # More instants than this are a mistake in `step` or in the window far more often than a wish: a gigabyte of equations.
 MOST_INSTANTS = 20_000
-# Newton stops when an increment, relative to the mechanism's length or in radians, is below this; convergence is quadratic, so
-# that the next would be its square.
-INCREMENT = 1e-8
-MOST_ITERATIONS = 20
+# Newton stops when an increment, relative to the mechanism's length or in radians, is below this: the next would be its square.
+INCREMENT, MOST_ITERATIONS = 1e-8, 20
 # An increment this large, in lengths of the mechanism or radians, means that Newton is lost.
 LOST = 30.0
 # Continuation begins this many times as stiff, and gives up where the factor has to fall by less than SMALLEST in one go.
@@ -87,8 +85,7 @@ class Following:
         rest = {j.name: q[0, m.q_slices[j.name]] for j in m.joints if j.nv and not j.actuated}
         motion, step = Motion.from_samples(time, given, rest=True), float(self.time[1] - self.time[0])
         # the end: rounding of the first time must not lose the last sample
-        found = solve(m, motion, step, end=float(time[-1]), initial=_initial(m), start=rest)
-        return replace(found, time=self.time)
+        return replace(solve(m, motion, step, end=float(time[-1]), initial=_initial(m), start=rest), time=self.time)
 
     @property
     def feed_forwards(self) -> dict[str, Solution]:
@@ -106,9 +103,8 @@ class Following:
         ways = {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
         choice("name", name, ways)
         torque, q = self.feed_forwards[name].torque, self.solution.q[0]
-        m = self.solution.mechanism
+        m, step = self.solution.mechanism, float(self.time[1] - self.time[0])
         places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
-        step = float(self.time[1] - self.time[0])
         return simulate(m, self.time, torque, step, spectral_radius, _initial(m), start=places)
 
 
@@ -134,7 +130,6 @@ def follow(
         moves inside takes to fade to a millionth
     start : guess of joint coordinates at the start of the path [rad], [m]
     error : also with half the step and on a refined mesh: ``solution.torque_error``, ``solution.tip_error``
-
     Raises InputError for a path out of reach or too rough, and for a window too short; ConvergenceError if Newton fails.
     """
     of_kind("mechanism", mechanism, Mechanism)
@@ -154,8 +149,7 @@ def follow(
     runs: list[tuple[Horizon, tuple[float, float]]] = []  # equations, and what moves at both ends of the window
 
     def way_of(meshed: Mechanism) -> RigidWay:
-        mesh = build(meshed)
-        return RigidWay(mesh, frame_of(mesh, frame), path, start)
+        return RigidWay(mesh := build(meshed), frame_of(mesh, frame), path, start)
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
         way = way_of(meshed)
@@ -191,9 +185,8 @@ def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     applied = applied_forces(mesh, trajectory.motion, time)
     # the speed just inside the window's start and end over the largest in it: zero where it is long enough
     speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
-    largest = float(speed.max()) or 1.0
-    left = float(speed[1] / largest), float(speed[-2] / largest)
-    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), left
+    first, last = speed[[1, -2]] / (float(speed.max()) or 1.0)
+    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), (float(first), float(last))
 
 
 def _beside_rigid(way: RigidWay, reach: Reach, time: Array) -> Following:
@@ -208,20 +201,18 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
     path = way.path
     for name, value in (("before", before), ("after", after)):
         seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
-    if step > path.duration / 4:
-        raise InputError(
-            f"step = {step:g} s is too long for a path of {path.duration:g} s: write step = {path.duration / 200:g}"
-        )
-    ends = np.array([0.0, path.duration])
+    move, ends = path.duration, np.array([0.0, path.duration])
+    if step > move / 4:
+        raise InputError(f"step = {step:g} s is too long for a path of {move:g} s: write step = {move / 200:g}")
     if before is None or after is None:
         horizon = Horizon(Layout(way.mesh), way, way.reach(ends), ends, step)
         waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
-    count = np.ceil(np.array([first, path.duration + last]) / step * (1 - 1e-9))
+    count = np.ceil(np.array([first, move + last]) / step * (1 - 1e-9))
     if count.sum() > MOST_INSTANTS:
         raise InputError(
-            f"step = {step:g} s gives {count.sum():.0f} instants in {first + path.duration + last:.3g} s, "
-            f"more than {MOST_INSTANTS}: write a larger step, or shorter before and after"
+            f"step = {step:g} s gives {count.sum():.0f} instants in {first + move + last:.3g} s, more than {MOST_INSTANTS}: "
+            "write a larger step, or shorter before and after"
         )
     return np.asarray(step * np.arange(-max(count[0], 1), max(count[1], 1) + 1))
 
@@ -237,16 +228,14 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
     for name, given, sample, rest in zip(("before", "after"), ends, (0, -1), left, strict=True):
         if rest <= RESTLESS:
             continue
-        rates = internal_rates(horizon, sample)
-        fades = _fading(rates)
+        fades = _fading(rates := internal_rates(horizon, sample))
         swings = rates.imag[(rates.real <= SWINGING * np.abs(rates)) & (rates.imag > 0)]
         if given < fades:
             advice = f"write {name} = {fades:.3g}, in which what moves inside fades"
         elif len(swings):
-            advice = (
-                f"inside something swings without end (slowest at {swings.min() / (2 * np.pi):.3g} Hz): give the path more time, "
-                "law = 'nonic', or the joint without a drive damping"
-            )
+            slowest = f"slowest at {swings.min() / (2 * np.pi):.3g} Hz"
+            advice = f"inside something swings without end ({slowest}): give the path more time, law = 'nonic', or the joint "
+            advice += "without a drive damping"
         else:
             advice = "give the path more time, or law = 'nonic'"
         raise InputError(
@@ -267,18 +256,14 @@ def invert(horizon: Horizon) -> Trajectory:
     """Return the bounded motion [m, rad, s, N] of a frame on its path, from the rigid mechanism's as the first guess.
 
     r(y_k, u_k, u'_k) - S tau_k = 0,  c(y_k) = 0  at all instants k, at rest at the first and the last.
-
     Raises ConvergenceError where Newton finds no motion, from stiffer beams neither.
     """
     stiffness, factor = 1.0, STIFF ** (1 / 4)
-    found = _newton(horizon, horizon.rigid, stiffness)
-    if found is None:
-        stiffness = STIFF
-        found = _newton(horizon, horizon.rigid, stiffness)
+    if (found := _newton(horizon, horizon.rigid, stiffness)) is None:
+        found, stiffness = _newton(horizon, horizon.rigid, STIFF), STIFF
     while found is not None and stiffness > 1.0:
         target = max(1.0, stiffness / factor)
-        softer = _newton(horizon, found[0], target)
-        if softer is not None:
+        if (softer := _newton(horizon, found[0], target)) is not None:
             found, stiffness = softer, target
         elif (factor := np.sqrt(factor)) < SMALLEST:
             break
@@ -315,9 +300,8 @@ def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
     With z = N w, c N = 0 (the frame rests) and W^T S = 0 (no effort): (W^T (K + s^2 M) N) w = 0; damping is left out.
     exp(s t) before the path and exp(-s t) after it; an imaginary s swings and never ends.
     """
-    own = horizon.at(sample)
+    own, pick = horizon.at(sample), horizon.layout.pick
     one = own.evaluate(own.rigid)
-    pick = horizon.layout.pick
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
     by, efforts = one.by[0] * sizes, sizes[:, None] * (pick @ horizon.layout.drives.T)
     allowed = [scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T)]

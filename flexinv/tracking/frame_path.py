@@ -67,10 +67,7 @@ class Path:
     def arc(
         start: ArrayLike, centre: ArrayLike, angle: float, duration: float, axis: ArrayLike = (0, 0, 1), law: str = "nonic"
     ) -> Path:  # fmt: skip
-        """Run from ``start`` (3,) [m] by ``angle`` [rad] on a circle about an ``axis`` through ``centre`` (3,) [m].
-
-        Raises InputError.
-        """
+        """Run from ``start`` (3,) [m] by ``angle`` [rad] about an ``axis`` through ``centre`` (3,) [m].  Raises InputError."""
         a, c, n = _point(start, "start"), _point(centre, "centre"), _point(axis, "axis")
         if not np.linalg.norm(n) > 0 or not np.linalg.norm(np.cross(n, a - c)) > 0:
             raise InputError("arc: expected an axis that is not zero, and a start that is not on the axis")
@@ -81,10 +78,7 @@ class Path:
 
     @staticmethod
     def points(points: ArrayLike, duration: float, law: str = "nonic") -> Path:
-        """Run through ``points`` (n, 3) [m], n >= 2, on a spline (quintic where there are six), evenly along their chords.
-
-        Raises InputError.
-        """
+        """Run through ``points`` (n >= 2, 3) [m] on a spline (quintic from six on), evenly by chords.  Raises InputError."""
         at = floats("points", points)
         if at.ndim != 2 or at.shape[1] != 3 or len(at) < 2 or not np.isfinite(at).all():
             raise InputError(f"points have shape {at.shape}, expected two or more finite points (n, 3) [m]")

@@ -85,8 +85,7 @@ def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
     if name not in m.link_of:
         raise InputError(f"frame on link {name!r}: expected a link of '{m.name}': {', '.join(m.link_of)}")
     if isinstance(frame, str):
-        node = mesh.tip_node.get(name)
-        if node is not None:
+        if (node := mesh.tip_node.get(name)) is not None:
             return Frame(name, int(node), np.zeros(3), np.eye(3))
         return Frame(name, attachment_node(mesh, Attachment(name)), m.link_of[name].tip, np.eye(3))
     node = attachment_node(mesh, frame)
@@ -126,7 +125,6 @@ class RigidWay:
 
     def reach(self, time: Array) -> Reach:
         """Return the joint motion with which the frame follows the path at ``time`` (samples,) [s].
-
         Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
         """
         path, spline = self.path, self._knots
@@ -153,8 +151,7 @@ class RigidWay:
         angles, first = np.empty((KNOTS, m.nv)), np.zeros(m.nv)
         for joint in m.joints:
             own = m.v_slices[joint.name]
-            if joint.name in places and joint.kind in SCALAR:
-                place = places[joint.name]
+            if joint.kind in SCALAR and (place := places.get(joint.name)) is not None:
                 first[own] = np.arctan2(place[1], place[0]) if KINDS[joint.kind].circle else place
             elif joint.stiffness:
                 first[own] = joint.rest
@@ -164,8 +161,7 @@ class RigidWay:
 
     def _coordinates(self, angles: Array) -> Array:
         """q (samples, nq) of angles (samples, nv)."""
-        m = self.mesh.mechanism
-        q = np.tile(m.neutral, (len(angles), 1))
+        m, q = self.mesh.mechanism, np.tile(self.mesh.mechanism.neutral, (len(angles), 1))
         for joint in m.joints:
             own = angles[:, m.v_slices[joint.name]]
             if KINDS[joint.kind].circle:
@@ -186,8 +182,7 @@ class RigidWay:
 
     def _off(self, angles: Array, wanted: Poses) -> Array:
         """Return the deviation from the path, (samples, rows) [m]."""
-        now = self._poses(angles, np.zeros_like(angles))
-        turn = None
+        now, turn = self._poses(angles, np.zeros_like(angles)), None
         if self.path.turn is not None and now.rotation is not None and wanted.rotation is not None:
             turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
         return self._rows(wanted.x - now.x, turn)
@@ -196,20 +191,16 @@ class RigidWay:
         """(samples, rows, drives) [m]."""
         columns = []
         for drive in self._drives:
-            rates = np.zeros_like(angles)
-            rates[:, drive] = 1.0
-            moving = self._poses(angles, rates)
+            moving = self._poses(angles, np.tile(np.eye(angles.shape[1])[drive], (len(angles), 1)))
             columns.append(self._rows(moving.v, moving.omega))
         return np.stack(columns, axis=2)  # (sample, row, drive)
 
     def _approach(self, angles: Array, wanted: Poses, at: float) -> Array:
         """Angles (nv,) at one place of the path, by damped least squares within the limits."""
-        angles, length = angles.copy(), self.mesh.length
-        before = np.inf
+        angles, length, before = angles.copy(), self.mesh.length, np.inf
         for _ in range(ITERATIONS):
             missing = self._off(angles[None], wanted)[0]
-            distance = float(np.linalg.norm(missing))
-            if distance < REACHED * length:
+            if (distance := float(np.linalg.norm(missing))) < REACHED * length:
                 break
             jacobian = self._jacobian(angles[None])[0]
             # Newton's own step near the path, where the last one halved the distance at least
@@ -253,8 +244,7 @@ class RigidWay:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
         angles, drives = guess[0], self._drives
         for _ in range(ITERATIONS):
-            missing = self._off(angles, wanted)
-            if np.abs(missing).max() < REACHED * self.mesh.length:
+            if np.abs(missing := self._off(angles, wanted)).max() < REACHED * self.mesh.length:
                 break
             angles[:, drives] += _turned(np.linalg.pinv(self._jacobian(angles), rcond=NEGLIGIBLE), missing)
         else:
@@ -263,13 +253,11 @@ class RigidWay:
         jacobian = self._jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
-        ratio = s[:, rank - 1] / s[:, 0]
-        if ratio.min() < SINGULAR:
-            at = float(time[ratio.argmin()])
+        if (ratio := s[:, rank - 1] / s[:, 0]).min() < SINGULAR:
             raise InputError(
-                f"mechanism '{self.mesh.mechanism.name}': at t = {at:.4g} s the path leads the frame on '{self.frame.name}' "
-                f"through a singular position (joints move it {ratio.min():.1e} times as far in one direction as in another); "
-                "move the path, or give another start = {...} of the joints"
+                f"mechanism '{self.mesh.mechanism.name}': at t = {time[ratio.argmin()]:.4g} s the path leads the "
+                f"frame on '{self.frame.name}' through a singular position (joints move it {ratio.min():.1e} times as far in one "
+                "direction as in another); move the path, or give another start = {...} of the joints"
             )
         inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NEGLIGIBLE), dtype=np.float64)
         idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)

@@ -114,8 +114,7 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
     if mechanism.closures:
         expected = "an open mechanism: a path of a frame is not followed by closed loops so far"
         raise where.wrong("", "a task of a mechanism with closures", expected, "a case")
-    moving = [joint.name for joint in mechanism.joints if joint.nv]
-    start = read_places(table.start, mechanism, moving, where.inner("start"))
+    start = read_places(table.start, mechanism, [j.name for j in mechanism.joints if j.nv], where.inner("start"))
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     if table.station is not None and mechanism.link_of[table.frame].beam is None:
         raise where.wrong("station", f"station = {table.station:g}", f"no station: {table.frame} is rigid", "at_m")
@@ -123,8 +122,8 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
     if table.station is not None or table.at_m is not None:
         point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
         frame = Attachment(table.frame, Placement(point), table.station)
-    path = _path(table, where)
-    return Task(name, table.title, frame, path, table.step_s, table.before_s, table.after_s, start, mesh)
+    times = table.step_s, table.before_s, table.after_s
+    return Task(name, table.title, frame, _path(table, where), *times, start, mesh)
 
 
 def _path(table: TaskTable, where: Location) -> Path:
