@@ -31,8 +31,8 @@ from flexinv.rigid.blocks import CALL_CELLS, HELPERS, LINE, OVERLAP, attend, col
 from flexinv.rigid.joint_arrays import Order, by_sample
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, bodies
+from flexinv.rnea.loop_layout import LoopPlan
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
-from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 
@@ -298,9 +298,7 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
     return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION_OPEN), run) or (plain, NO_LOOPS)
 
 
-_CELLS, _MAILS, _NUMBERS, _TABLE = (
-    types.Array(kind, dimensions, "C") for kind in (types.uint64, types.float64) for dimensions in (1, 2)
-)
+_CELLS, _MAILS, _NUMBERS, _TABLE = (types.Array(kind, n, "C") for kind in (types.uint64, types.float64) for n in (1, 2))
 
 
 def _compile(kernel: Any, *signature: types.Type) -> None:

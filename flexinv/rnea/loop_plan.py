@@ -24,9 +24,8 @@ from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, carriers
-from flexinv.rnea.loop_layout import SIX, SIX_ROWS, Operation
+from flexinv.rnea.loop_layout import SIX, SIX_ROWS, LoopPlan, Operation, Step
 from flexinv.rnea.loop_tables import CLEARLY, tables
-from flexinv.rnea.plan_listing import LoopPlan, Step
 from flexinv.typing import Array
 
 # An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.

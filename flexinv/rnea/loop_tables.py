@@ -16,8 +16,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING, Bodies, carriers
-from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord
-from flexinv.rnea.plan_listing import LoopPlan
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, LoopPlan
 from flexinv.typing import Array
 
 # The limits of `allocation` over those of a closure's squares; rows of a closure that is open by as much as is allowed
@@ -143,13 +142,9 @@ def tables(
         elif any(loop.ways):  # else both ends are on one body: nothing moves
             _closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
     lists: dict[int, Sequence[Sequence[int]]] = {
-        layout.KEEPS: t.keeps,
-        layout.SUMMED: t.summed,
-        layout.ROOTS: t.roots,
-        layout.BODIES: t.moved,
-        layout.COLUMNS: t.columns,
-        layout.CLOSURES: t.closures,
-    }
+        layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
+        layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURES: t.closures,
+    }  # fmt: skip
     for at, records in lists.items():  # behind the header: where each begins, and how many records it has
         words[at : at + 2] = len(words), len(records)
         words += [word for record in records for word in record]
@@ -165,9 +160,7 @@ def _seated(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
     if node < 0:
         return 0, np.eye(3), np.zeros(3)
     carrier, turn, place = carriers(mesh)
-    body = int(
-        np.flatnonzero(bodies.node == carrier[node])[0]
-    )  # the world's node is -1, its axes are those of the mesh
+    body = int(np.flatnonzero(bodies.node == carrier[node])[0])  # the world's node is -1, its axes those of the mesh
     axes = bodies.axes[body].T
     return body, axes @ turn[node], axes @ place[node]
 

@@ -24,23 +24,9 @@ import math
 import numpy as np
 
 from flexinv.elements.joint_law import JointLaw, moving_effort, own_effort, resisting_effort
+from flexinv.kernels import simd
 from flexinv.kernels.jit import jit_lane, jit_lanes, jit_pass
-from flexinv.kernels.simd import (
-    FAR,
-    LANES,
-    astray,
-    cos_sin,
-    into,
-    plus,
-    plus_cross,
-    plus_out_of,
-    put_vec,
-    row,
-    tilted,
-    times,
-    turned,
-    vec_of,
-)
+from flexinv.kernels.simd import LANES, into, plus, plus_cross, plus_out_of, put_vec, row, tilted, times, turned, vec_of
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
@@ -119,8 +105,8 @@ def _angles(rows, lanes):
     far = 0
     for k in range(lanes):
         angle = rows[PLACE + k]
-        rows[COS + k], rows[SIN + k] = cos_sin(angle)
-        far += 1 if abs(angle) > FAR else 0
+        rows[COS + k], rows[SIN + k] = simd.cos_sin(angle)
+        far += 1 if abs(angle) > simd.FAR else 0
     if far:
         for k in range(lanes):
             rows[COS + k], rows[SIN + k] = math.cos(rows[PLACE + k]), math.sin(rows[PLACE + k])
@@ -332,7 +318,7 @@ def outboard(tree, numbers, work, lanes):
             _slide_outboard(state, rows, lanes, body)
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             if kind == CONTINUOUS:
-                lost += astray(rows, COS, lanes)
+                lost += simd.astray(rows, COS, lanes)
             else:
                 _angles(rows, lanes)
             if kind == HELICAL:
