@@ -232,8 +232,7 @@ def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> A
 # of a chain of closures is linear.  With one block for all rows this is Gauss elimination with complete pivoting.
 
 Indices = NDArray[np.int64]
-# What stands for the first pivot's row where two rows, of one closure in a plane, have been inverted as they are.
-INVERTED = -2
+INVERTED = -2  # for the first pivot's row where two rows, of one closure in a plane, have been inverted as they are
 
 
 @by_address

@@ -24,8 +24,7 @@ from flexinv.rnea.loop_space import in_space
 from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
 from flexinv.typing import Array
 
-# Numbers in a line of the cache.
-LINE = np.uint64(8)
+LINE = np.uint64(8)  # numbers in a line of the cache
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
 # motion is; whether nothing was done (efforts would be written over what is read); and of every block of loops whether it is.
 OVERLAP, CALL_CELLS = 4, 5

@@ -17,8 +17,7 @@ from flexinv.rigid.prepare import prepare
 from flexinv.typing import Array
 from flexinv.validation import flag
 
-# Samples whose nodal motion is in memory at once.
-AT_ONCE = 512
+AT_ONCE = 512  # samples whose nodal motion is in memory
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ VECTOR = row(3)
 ENTRIES = row(1)
 # Columns of three positions and directions beside them stand side by side, so many at most, sizes first, then row after row.
 MOST_COLUMNS = 15
-# Rows of a closure, at most.
-MOST_ROWS = 6
+MOST_ROWS = 6  # of a closure
 # Of a whole call: the largest squares of every lane; the largest sums, three numbers.
 LARGEST, LIMIT_ROWS = row(3), 4
 # Where a block works: a multiplier, or the factor by which one row goes from another; a square, or whether they change places.
@@ -169,12 +168,9 @@ class LoopPlan:
         names = _Names(self)
         bodies = [BodyKind(body.kind).name.lower().replace("_", " ") for body in self.bodies]
         closures = [ClosureKind(closure.kind).name.lower() for closure in self.closures]
-        head = [
-            f"{'plane' if self.plan[PLANE] else 'space'}, work space of {self.size // BLOCK} rows",
-            f"bodies: {', '.join(bodies) or 'none'}",
-            f"closures: {', '.join(closures) or 'none'}",
-        ]
-        return "\n".join([*head, *(f"{k:3d}  {names.line(step)}" for k, step in enumerate(self.steps, 1))])
+        head = f"{'plane' if self.plan[PLANE] else 'space'}, work space of {self.size // BLOCK} rows"
+        parts = f"bodies: {', '.join(bodies) or 'none'}", f"closures: {', '.join(closures) or 'none'}"
+        return "\n".join([head, *parts, *(f"{k:3d}  {names.line(step)}" for k, step in enumerate(self.steps, 1))])
 
 
 class _Names:
@@ -203,10 +199,9 @@ class _Names:
             case Operation.PAIR:
                 more = ", ".join(f"{name(a)} by {name(b)}" for a, b in pairs)
                 text = f"{name(step.first)} is the pivot, {name(step.second)} -> 0; so {more or 'nothing else'}"
-            case Operation.CHECK_PIVOT:
-                text = f"{name(step.first)} is no rounding beside {name(step.second)}, else a rank is in doubt"
-            case Operation.CHECK_EMPTY:
-                text = f"{name(step.first)} is rounding beside {name(step.second)}, else a rank is in doubt"
+            case Operation.CHECK_PIVOT | Operation.CHECK_EMPTY:
+                how = "is no rounding" if step.operation == Operation.CHECK_PIVOT else "is rounding"
+                text = f"{name(step.first)} {how} beside {name(step.second)}, else a rank is in doubt"
             case Operation.SOLVE:
                 multiplier = f"lambda = {name(step.second)} / {name(step.first)}, held against {name(step.third)}"
                 text = "; ".join([multiplier, *(f"{name(b)} -= lambda {name(a)}" for a, b in pairs)])
