@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.constraints.equations import fixed, gap
 from flexinv.dynamics.dofs import Indices, Topology
-from flexinv.kernels.block_elimination import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
+from flexinv.kernels.dense import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at

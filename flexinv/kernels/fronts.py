@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from flexinv.kernels.records import by_address
 
 Indices = NDArray[np.int64]
-
-# A front that has no more columns than this takes its child in: one loop of a chain, and no more zeros than that.
-SMALL = 6
+SMALL = 6  # a front of no more columns takes its child in: one loop of a chain, and no more zeros than that
 
 
 @by_address

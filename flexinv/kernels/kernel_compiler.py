@@ -21,8 +21,7 @@ from numba.core.compiler import Compiler, DefaultPassBuilder
 
 from flexinv.kernels.records import RecordType
 
-# What is promised of a record: nobody writes there while the kernel runs, and its address is not kept.
-PROMISES = "noalias", "captures(none)"
+PROMISES = "noalias", "captures(none)"  # of a record: nobody writes there meanwhile, and its address is not kept
 # Loops over lanes are long, and take vectors of 512 bits where the processor has them.  For some (Intel's server processors,
 # and x86-64-v4, for which wheels bring code) LLVM prefers 256: a batch of Panda's torques then takes 62.6 ns a sample instead of
 # 45.5 (Emerald Rapids; with code for x86-64-v4 47.8 instead of 29.7 on a Zen 5).
@@ -36,8 +35,7 @@ class KernelLibrary(JITCodeLibrary):
     """
 
     records: frozenset[str] = frozenset()
-    over_lanes = False
-    stays_apart = False
+    over_lanes = stays_apart = False
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -112,14 +110,10 @@ class OuterLibrary(KernelLibrary):
 
 
 UNUSED = {
-    untyped_passes.WithLifting,
-    untyped_passes.InlineClosureLikes,
-    untyped_passes.MakeFunctionToJitFunction,
-    untyped_passes.FindLiterallyCalls,
-    untyped_passes.LiteralUnroll,
-    untyped_passes.RewriteDynamicRaises,
+    untyped_passes.WithLifting, untyped_passes.InlineClosureLikes, untyped_passes.MakeFunctionToJitFunction,
+    untyped_passes.FindLiterallyCalls, untyped_passes.LiteralUnroll, untyped_passes.RewriteDynamicRaises,
     typed_passes.NopythonRewrites,
-}
+}  # fmt: skip
 # The types of arguments that say all about what a function of Numba's own makes of them.
 PLAIN = types.Number, types.Boolean, types.Array, types.UniTuple
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from flexinv.typing import Array
 
-# Numbers in a line of the cache: arrays begin at different ones, so that threads do not write into the same.
-LINE = 8
+LINE = 8  # numbers in a line of the cache: arrays begin at different ones, so that threads do not write into the same
 # Numbers in a shared piece, 16 MiB: large enough for large pages, which NumPy asks for from 4 MiB on.
 PIECE = 1 << 21
 # The C library (glibc) gives memory back to the system when more than twice its largest freed piece is unused, and a call that

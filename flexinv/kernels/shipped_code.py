@@ -42,12 +42,8 @@ def levels(features: Mapping[str, bool] | None = None) -> list[str]:
 
 def maker() -> dict[str, str]:
     """Return the makers of machine code and their versions [-]."""
-    return {
-        "python": sys.implementation.cache_tag,
-        "numba": numba.__version__,
-        "llvmlite": llvmlite.__version__,
-        "system": f"{platform.system()} {platform.machine()}",
-    }
+    made = {"python": sys.implementation.cache_tag, "numba": numba.__version__, "llvmlite": llvmlite.__version__}
+    return made | {"system": f"{platform.system()} {platform.machine()}"}
 
 
 def shipped(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ...] | None:
@@ -98,11 +94,8 @@ def _tell(reason: str) -> None:
     """Say once why kernels are compiled although machine code came along."""
     if not _told:
         _told.append(reason)
-        warnings.warn(
-            f"the machine code that came with flexinv is not used: {reason}; kernels are compiled once and kept",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+        said = f"the machine code that came with flexinv is not used: {reason}; kernels are compiled once and kept"
+        warnings.warn(said, RuntimeWarning, stacklevel=2)
 
 
 _told: list[str] = []

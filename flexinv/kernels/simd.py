@@ -12,8 +12,7 @@ import numpy as np
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_lanes
 
-# Samples of a block, which stays in the cache from its coordinates to its torques.
-BLOCK = 128
+BLOCK = 128  # samples of a block, which stays in the cache from its coordinates to its torques
 LANES = np.uint64(BLOCK)
 _TWO = np.uint64(2 * BLOCK)
 
@@ -106,8 +105,7 @@ def cos_sin(angle):
     return -c if ((quarter + 1) & 2) != 0 else c, -s if (quarter & 2) != 0 else s
 
 
-# How far the squares of a cosine and a sine may be from 1: as those of six digits, or of single precision.
-ASTRAY = 1e-5
+ASTRAY = 1e-5  # how far the squares of a cosine and a sine may be from 1: as those of six digits, of single precision
 
 
 @jit_lanes

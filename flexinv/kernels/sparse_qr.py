@@ -305,8 +305,7 @@ def solve_lower(fronts, qr, x):
                     x[other, k] -= row[k] * x[own, k]
 
 
-# Steps of the estimate of a norm: it seldom changes after the second.
-NORM_STEPS = 5
+NORM_STEPS = 5  # of the estimate of a norm: it seldom changes after the second
 
 
 @jit_inner

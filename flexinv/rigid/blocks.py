@@ -13,20 +13,9 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_blocks, jit_lanes
 from flexinv.kernels.simd import LANES
+from flexinv.kernels.threads import worker_pool
 from flexinv.kernels.threads.atomics import address, fetch, put, reals, take, wholes
-from flexinv.kernels.threads.worker_pool import (
-    ANSWER,
-    DONE,
-    OFFERED,
-    SLEEPS,
-    STATE,
-    WORDS,
-    Helpers,
-    awaited,
-    claimed,
-    settled,
-    write,
-)
+from flexinv.kernels.threads.worker_pool import DONE, OFFERED, STATE, WORDS, Helpers, awaited, claimed, settled, write
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import allocate, unclear
 from flexinv.rnea.loop_bodies import begin, set_aside
@@ -35,8 +24,7 @@ from flexinv.rnea.loop_space import in_space
 from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
 from flexinv.typing import Array
 
-# Numbers in a line of the cache.
-LINE = np.uint64(8)
+LINE = np.uint64(8)  # numbers in a line of the cache
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
 # motion is; whether nothing was done (efforts would be written over what is read); and of every block of loops whether it is.
 OVERLAP, CALL_CELLS = 4, 5
@@ -193,9 +181,9 @@ def attend(mail, patience):
         work, counter, samples = reals(word[16], (word[17],)), wholes(word[18], (word[19],)), word[20]
         plan, fixed = wholes(word[22], (word[23],)), reals(word[24], (word[25],))
         system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
-        mail[ANSWER] = _blocks(system, series, work, counter)
+        mail[worker_pool.ANSWER] = _blocks(system, series, work, counter)
         put(mail, STATE, DONE)
-    put(mail, SLEEPS, 1)
+    put(mail, worker_pool.SLEEPS, 1)
 
 
 @jit_lanes

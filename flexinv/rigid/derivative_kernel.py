@@ -27,28 +27,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import (
-    add,
-    apply,
-    cross,
-    dot,
-    madd,
-    mat,
-    mat_at,
-    mscale,
-    mul,
-    outer,
-    put,
-    scale,
-    sub,
-    sum3,
-    tapply,
-    transpose,
-    vec,
-    vec_at,
-)  # fmt: skip
+from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mat_at, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
 
 
@@ -132,9 +114,9 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
     own = apply(rotation, moment)
     h = add(own, scale(mass, arm))
     # J = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T, h about the node
-    round_part = mscale(dot(arm, own) + dot(arm, h), UNIT)
-    turned = madd(mul(mul(rotation, inertia), transpose(rotation)), round_part)
-    about = madd(turned, mscale(-1.0, madd(outer(arm, own), outer(h, arm))))
+    round_part = vec3.mscale(dot(arm, own) + dot(arm, h), UNIT)
+    turned = vec3.madd(vec3.mul(vec3.mul(rotation, inertia), vec3.transpose(rotation)), round_part)
+    about = vec3.madd(turned, vec3.mscale(-1.0, vec3.madd(vec3.outer(arm, own), vec3.outer(h, arm))))
     body[MASS] = mass
     put(body, FIRST, h)
     for i in range(3):
@@ -146,7 +128,7 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
     for k in range(3):
         e = UNIT[k]
         column = sub(cross(w, about[k]), apply(about, cross(w, e)))
-        column = sub(column, sum3(cross(u, cross(h, e)), cross(h, cross(u, e)), cross(n, e)))
+        column = sub(column, vec3.sum3(cross(u, cross(h, e)), cross(h, cross(u, e)), cross(n, e)))
         for i in range(3):
             body[COUPLING + 3 * i + k] = column[i]
 

@@ -73,10 +73,8 @@ def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Ord
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
             shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"
-            raise InputError(
-                f"joint_torques: {label} has shape {a.shape}, mechanism '{mechanism.name}' needs {shape}: "
-                + ", ".join(names)
-            )
+            needs = f"mechanism '{mechanism.name}' needs {shape}: {', '.join(names)}"
+            raise InputError(f"joint_torques: {label} has shape {a.shape}, {needs}")
         found.append(a)
     counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in found]
     if len(set(counts)) > 1:

@@ -18,6 +18,7 @@ from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.reactions import closing
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
 from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, joint_springs
+from flexinv.kernels.memory import LINE, cleared
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.affinity import processors
 from flexinv.kernels.threads.atomics import COMPILED
@@ -27,12 +28,12 @@ from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.rigid import joint_arrays
-from flexinv.rigid.blocks import CALL_CELLS, HELPERS, LINE, OVERLAP, attend, collect, torque_blocks
+from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, attend, collect, torque_blocks
 from flexinv.rigid.joint_arrays import Order, by_sample
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, bodies
+from flexinv.rnea.loop_layout import LoopPlan
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
-from flexinv.rnea.plan_listing import LoopPlan
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 
@@ -40,8 +41,7 @@ THREADS = "1 or more, or None for one per processor"
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
 # 1 us) and of one that sleeps (within 30 us).
 WORTH_HELP, WORTH_WAKING = 2_000, 16_000
-# Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
-NODAL_BLOCK = 512
+NODAL_BLOCK = 512  # samples whose nodal motion is in memory at once, where springs and given forces act on nodes
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
@@ -55,11 +55,7 @@ class _Own(local):
     """
 
     def __init__(self, threads: int, size: int) -> None:
-        line = int(LINE)
-        size += -size % line
-        spare = np.zeros(threads * size + line)
-        first = -spare.ctypes.data // spare.itemsize % line
-        self.work = spare[first : first + threads * size].reshape(threads, size)
+        self.work = cleared(threads, size + -size % LINE)
         self.counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
 
     def cells(self, samples: int) -> NDArray[np.uint64]:
@@ -289,8 +285,7 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
     def run(bodies: Bodies, plan: LoopPlan) -> Array:
         q, rest, work = anywhere(m, PLACES), np.zeros((3, PLACES * m.nv)), np.zeros((1, plan.size))
         strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
-        motion = q.ravel(), *rest[:3], strides, np.uint64(PLACES)
-        loops = plan.plan, plan.fixed
+        motion, loops = (q.ravel(), *rest[:3], strides, np.uint64(PLACES)), (plan.plan, plan.fixed)
         torque_blocks(bodies.tree, bodies.numbers, bodies.columns, *loops, *motion, work, counter, _NOBODY)
         return work.ravel()
 
@@ -298,9 +293,7 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
     return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION_OPEN), run) or (plain, NO_LOOPS)
 
 
-_CELLS, _MAILS, _NUMBERS, _TABLE = (
-    types.Array(kind, dimensions, "C") for kind in (types.uint64, types.float64) for dimensions in (1, 2)
-)
+_CELLS, _MAILS, _NUMBERS, _TABLE = (types.Array(kind, n, "C") for kind in (types.uint64, types.float64) for n in (1, 2))
 
 
 def _compile(kernel: Any, *signature: types.Type) -> None:

@@ -31,8 +31,7 @@ def regressor_samples(joints, link_node, gravity, motion, out):
             n = link_node[link]
             rn, xn = mat(motion.r[s, n]), vec(motion.x[s, n])
             w, al = vec(motion.w[s, n]), vec(motion.al[s, n])
-            a = tapply(rn, sub(vec(motion.a[s, n]), g))
-            m = n
+            a, m = tapply(rn, sub(vec(motion.a[s, n]), g)), n
             while m >= 0:
                 for i in range(joints.freedoms[m]):
                     rm, arm = mat(motion.r[s, m]), sub(xn, vec(motion.x[s, m]))

@@ -13,12 +13,11 @@ from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
-from flexinv.rigid.prepare import TorqueFunction, prepare
+from flexinv.rigid.prepare import prepare
 from flexinv.typing import Array
 from flexinv.validation import flag
 
-# Samples whose nodal motion is in memory at once.
-AT_ONCE = 512
+AT_ONCE = 512  # samples whose nodal motion is in memory
 
 
 @dataclass(frozen=True)
@@ -54,30 +53,24 @@ def torque_derivatives(
             )
     f, samples = prepare(mechanism, passive), len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
-    carried, gravity = _bodies(f), np.array(mechanism.gravity, dtype=float)
+    mesh, b, gravity = f.mesh, f.bodies, np.array(mechanism.gravity, dtype=float)
+    inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
+    for i, (r, row) in enumerate(zip(b.axes[1:], b.numbers[1:], strict=True), start=1):
+        xx, yy, zz, xy, xz, yz = row[16:22]
+        second = r @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ r.T
+        inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
+    mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
+    parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
+    at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
+    carried = CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
     scratch = np.zeros((mechanism.nv, AXIS_CELLS)), np.zeros((len(carried.node), BODY_CELLS))
     for start in range(0, samples if mechanism.nv else 0, AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        motion = rigid_motion(f.mesh, *(state[part] for state in states)).frames
+        motion = rigid_motion(mesh, *(state[part] for state in states)).frames
         derivative_samples(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
-    own = np.arange(mechanism.nv)
-    law = laws_of(mechanism)
+    own, law = np.arange(mechanism.nv), laws_of(mechanism)
     out.qdd[:, own, own] += law.rotor
     if passive:
         out.q[:, own, own] += law.stiffness
         out.qd[:, own, own] += law.damping
     return out
-
-
-def _bodies(function: TorqueFunction) -> CarriedBodies:
-    mesh, b = function.mesh, function.bodies
-    inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
-    for i, (r, row) in enumerate(zip(b.axes, b.numbers, strict=True)):
-        if i:
-            xx, yy, zz, xy, xz, yz = row[16:22]
-            second = r @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ r.T
-            inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
-    mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
-    parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
-    at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
-    return CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)

@@ -31,10 +31,8 @@ from flexinv.validation import flag, of_kind, whole
 
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
-# A column that is this part of the others' span short of independence is dependent: rounding leaves 1e-15 of it.
-DEPENDENT = 1e-9
-# Coefficients of dependent parameters below this are rounding, not printed.
-NOTHING = 1e-9
+# A column this part short of independence is dependent (rounding leaves 1e-15 of it); smaller coefficients are rounding.
+DEPENDENT = NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -73,16 +71,16 @@ class BaseParameters:
     @property
     def expressions(self) -> tuple[str, ...]:
         """(base,) the combinations in words: "arm.Izz + 0.25 hand.m" [-]."""
-        return tuple(self._expression(row) for row in self.combination)
-
-    def _expression(self, row: Array) -> str:
-        terms: list[str] = []
-        for factor, name in zip(row, self.names, strict=True):
-            if abs(factor) > NOTHING:
-                size = "" if abs(abs(factor) - 1) < NOTHING else f"{abs(factor):.6g} "
-                sign = "-" if factor < 0 else "+"
-                terms.append(f"{sign} {size}{name}" if terms else f"{'-' if factor < 0 else ''}{size}{name}")
-        return " ".join(terms)
+        out = []
+        for row in self.combination:
+            terms = list[str]()
+            for factor, name in zip(row, self.names, strict=True):
+                if abs(factor) > NOTHING:
+                    size = "" if abs(abs(factor) - 1) < NOTHING else f"{abs(factor):.6g} "
+                    first, sign = ("-", "- ") if factor < 0 else ("", "+ ")
+                    terms.append(f"{sign if terms else first}{size}{name}")
+            out.append(" ".join(terms))
+        return tuple(out)
 
 
 def link_parameters(link: Link) -> Array:
@@ -115,8 +113,7 @@ def torque_regressor(
             f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
             'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
         )
-    states, drives = checked_states(mechanism, q, qd, qdd), flag("drives", drives)
-    mesh = build(mechanism)
+    states, drives, mesh = checked_states(mechanism, q, qd, qdd), flag("drives", drives), build(mechanism)
     matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
@@ -128,25 +125,20 @@ def torque_regressor(
     if drives:
         parts += [_drive(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
     columns, named, units, numbers = zip(*parts, strict=True)
-    return Regressor(
-        np.concatenate(columns, axis=2), tuple(chain(*named)), tuple(chain(*units)), np.concatenate(numbers)
-    )
+    whole_matrix, values = np.concatenate(columns, axis=2), np.concatenate(numbers)
+    return Regressor(whole_matrix, tuple(chain(*named)), tuple(chain(*units)), values)
 
 
-def _drive(
-    mechanism: Mechanism, joint: Joint, q: Array, qd: Array, qdd: Array
-) -> tuple[Array, list[str], tuple[str, ...], Array]:
+def _drive(mechanism: Mechanism, joint: Joint, *states: Array) -> tuple[Array, list[str], tuple[str, ...], Array]:
     """Columns, names, units and values of what a joint's drive takes."""
-    rows, turns = mechanism.v_slices[joint.name], KINDS[joint.kind].units != ("m",)
+    (q, qd, qdd), rows, turns = states, mechanism.v_slices[joint.name], KINDS[joint.kind].units != ("m",)
     place = np.zeros_like(qd[:, rows])
     if joint.nv == 1:
         place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
     columns = law_columns(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
     keys = ["rotor_inertia", "damping", "friction", "stiffness", "stiffness_rest"]
     units = ("kg m^2", "N m s", "N m", "N m/rad", "N m") if turns else ("kg", "N s/m", "N", "N/m", "N")
-    values = np.array(
-        [joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.stiffness * joint.rest]
-    )
+    values = np.array([*(getattr(joint, key) for key in keys[:4]), joint.stiffness * joint.rest])
     count = 5 if joint.nv == 1 else 3  # springs stand in joints of one coordinate
     matrix = np.zeros((len(q), mechanism.nv, count))
     for k, column in enumerate(columns[:count]):
@@ -167,7 +159,15 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
         raise InputError("base parameters: the regressor is zero; give a motion that moves the mechanism")
     seen = np.flatnonzero(size > DEPENDENT * size.max())
     scaled = y[:, seen] / size[seen]
-    own = seen[_independent(scaled)]
+    kept, basis = list[int](), np.zeros((len(y), 0))
+    for k, column in enumerate(scaled.T):  # those that do not depend on the ones before them
+        left = column - basis @ (basis.T @ column)
+        left -= basis @ (basis.T @ left)  # once more: orthogonal to rounding
+        length = np.linalg.norm(left)
+        if length > DEPENDENT:
+            kept.append(k)
+            basis = np.column_stack([basis, left / length])
+    own = seen[kept]
     rest = np.setdiff1d(seen, own)
     factor, r = scipy.linalg.qr(y[:, own] / size[own], mode="economic")
     combination = np.zeros((len(own), len(size)))
@@ -179,28 +179,13 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     return BaseParameters(own, combination, regressor.names, combination @ regressor.values, unseen)
 
 
-def _independent(columns: Array) -> NDArray[np.int64]:
-    """Indices of the columns that do not depend on those before them; columns have unit length."""
-    kept: list[int] = []
-    basis = np.zeros((columns.shape[0], 0))
-    for k, column in enumerate(columns.T):
-        left = column - basis @ (basis.T @ column)
-        left -= basis @ (basis.T @ left)  # once more: orthogonal to rounding
-        length = np.linalg.norm(left)
-        if length > DEPENDENT:
-            kept.append(k)
-            basis = np.column_stack([basis, left / length])
-    return np.array(kept, dtype=np.int64)
-
-
 def random_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] that move everything, in all directions."""
     of_kind("mechanism", mechanism, Mechanism)
     samples, random = whole("samples", samples, 0), np.random.default_rng(whole("seed", seed, 0))
     q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
     for joint in mechanism.joints:
-        part = mechanism.q_slices[joint.name]
-        kind = KINDS[joint.kind]
+        part, kind = mechanism.q_slices[joint.name], KINDS[joint.kind]
         if kind.circle or kind.has_quaternion:
             unit = slice(part.stop - (2 if kind.circle else 4), part.stop)
             turn = random.normal(size=(samples, unit.stop - unit.start))

@@ -129,8 +129,7 @@ def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
             turn[n], place[n] = mesh.rotation[n], mesh.offset[n]
         else:
             carrier[n] = carrier[parent]
-            turn[n] = turn[parent] @ mesh.rotation[n]
-            place[n] = place[parent] + turn[parent] @ mesh.offset[n]
+            turn[n], place[n] = turn[parent] @ mesh.rotation[n], place[parent] + turn[parent] @ mesh.offset[n]
     return carrier, turn, place
 
 
@@ -165,8 +164,7 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         x, r = axes[i].T @ place[n], axes[i].T @ turn[n]
         own = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
         second = mesh.mass[n] * np.outer(x, x) + r @ own @ r.T
-        numbers[i, 12] += mesh.mass[n]
-        numbers[i, 13:16] += mesh.mass[n] * x
+        numbers[i, 12:16] += mesh.mass[n] * np.array([1.0, *x])
         numbers[i, 16:22] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 

@@ -38,8 +38,7 @@ LEAST_ENTRY = 1e-6
 MOST_LEFT = 1e-11
 # Rounding of how the ends of a closure accelerate, with all before it and less gravity, over that: some tens of sums.
 ROUNDED = 1e-14
-# Samples of a block whose sums |G| |qd| are taken.
-SOME = np.uint64(4)
+SOME = np.uint64(4)  # samples of a block whose sums |G| |qd| are taken
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0
 _ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)

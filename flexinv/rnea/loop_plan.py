@@ -24,15 +24,13 @@ from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, carriers
-from flexinv.rnea.loop_layout import SIX, SIX_ROWS, Operation
+from flexinv.rnea.loop_layout import SIX, SIX_ROWS, LoopPlan, Operation, Step
 from flexinv.rnea.loop_tables import CLEARLY, tables
-from flexinv.rnea.plan_listing import LoopPlan, Step
 from flexinv.typing import Array
 
 # An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.
 ZERO = 1e-13
-# Samples at which it is looked for.
-PLACES = 4
+PLACES = 4  # samples at which it is looked for
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
 
@@ -63,13 +61,11 @@ def planned(
     rank = int(ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
     if rank < len(passive) or not drives:
         return None
-    unmoved = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2)))
-    rest = np.zeros((1, m.nv))
+    unmoved, rest = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2))), np.zeros((1, m.nv))
     phi = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
     if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
-    kept = np.asarray(g.any(axis=(0, 2)))
-    flat = all(body.kind not in (layout.FLOAT, layout.SCREW) for body in first.bodies)
+    kept, flat = np.asarray(g.any(axis=(0, 2))), not any(b.kind in (layout.FLOAT, layout.SCREW) for b in first.bodies)
     b, pairs = candidates[0], dict[int, tuple[int, int]]()
     plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):

@@ -48,11 +48,8 @@ def _moved(body, k, arm):
     c, s = _pair(body, layout.AXES, k)
     (x, y), w, al = _turned(c, s, arm), body[layout.SPIN + k], body[layout.SPIN_RATE + k]
     at, v, a = _pair(body, layout.AT, k), _pair(body, layout.SPEED, k), _pair(body, layout.PLANE_ACCELERATION, k)
-    return (
-        (at[0] + x, at[1] + y),
-        (v[0] - w * y, v[1] + w * x),
-        (a[0] - al * y - w * w * x, a[1] + al * x - w * w * y),
-    )
+    at, v = (at[0] + x, at[1] + y), (v[0] - w * y, v[1] + w * x)
+    return at, v, (a[0] - al * y - w * w * x, a[1] + al * x - w * w * y)
 
 
 @jit_lanes

@@ -1,8 +1,8 @@
 """Closed loops in space, one sample a lane: residuals phi, phi', phi'' and rows G of the closures.
 
 Rows are those of `closures`: position u . d, direction u . w, with u fixed in A and w in B, d = x_B - x_A.  A joint between the
-ends moves the point of B, seen from A, by c = z x (x_B - x) or z.  The recursion has already computed the accelerations of both
-ends, each in its own axes (gravity included); at the point x_B they are  a + al x r + w x (w x r).  So
+ends moves the point of B, seen from A, by c = z x (x_B - x) or z, a screw of lead h by z x (x_B - x) + h z.  The recursion has
+computed the accelerations of both ends, each in its own axes (gravity included); at x_B they are  a + al x r + w x (w x r).  So
 
     position    phi = u . d     phi' = u . d'      phi'' = u . (a_B - a_A - 2 w_A x d')              d' = sum c qd,   G = u . c
     direction   phi = u . w     phi' = e . w_AB    phi'' = e . al_AB + e' . w_AB     e = w x u,      G = e . z
@@ -23,10 +23,7 @@ joint's axes move the point by z1 x r and z2 x r; their two equations determine 
 as z2 . (z1 x r) = -s and z1 . (z2 x r) = s.  The first part is subtracted from the efforts tau of the other joints at
 once, c . f; one row of G, u . c, remains instead of three.
 
-A unit rate of a joint turns about z, or slides along it, and moves the point of B by c = z x (x_B - x), or z, a screw of lead h
-by z x (x_B - x) + h z.  Columns of three positions and of directions beside them are set in one pass over the lanes:
-
-    positions  c            directions  e . z, or 0            d' = sum c qd
+Columns of three positions, c, and of directions beside them, e . z or 0, are set in one pass over the lanes.
 """
 
 from __future__ import annotations
@@ -116,8 +113,7 @@ def _direction(e, a, b, own, lanes, u, w):
         us, ws = into(axes_of(a, k), u), into(axes_of(b, k), w)
         n, turning = cross(ws, us), minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
-        second = dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning)
-        square(own, k, dot(us, ws), dot(n, turning), second)
+        square(own, k, dot(us, ws), dot(n, turning), dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning))
         put_vec(e, _VEC, k, n)
 
 

@@ -16,13 +16,11 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING, Bodies, carriers
-from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord
-from flexinv.rnea.plan_listing import LoopPlan
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, LoopPlan
 from flexinv.typing import Array
 
-# The limits of `allocation` over those of a closure's squares; rows of a closure that is open by as much as is allowed
-# differ by less.
-# Axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
+# The limits of `allocation` over those of a closure's squares (rows of one that is open by as much as is allowed differ by less);
+# axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
 CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
 _AXES = (int(layout.AXES), int(layout.AXIS_Y), int(layout.AXIS_Z))
 
@@ -143,13 +141,9 @@ def tables(
         elif any(loop.ways):  # else both ends are on one body: nothing moves
             _closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
     lists: dict[int, Sequence[Sequence[int]]] = {
-        layout.KEEPS: t.keeps,
-        layout.SUMMED: t.summed,
-        layout.ROOTS: t.roots,
-        layout.BODIES: t.moved,
-        layout.COLUMNS: t.columns,
-        layout.CLOSURES: t.closures,
-    }
+        layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
+        layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURES: t.closures,
+    }  # fmt: skip
     for at, records in lists.items():  # behind the header: where each begins, and how many records it has
         words[at : at + 2] = len(words), len(records)
         words += [word for record in records for word in record]
@@ -165,9 +159,7 @@ def _seated(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
     if node < 0:
         return 0, np.eye(3), np.zeros(3)
     carrier, turn, place = carriers(mesh)
-    body = int(
-        np.flatnonzero(bodies.node == carrier[node])[0]
-    )  # the world's node is -1, its axes are those of the mesh
+    body = int(np.flatnonzero(bodies.node == carrier[node])[0])  # the world's node is -1, its axes those of the mesh
     axes = bodies.axes[body].T
     return body, axes @ turn[node], axes @ place[node]
 
@@ -242,7 +234,7 @@ def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
 def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
     k, root, pair = own[0], loop.root, tables.pairs.get(int(rows.closure[own[0]]))
-    before = len(tables.columns), len(tables.moved)
+    before, ground = (len(tables.columns), len(tables.moved)), layout.NO_GROUND
     (a, ra, xa), (b, rb, xb) = loop.ends
     _root(tables, root, loop.ways[::-1])
     one, other = _frame(tables, root, a), _frame(tables, root, b)
@@ -253,11 +245,9 @@ def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
         vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
-    scale = 1.0 / tables.mesh.length**2 if whole else 1.0 / tables.mesh.length
     arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
-    turned = one.turned.T, other.turned.T
+    scale, turned = 1.0 / tables.mesh.length ** (2 if whole else 1), (one.turned.T, other.turned.T)
     fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
-    ground = layout.NO_GROUND
     if whole and not tables.plane and 0 in (a, b):
         ground, fixed = _from_ground(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
     first = tables.rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
@@ -366,5 +356,4 @@ def _coupling(tables: _Tables, rows: Rows, row: int) -> None:
         record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
         _enter(tables, _Column(v, 0, record), [row])
     places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
-    spans = tables.spans(before, len(tables.moved))
-    tables.closures.append(ClosureRecord(*places, *spans, 0, 0, layout.NO_GROUND))
+    tables.closures.append(ClosureRecord(*places, *tables.spans(before, len(tables.moved)), 0, 0, layout.NO_GROUND))

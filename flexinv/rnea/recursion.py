@@ -24,28 +24,13 @@ import math
 import numpy as np
 
 from flexinv.elements.joint_law import JointLaw, moving_effort, own_effort, resisting_effort
+from flexinv.kernels import simd
 from flexinv.kernels.jit import jit_lane, jit_lanes, jit_pass
-from flexinv.kernels.simd import (
-    FAR,
-    LANES,
-    astray,
-    cos_sin,
-    into,
-    plus,
-    plus_cross,
-    plus_out_of,
-    put_vec,
-    row,
-    tilted,
-    times,
-    turned,
-    vec_of,
-)
+from flexinv.kernels.simd import LANES, into, plus, plus_cross, plus_out_of, put_vec, row, tilted, times, turned, vec_of
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
-# Columns of the tables of bodies: see `body_table.Bodies`.
-TREE, NUMBERS = np.uint64(6), np.uint64(38)
+TREE, NUMBERS = np.uint64(6), np.uint64(38)  # columns of the tables of bodies: see `body_table.Bodies`
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
 FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
 # of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
@@ -56,8 +41,7 @@ TURN_OF, TURN_Y, TURN_Z, SHIFT = row(6), row(9), row(12), row(15)
 QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
 RATES, RATES_TURNING, EFFORTS, EFFORTS_TURNING = row(18), row(21), row(24), row(27)
 FREE_ROWS = 30
-# Rows of a state.
-SPIN, SPIN_RATE, ACCELERATION_ROW, STATE_ROWS = row(0), row(3), row(6), 9
+SPIN, SPIN_RATE, ACCELERATION_ROW, STATE_ROWS = row(0), row(3), row(6), 9  # rows of a state
 _NONE = (0.0, 0.0, 0.0)
 # How a body's state begins: where its parent left it, the same turned by a constant rotation, a turned copy, in the world.
 ON, TURNED, COPIED, FROM_WORLD = range(4)
@@ -119,8 +103,8 @@ def _angles(rows, lanes):
     far = 0
     for k in range(lanes):
         angle = rows[PLACE + k]
-        rows[COS + k], rows[SIN + k] = cos_sin(angle)
-        far += 1 if abs(angle) > FAR else 0
+        rows[COS + k], rows[SIN + k] = simd.cos_sin(angle)
+        far += 1 if abs(angle) > simd.FAR else 0
     if far:
         for k in range(lanes):
             rows[COS + k], rows[SIN + k] = math.cos(rows[PLACE + k]), math.sin(rows[PLACE + k])
@@ -332,7 +316,7 @@ def outboard(tree, numbers, work, lanes):
             _slide_outboard(state, rows, lanes, body)
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             if kind == CONTINUOUS:
-                lost += astray(rows, COS, lanes)
+                lost += simd.astray(rows, COS, lanes)
             else:
                 _angles(rows, lanes)
             if kind == HELICAL:

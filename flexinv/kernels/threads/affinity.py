@@ -31,9 +31,8 @@ def limit() -> int:
     """Return the number of threads [-] that a call may use by ``FLEXINV_THREADS``: 1 for no helpers, no limit without it."""
     stated = os.environ.get("FLEXINV_THREADS", "").strip()
     if stated and not (stated.isdecimal() and int(stated) > 0):
-        raise InputError(
-            f"FLEXINV_THREADS = {stated!r}: expected a whole number of threads, 1 or more; write FLEXINV_THREADS=1"
-        )
+        expected = "expected a whole number of threads, 1 or more; write FLEXINV_THREADS=1"
+        raise InputError(f"FLEXINV_THREADS = {stated!r}: {expected}")
     return int(stated) if stated else sys.maxsize
 
 

@@ -1,7 +1,6 @@
 """Instructions of the processor that Python has no words for: numbers that threads share, and hints about memory.
 
-A cell is a number of an array of uint64 that several threads read and write.  What a thread wrote before it `put` or `swap`
-a cell is seen by every thread that then finds the new value by `look` or `swap`.
+A cell is a number of an array of uint64 that several threads read and write; what they see of it: `threads`, rule 5.
 """
 
 from __future__ import annotations

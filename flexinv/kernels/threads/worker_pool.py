@@ -33,12 +33,9 @@ FREE, CLAIMED, OFFERED, TAKEN, DONE = range(5)
 # Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.
 STATE, OWNER, SLEEPS, ANSWER, WORDS = 0, 8, 16, 24, 32
 CELLS = 64
-# Looks after which a caller that waits for a helper lets the system run others: some hundred microseconds.
-LOOKS = 10_000
-# How long a helper watches before it sleeps [s]: several times what passes between two calls in a loop.
-WATCH = 3e-4
-# By which a helper learns at first how long a look takes: the shortest, as the system interrupts.
-_LOOKS, _TRIES = 2_000, 5
+LOOKS = 10_000  # after which a caller that waits for a helper lets the system run others: some hundred microseconds
+WATCH = 3e-4  # [s] that a helper watches before it sleeps: several times what passes between two calls in a loop
+_LOOKS, _TRIES = 2_000, 5  # by which a helper learns how long a look takes: the shortest, as the system interrupts
 MOST = 255
 Attend = Callable[[NDArray[np.uint64], int], None]
 
@@ -145,8 +142,7 @@ class Helpers:
 
         Where not ``wake``, those that sleep are woken only if the last call was a moment ago, as in a loop.
         """
-        count = min(count, limit() - 1)
-        now = time.perf_counter()
+        count, now = min(count, limit() - 1), time.perf_counter()
         wake, self._called = wake or now - self._called < WATCH, now
         if wake:
             if len(self._members) < count:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.kernels.block_elimination import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
+from flexinv.kernels.dense import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit
 from flexinv.typing import Array
 

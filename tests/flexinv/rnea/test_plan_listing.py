@@ -8,8 +8,7 @@ from four_bar_example import four_bar
 from loop_examples import Example
 
 import flexinv
-from flexinv.rnea.loop_layout import FILLS, STEPS, Operation
-from flexinv.rnea.plan_listing import LoopPlan
+from flexinv.rnea.loop_layout import FILLS, STEPS, LoopPlan, Operation
 
 FOUR_BAR = """\
 plane, work space of 181 rows
