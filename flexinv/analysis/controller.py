@@ -131,8 +131,12 @@ class Flexible:
             doubtful = add_step(self.instant.account, holds, potential, power)
         else:
             doubtful, holds, potential = self.torques(*self.parts, (q, qd, qdd), self.instant, self.tau)
-        if not doubtful:
-            return self.tau
+        if doubtful:
+            self._judge(holds, potential, qd)
+        return self.tau
+
+    def _judge(self, holds: float, potential: float, qd: Array) -> None:
+        """Raise ConvergenceError where more energy [J] is there than drives and loads have put in."""
         mesh, step = self.solver.mesh, self.scheme.h
         held, at_start, _, work, worked, steps, _ = self.instant.account.tolist()
         from_nowhere = holds + potential - held - at_start - work
@@ -143,7 +147,6 @@ class Flexible:
                 f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
                 f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness"
             )
-        return self.tau
 
     def _energies(self, qd: Array) -> tuple[float, float, float]:
         """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
