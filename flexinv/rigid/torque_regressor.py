@@ -31,8 +31,10 @@ from flexinv.validation import flag, of_kind, whole
 
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
-# A column this part short of independence is dependent (rounding leaves 1e-15 of it); smaller coefficients are rounding.
-DEPENDENT = NOTHING = 1e-9
+# A column that is this part of the others' span short of independence is dependent: rounding leaves 1e-15 of it.
+DEPENDENT = 1e-9
+# Coefficients of dependent parameters below this are rounding, not printed.
+NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
