@@ -33,6 +33,7 @@ ZERO = 1e-13
 PLACES = 4  # samples at which it is looked for
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
+FLAT = (layout.ROOT_TURN, layout.TURN, layout.TILT, layout.SLIDE)  # bodies that the formulas of the plane may know
 
 NO_LOOPS = LoopPlan(np.zeros(layout.HEADER, dtype=np.uint64), np.zeros(4), 0, np.zeros((0, 0), dtype=np.int64), {})
 Run = Callable[[Bodies, LoopPlan], Array]
@@ -65,7 +66,7 @@ def planned(
     phi = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
     if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
-    kept, flat = np.asarray(g.any(axis=(0, 2))), not any(b.kind in (layout.FLOAT, layout.SCREW) for b in first.bodies)
+    kept, flat = np.asarray(g.any(axis=(0, 2))), all(body.kind in FLAT for body in first.bodies)
     b, pairs = candidates[0], dict[int, tuple[int, int]]()
     plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
@@ -128,7 +129,7 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     for body in plan.bodies:
         r, p = plan.fixed[body.constants :][:9].reshape(3, 3).T, plan.fixed[body.constants + 9 :][:3]
         off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # out of the plane
-        if body.kind not in (layout.ROOT_TURN, layout.TURN, layout.SLIDE) or off > ZERO:
+        if off > ZERO:
             return False
         height[body.own] = height[body.above] + p[2]
     for c in plan.closures:
