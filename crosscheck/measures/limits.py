@@ -12,7 +12,7 @@ from packaging.version import InvalidVersion
 
 from flexinv.files.load_cases import Limit
 
-Verdict = Literal["within", "skipped", "explained", "unjudged", "deviation", "error"]
+Verdict = Literal["skipped", "within", "explained", "unjudged", "deviation", "error"]
 # From the mildest to the most severe: of several verdicts the one that stands last is the worst.
 VERDICTS: tuple[Verdict, ...] = ("skipped", "within", "explained", "unjudged", "deviation", "error")
 REFERENCE = "flexinv"

@@ -55,14 +55,13 @@ def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> l
     Raises BaselineError where the blessed night cannot be read.
     """
     ours, theirs = (_attempt(shared, task, one).record for one in (engine, reference))
+    flexinv = _attempt(shared, task, ENGINES[REFERENCE]).record if reference.name != REFERENCE else theirs
+    first = {reference.name: theirs, engine.name: ours}
     rows = compare(Pair(task.folder.name, task.case, ours, theirs, task.rest, datetime.date.today()))
+    rows = by_certificate(rows, certificates(task, {REFERENCE: flexinv, **first}))
     if any(map(doubtful, rows)):
-        first = {engine.name: ours, reference.name: theirs}
         again = {one.name: _attempt(shared, task, one, AGAIN).record for one in (engine, reference)}
         rows = [by_repetition(row, first, again) if doubtful(row) else row for row in rows]
-    flexinv = _attempt(shared, task, ENGINES[REFERENCE]).record if reference.name != REFERENCE else theirs
-    records = {REFERENCE: flexinv, reference.name: theirs, engine.name: ours}
-    rows = by_certificate(rows, certificates(task, records))
     known = blessed(shared.baseline)
     if any(is_worse(row, known) for row in rows):
         moved = [_attempt(shared, task, engine, {**AGAIN, "error": False, "shake": way}).record for way in SHAKEN]

@@ -17,7 +17,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, Words, last_time, prescribe
 from flexinv.analysis.trajectory import first_step
 from flexinv.errors import InputError
-from flexinv.inverse.nodal_sums import Found
+from flexinv.inverse.nodal_sums import SecondStepArrays
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
@@ -166,7 +166,7 @@ def _rounding(solution: Solution) -> Array:
     return np.asarray(apart + floor)
 
 
-def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: Collection[int]) -> Array:
+def energy_defect(first: FirstStep, found: SecondStepArrays, seams: Sequence[int], jumps: Collection[int]) -> Array:
     """Return (samples,) [J]: work of efforts and applied forces less what is dissipated, less the change of energy.
 
     Between the samples, which are far apart, the power is a spline of degree 5 in every stretch between ``seams`` [-]; where it

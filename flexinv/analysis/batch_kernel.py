@@ -11,7 +11,7 @@ from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
-from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
+from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import at, by_address
 from flexinv.kernels.threads.atomics import take
@@ -65,7 +65,7 @@ class Results(NamedTuple):
     """Results of all scenarios, stacked: histories, second steps, and what the march returns, (scenarios, 3) and (scenarios,)."""
 
     histories: Trajectory
-    found: Found
+    found: SecondStepArrays
     ended: NDArray[np.int64]
     left: Array
 

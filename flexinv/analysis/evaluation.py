@@ -15,7 +15,7 @@ from flexinv.dynamics.system import Trajectory
 from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, joint_wrenches, nodal_forces, own_efforts
-from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
+from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
 from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
@@ -51,7 +51,7 @@ class FirstStep:
         return replace(self, trajectory=Trajectory(*moved.parts, *self.trajectory[6:]))
 
 
-def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: Found | None = None) -> Solution:
+def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: SecondStepArrays | None = None) -> Solution:
     """Return the Solution of both steps [N m], [N], efforts of drives and springs included; found : of the second, where made."""
     found = second_step(mesh, first) if found is None else found
     mechanism, (q, qd, qdd), time, loops = mesh.mechanism, first.joints, first.time, first.loops
@@ -93,7 +93,7 @@ def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Ar
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
-def second_step(mesh: Mesh, first: FirstStep) -> Found:
+def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     """Return the paper's second step: nodal forces P = M (a - g) [N], [N m], joint efforts tau = L T P, tips, balances.
 
     One compiled pass reads every sample once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the same step by step.
@@ -101,7 +101,7 @@ def second_step(mesh: Mesh, first: FirstStep) -> Found:
     none, shapes = np.empty((0, 0, 0)), found_shapes(mesh, len(first.time))
     trajectory, applied = first.trajectory, first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
-    found = Found(*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
+    found = SecondStepArrays(*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
@@ -111,7 +111,7 @@ def second_step(mesh: Mesh, first: FirstStep) -> Found:
 
 
 def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
-    """Return the shapes of the parts of `Found` [-]."""
+    """Return the shapes of the parts of `SecondStepArrays` [-]."""
     k = skeleton(mesh)
     nodal, joints = (samples, mesh.size, 3), (samples, mesh.mechanism.nv)
     named = [(len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3)]

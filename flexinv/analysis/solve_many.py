@@ -28,7 +28,7 @@ from flexinv.analysis.trajectory import failure
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, early_rows, early_times, start_up
 from flexinv.dynamics.system import Trajectory, has_padding, history_shapes
 from flexinv.errors import FlexinvError, InputError
-from flexinv.inverse.nodal_sums import Found
+from flexinv.inverse.nodal_sums import SecondStepArrays
 from flexinv.kernels.memory import shared_pieces, together
 from flexinv.kernels.records import stacked
 from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
@@ -277,7 +277,7 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
         while ahead[0] < len(scenarios):
             done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
-                one, second = scenarios[n], Found(*(part[n] for part in found))
+                one, second = scenarios[n], SecondStepArrays(*(part[n] for part in found))
                 q, qd, qdd = (part.copy() for part in one.table)
                 step = FirstStep(Trajectory._make(part[n] for part in out), one.time, (q, qd, qdd))
                 results[n] = solution_of(one.mesh, step, one.settings, second)
@@ -322,14 +322,17 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
     )  # fmt: skip
 
 
-def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, Found]:
+def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays]:
     """Series of all scenarios, one after the other in memory."""
     mesh, samples = first.mesh, len(first.time)
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
-    stacks, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
+    stacks, large = (
+        [(scenarios, *shape) for shape in shapes],
+        len(shapes) - len(SecondStepArrays._fields) + 2,
+    )  # two of nodes
     *motion, wrench, internal, energy = (made := together(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
     none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
-    found = Found(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
+    found = SecondStepArrays(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
     return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found

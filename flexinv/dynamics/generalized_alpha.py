@@ -72,8 +72,8 @@ STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ACCELERATIONS = Scheme(ACCELERATION, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def generalized_alpha(attachment: float, spectral_radius: float, left: float = EXACT) -> Scheme:
-    """Return the scheme of step ``attachment`` [s] whose high frequencies shrink by ``spectral_radius`` [-] per step.
+def generalized_alpha(step: float, spectral_radius: float, left: float = EXACT) -> Scheme:
+    """Return the scheme of one ``step`` [s] whose high frequencies shrink by ``spectral_radius`` [-] per step.
 
     alpha_m = (2 rho - 1)/(rho + 1), alpha_f = rho/(rho + 1), gamma = 1/2 + alpha_f - alpha_m, beta = (gamma + 1/2)^2 / 4.
     Second order for every rho; raises InputError outside 0 <= rho <= 1, for h <= 0, for ``left`` [-] outside 0 < left <= 1e-6.
@@ -81,17 +81,17 @@ def generalized_alpha(attachment: float, spectral_radius: float, left: float = E
     rho = spectral_radius
     if not 0.0 <= rho <= 1.0:
         raise InputError(f"spectral_radius = {rho}: expected 0 (strong) to 1 (no numerical damping), for example 0.8")
-    if not (attachment > 0.0 and np.isfinite(attachment)):
-        raise InputError(f"step = {attachment} s: expected a positive number of seconds, for example step=1e-3")
+    if not (step > 0.0 and np.isfinite(step)):
+        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
     alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
-    ca = (1 - alpha_m) / ((1 - alpha_f) * beta * attachment * attachment)
+    ca = (1 - alpha_m) / ((1 - alpha_f) * beta * step * step)
     if not 0.0 < left <= MOST_LEFT:
         raise InputError(
             f"tolerance = {left}: expected a part of the mechanism's length above 0 and at most {MOST_LEFT:g}, for example 1e-9"
         )
-    return Scheme(DYNAMIC, attachment, gamma / (beta * attachment), ca, beta, gamma, alpha_m, alpha_f, left)
+    return Scheme(DYNAMIC, step, gamma / (beta * step), ca, beta, gamma, alpha_m, alpha_f, left)
 
 
 def start_up(scheme: Scheme) -> Scheme:

@@ -1,9 +1,9 @@
 """Index-1 projection: accelerations and multipliers consistent with closed positions and their velocities (compiled).
 
 At the end of a step the positions satisfy the closures, and the integrator's accelerations a and multipliers are in balance;
-but a depends on the positions of several steps.  Index 1 requires accelerations a' that keep the closures closed from this state:
+but a depends on the positions of several steps.  Index 1 requires accelerations a_new that keep the closures closed:
 
-    M (a' - a) = G^T dlambda - r        G a' = -G' u
+    M (a_new - a) = G^T dlambda - r        G a_new = -G' u
 
 Masses are lumped in the nodes, so M has one small matrix for each block of unknowns; r is Newton's remaining residual.  Elastic
 forces stay as they are: positions and velocities do not change.

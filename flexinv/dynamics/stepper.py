@@ -1,4 +1,4 @@
-"""The march itself: Newton on all unknowns of one instant, and the loop over time steps (compiled)."""
+"""The march by generalized-alpha: Newton on all unknowns of one instant, and the loop over time steps (compiled)."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from flexinv.kernels.jit import jit_formula, jit_inner
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
-# The rate at which smooth dry friction reaches three quarters of its size; how large it may be: `evaluation._direction`.
+# The rate at which smooth dry friction reaches three quarters of its size; how large it may be: `analysis/evaluation._direction`.
 FRICTION_RATE = 1e-3  # [rad/s] or [m/s]
 
 Numbers = Array | float

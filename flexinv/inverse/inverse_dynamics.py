@@ -50,7 +50,7 @@ def inverse_dynamics(
 ) -> SecondStep:
     """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion, call by call.
 
-    P = M (a - g) - applied, summed outboard to joint wrenches, projected on the joint axes; plus the rotor's inertia, and with
+    P = M (a - g) - applied, summed inboard to joint wrenches, projected on the joint axes; plus the rotor's inertia, and with
     ``passive`` what damping and dry friction of the joint take from the actuator.  `TorqueFunction.nodal` runs this; it is the
     reference for the compiled passes: `evaluation.second_step` of solutions, `prepare` for rigid mechanisms.
     """

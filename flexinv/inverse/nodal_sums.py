@@ -1,4 +1,4 @@
-"""Nodal forces and their sums along the tree, sample by sample, and the paper's second step over all samples (compiled).
+"""Nodal forces P, their sums along the tree and joint efforts, tau = L T P without the matrices, over all samples (compiled).
 
 Every sample's motion is read once, at the speed of the memory, and all that follows from it is written: nodal forces, joint
 efforts, balances, tips.  So the second step costs a tenth of the march before it.
@@ -50,13 +50,13 @@ def nodal_samples(masses, frames, force, moment):
 
 @jit
 def sum_samples(parent, x, force, moment, out):
-    """Set the sums of `sum_outboard` at all samples, (samples, nodes, 6) [N], [N m]."""
+    """Set the sums of `sum_inboard` at all samples, (samples, nodes, 6) [N], [N m]."""
     for s in range(x.shape[0]):
-        sum_outboard(parent, x[s], force[s], moment[s], out[s])
+        sum_inboard(parent, x[s], force[s], moment[s], out[s])
 
 
 @jit_inner
-def sum_outboard(parent, x, force, moment, line):
+def sum_inboard(parent, x, force, moment, line):
     """Set ``line`` (nodes, 6) to the force [N] and moment [N m] on and beyond every node at one sample, moments about it."""
     for n in range(parent.shape[0]):
         put(line[n], 0, vec(force[n]))
@@ -79,7 +79,7 @@ def sum_line(parent, x, line):
 def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
     """Set sums of `sum_samples` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch, all nodes."""
     for s in range(x.shape[0]):
-        sum_outboard(parent, x[s], force[s], moment[s], line)
+        sum_inboard(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
             turn = mat(rotation[s, nodes[k]])
             put(out[k, s], 0, tapply(turn, vec_at(line[nodes[k]], 0)))
@@ -173,7 +173,7 @@ class Given(NamedTuple):
 
 
 @by_address
-class Found(NamedTuple):
+class SecondStepArrays(NamedTuple):
     """Results of the second step.
 
     force, moment : (samples, nodes, 3) P and Q of `own_force` less what is applied [N], [N m]
@@ -199,11 +199,11 @@ class Found(NamedTuple):
 
 @jit
 def second_step_samples(skeleton, moving, given, line, out):
-    """Fill ``out`` (`Found`) from skeleton, motion (`Frames` of all samples), the given [m, N, J]; line : (nodes, 6) scratch."""
+    """Fill ``out`` from skeleton, motion (`Frames` of all samples) and what is given [m, N, J]; line : (nodes, 6) scratch."""
     supplied, work, start = 0.0, 0.0, 0.0
     for s in range(moving.x.shape[0]):
         outside = _forces(s, skeleton, moving, given, out)
-        sum_outboard(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
+        sum_inboard(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
         tau = _efforts(s, skeleton, moving, given, line, out)
         for i in range(len(skeleton.tip)):
             n = skeleton.tip[i]

@@ -1,7 +1,7 @@
 """Index-1 projection in a plane: accelerations and multipliers consistent with positions and velocities (compiled).
 
-The planar form of `dynamics.index1`: M (a' - a) = G^T dlambda - r, G a' = -G' u, with masses lumped in the nodes, so that M
-has one small matrix for each block of unknowns; Newton's remaining residual r is removed as well.
+The planar form of `dynamics.index1`: M (a_new - a) = G^T dlambda - r, G a_new = -G' u, with masses lumped in the nodes, so that
+M has one small matrix for each block of unknowns; Newton's remaining residual r is removed as well.
 """
 
 from __future__ import annotations
