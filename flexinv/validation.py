@@ -122,8 +122,10 @@ def floats(name: str, value: Any) -> NDArray[np.float64]:
         return value
     try:
         given = np.asarray(value)
-        real = given.ndim > 0 and all(isinstance(one, Real) or np.ndim(one) for one in given.ravel())
-        if given.dtype.kind in "iuf" or (given.dtype == object and real):
+        real = given.dtype.kind in "iuf"
+        if given.dtype == object and given.ndim:  # others are not looked through one by one
+            real = all(isinstance(one, Real) or np.ndim(one) for one in given.ravel())
+        if real:
             return np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):  # lists of unequal length, among others
         raise InputError(f"{name}: expected numbers, got {shown(value)}; write lists of equal length") from None

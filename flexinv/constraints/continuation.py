@@ -265,7 +265,8 @@ class Follower:
                 continue
             part *= 0.5
             if part < 0.5**MOST_HALVINGS:
-                condition = np.linalg.cond(self.closures(q)[1][:, self.unknown])
+                rest = self.closures(q)[1][:, self.unknown]
+                condition = np.linalg.cond(rest) if rest.size else np.inf
                 raise ConvergenceError(
                     f"mechanism '{self.mesh.mechanism.name}', t = {now:g} s: the branch of the closures cannot be followed "
                     f"(condition number {condition:.1e}): a dead point, or the motion asks for a position that the loops cannot "

@@ -3,7 +3,7 @@
 Kernels work on scalars, tuples of three floats (`vec3`) and arrays that Python allocated and keeps; they allocate
 nothing themselves.  So arrays need no reference counting in there (`_nrt`): that alone makes the march twice as fast.
 Division by zero gives infinity, which Newton's loop finds.  Machine code is made only of kernels of `jit`, with all that they
-call linked in once (`inner_library`); a kernel of `jit_inner` called from Python raises a TypeError: call it from a kernel.
+call linked in once (`kernel_compiler`); a kernel of `jit_inner` called from Python raises a TypeError: call it from a kernel.
 
 Machine code is kept on disk until a source of its family changes (`code_cache`).
 """

@@ -267,6 +267,20 @@ def test_numbers_are_read_as_they_are() -> None:
             whole("n", wrong, 0)
 
 
+def test_numbers_of_other_types_are_not_looked_at_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only objects are: a million samples as ``float32`` would take a second."""
+
+    class Never(type):
+        def __instancecheck__(cls, value: object) -> bool:
+            raise AssertionError(f"{value!r} was looked at")
+
+    monkeypatch.setattr("flexinv.validation.Real", Never("Real", (), {}))
+    for given in (np.ones((2, 3), dtype=np.float32), np.ones(4, dtype=int), [1.0, 2.0]):
+        assert floats("q", given).dtype == float
+    with pytest.raises(AssertionError, match="was looked at"):
+        floats("q", np.array([1.0], dtype=object))
+
+
 def test_a_flexible_controller_says_what_it_cannot_take() -> None:
     """Also in a cycle, where arrays that are too short would be read beyond their end."""
     one: Any = np.zeros(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import subprocess
@@ -17,7 +18,7 @@ from rigid_trees import tree
 
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
-from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
+from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN, Helpers
 from flexinv.rigid.blocks import HELPERS, collect, torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.loop_plan import NO_LOOPS
@@ -61,6 +62,19 @@ def test_a_helper_takes_part() -> None:
 
 
 @pytest.mark.skipif(processor_now() < 0 or processors() < 2, reason="needs a system that tells, and two processors")
+def test_a_helper_that_begins_leaves_the_collector_of_garbage_alone() -> None:
+    """It is one for all threads: who switches it for his own measurements switches it for the caller."""
+    seen = list[bool]()
+    helpers = Helpers(lambda mail, looks: seen.append(gc.isenabled()))
+    helpers.mails(1, wake=True)
+    end = time.monotonic() + PATIENCE
+    while len(seen) < 2 and time.monotonic() < end:
+        time.sleep(1e-3)
+    helpers.dismiss()
+    assert seen
+    assert all(seen)
+
+
 def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None:
     def run(other: int) -> None:
         allowed = os.sched_getaffinity(0)
