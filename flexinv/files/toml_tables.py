@@ -19,7 +19,7 @@ from flexinv.files.values import FORMAT, clean_name, correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
 # Examples that are a whole line: the head of a table, or a key and its value.
-COMPLETE = re.compile(r"\[+[a-z]|[\w.]+ = ")
+COMPLETE = re.compile(r"\[+[a-z][^\s,\]]*\]+|[\w.]+ = ")
 
 
 class Table(BaseModel):

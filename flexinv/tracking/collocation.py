@@ -133,7 +133,7 @@ class Layout:
     triple : (rotations, 3) unknowns that are a rotation; node : (rotations,) whose it is
     section : (sections,) nodes that are placed by themselves; place : (sections, 3) the unknowns of their positions
     pick : (rows, unknowns) what a mechanism in a plane leaves of them, the identity in space; planar : which of the two
-    drives : (nv, unknowns) rows of the drives alone, by coordinate
+    drives : (drives, unknowns) rows of the drives alone, by coordinate
     """
 
     def __init__(self, mesh: Mesh) -> None:

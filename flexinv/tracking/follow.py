@@ -146,7 +146,9 @@ def follow(
     if step is None:  # the coarsest one: steps divide the path's time
         step = path.duration / FEWEST_IN_STRETCH
     settings = _settings(seconds("step", step, "a positive number of seconds, for example step=1e-3"))
-    runs: list[tuple[Horizon, tuple[float, float]]] = []  # equations, and what moves at both ends of the window
+    runs: list[
+        tuple[Horizon, tuple[float, float]]
+    ] = []  # of the last: equations, and what moves at both ends of the window
 
     def way_of(meshed: Mechanism) -> RigidWay:
         return RigidWay(mesh := build(meshed), frame_of(mesh, frame), path, start)
@@ -155,7 +157,7 @@ def follow(
         way = way_of(meshed)
         horizon = Horizon(Layout(way.mesh), way, way.reach(steps), steps, own.step)
         first, left = _inverted(horizon)
-        runs.append((horizon, left))
+        runs[:] = [(horizon, left)]
         if asked is None:
             _check_rest(horizon, left)
         return way.mesh, first

@@ -53,9 +53,10 @@ class Frame:
         """Return the motion of the frame [m, rad, s]."""
         r, w, al = motion.rotation[:, self.node], motion.omega[:, self.node], motion.alpha[:, self.node]
         x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
-        spin = np.cross(w, self.point)
-        swing = np.cross(al, self.point) + np.cross(w, spin)
-        x, v, a = x + r @ self.point, v + _turned(r, spin), a + _turned(r, swing)
+        if self.point.any():  # else at the node itself, as a beam's tip
+            spin = np.cross(w, self.point)
+            swing = np.cross(al, self.point) + np.cross(w, spin)
+            x, v, a = x + r @ self.point, v + _turned(r, spin), a + _turned(r, swing)
         return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
 
 
@@ -253,6 +254,11 @@ class RigidWay:
         jacobian = self._jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
+        if rank == 0:
+            raise InputError(
+                f"mechanism '{self.mesh.mechanism.name}': no drive moves the frame on '{self.frame.name}'; "
+                "follow a frame on a link behind a drive"
+            )
         if (ratio := s[:, rank - 1] / s[:, 0]).min() < SINGULAR:
             raise InputError(
                 f"mechanism '{self.mesh.mechanism.name}': at t = {time[ratio.argmin()]:.4g} s the path leads the "

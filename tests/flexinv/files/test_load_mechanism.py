@@ -14,6 +14,7 @@ from flexinv.files.joints import TABLES, rotation_from_rpy
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.schema import impossible
 from flexinv.files.sections import rectangle_torsion
+from flexinv.files.toml_tables import Table, optional
 from flexinv.files.values import converted, correction, split_unit
 from flexinv.model.joint_kinds import KINDS as COORDINATES
 from flexinv.model.mechanism import Mechanism
@@ -323,3 +324,23 @@ def test_the_beginning_of_a_key_is_enough_to_guess_it() -> None:
     assert nearest("gear", known) == "gear_ratio"
     assert nearest("gaer_ratio", known) == "gear_ratio"
     assert nearest("wheel", known) is None
+
+
+def test_examples_of_keys_are_lines_that_can_be_written() -> None:
+    """A value alone takes the name of its key, a list of words too; the head of a table and another key's line stand."""
+
+    class Pairs(Table):
+        words: object = optional("two words", "[a, b]")
+        truths: object = optional("two truths", "[true, false]")
+        table: object = optional("a table", "[links.tip.tube]")
+        tables: object = optional("tables", "[[springs]]")
+        line: object = optional("another key", "rpy_deg = [0, 0, 90]")
+
+    told = {name: field.examples for name, field in Pairs.model_fields.items()}
+    assert told == {
+        "words": ["words = [a, b]"],
+        "truths": ["truths = [true, false]"],
+        "table": ["[links.tip.tube]"],
+        "tables": ["[[springs]]"],
+        "line": ["rpy_deg = [0, 0, 90]"],
+    }

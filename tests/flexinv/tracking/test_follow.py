@@ -211,6 +211,12 @@ def test_more_drives_than_the_frame_needs(root: Folder) -> None:
     assert f.distance(f.joint_space).max() > 1e-3 * path.length
 
 
+def test_a_frame_that_no_drive_moves_is_an_error(root: Folder) -> None:
+    robot, here = flexinv.load_mechanism(root / "models" / "ur5"), np.zeros(3)
+    with pytest.raises(flexinv.InputError, match="no drive moves the frame on 'base'; follow a frame on a link behind"):
+        follow(robot, Path.line(here, here, 1.0), "base", 0.1)
+
+
 def test_slow_paths_have_errors_that_cover_the_difference_to_finer_ones(root: Folder) -> None:
     m, path, start = two_links(root)
     f = follow(m, path, "link2", 2e-3, start=start, error=True)
