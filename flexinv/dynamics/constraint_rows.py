@@ -47,6 +47,7 @@ class Layout(NamedTuple):
     """Parts of the mechanism that the rows of the border have to do with.
 
     span : (parts + 1,) first unknown of each part; first_part : (rows + 1,) of each row in ``part``
+    first_unknown : (rows + 1,) of each row in ``unknown``: those that A_k has entries for, of its nodes' blocks or joints
     first_side : (parts + 1,) of each part in ``side``: right sides of its solve, 0 the residual, then 1 + row
     blocks : closures and springs, coupled where they share a part; whole : all of them as one
     """
@@ -54,6 +55,8 @@ class Layout(NamedTuple):
     span: Indices
     first_part: Indices
     part: Indices
+    first_unknown: Indices
+    unknown: Indices
     first_side: Indices
     side: Indices
     blocks: Blocks
@@ -96,25 +99,30 @@ class Ties(NamedTuple):
     layout: Layout
 
 
-def layout(topology: Topology, span: Indices, nodes: Sequence[Indices], gear: Array, group: Indices) -> Layout:
-    """Return the layout of a border [-] whose rows have to do with the parts of their ``nodes`` a and b, -1 the world.
+def layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indices) -> Layout:
+    """Return the layout of a border [-] whose rows have to do with the blocks of their ``nodes`` a and b, -1 the world.
 
-    span : (parts + 1,) first unknown of each part, in space or in a plane; gear : (rows, unknowns) factors of couplings, which
-        touch the parts of their unknowns; group : (rows,) the closure or spring of each row, which does not fall
+    tree : `dofs.Topology`, in a plane `planar.tree.PlanarTree`
+    gear : (rows, unknowns) factors of couplings, which have to do with their unknowns
+    group : (rows,) the closure or spring of each row, which does not fall
     """
-    count, parts = len(gear), len(span) - 1
-    touched = np.zeros((count, parts), dtype=bool)
+    count, parts, entries = len(gear), len(tree.span) - 1, gear != 0.0
+    order = np.argsort(tree.part, kind="stable")  # in which blocks follow each other (`dofs.laid_out`)
+    of_block = np.repeat(order, tree.size[order])  # of each unknown
     for node in nodes:
         held = np.flatnonzero(node >= 0)
-        touched[held, topology.part[topology.block[node[held]]]] = True
-    for unknown in np.flatnonzero((gear != 0.0).any(axis=0)):
-        touched[gear[:, unknown] != 0.0, np.searchsorted(span, unknown, side="right") - 1] = True
+        entries[held] |= of_block == tree.block[node[held], None]
+    of_parts = [entries[:, first:last].any(axis=1) for first, last in pairwise(tree.span)]
+    touched = np.array(of_parts, dtype=bool).reshape(parts, count).T
     lengths = np.unique(group, return_counts=True)[1]
     ends = np.cumsum([0, *lengths])
     coupled = np.array([touched[first:last].any(axis=0) for first, last in pairwise(ends)], dtype=bool)
     sides = [np.concatenate([[0], 1 + np.flatnonzero(column)]) for column in touched.T]
+    (first_part, part), (first_unknown, unknown) = (
+        (_ends(one.sum(axis=1)), np.nonzero(one)[1].astype(np.int64)) for one in (touched, entries)
+    )
     return Layout(
-        span=span, first_part=_ends(touched.sum(axis=1)), part=np.nonzero(touched)[1].astype(np.int64),
+        tree.span, first_part, part, first_unknown, unknown,
         first_side=_ends([len(side) for side in sides]), side=np.concatenate(sides).astype(np.int64),
         blocks=blocks_of(lengths.tolist(), coupled.reshape(-1, parts).T),
         whole=blocks_of([count], np.ones((1, 1), dtype=bool)),
@@ -142,7 +150,7 @@ def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
         np.concatenate([one, np.broadcast_to(other, (3 * len(springs), *one.shape[1:]))])
         for one, other in zip(of_closures, of_springs, strict=True)
     )
-    return ties(kind, (a, b), vectors, gear, layout(topology, topology.span, (a, b), gear, group))
+    return ties(kind, (a, b), vectors, gear, layout(topology, (a, b), gear, group))
 
 
 def ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear: Array, layout: Layout) -> Ties:
@@ -312,9 +320,8 @@ def solve_border(constraints, blocks, unit, y):
 
 @jit_inner
 def _along(constraints, k, y):
-    """-A y of row k: only the parts of its nodes have to do with it."""
+    """-A y of row k."""
     total, across, plan = 0.0, constraints.across[k], constraints.layout
-    for n in range(plan.first_part[k], plan.first_part[k + 1]):
-        for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
-            total += across[i] * y[i]
+    for n in range(plan.first_unknown[k], plan.first_unknown[k + 1]):
+        total += across[plan.unknown[n]] * y[plan.unknown[n]]
     return total

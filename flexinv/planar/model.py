@@ -76,7 +76,7 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
     tree, space = _tree(mesh, t, plane), _embedding(mesh, plane, row)
     elements, pick = _elements(mesh, plane, space), _pick(mesh, t, tree, plane, space)
-    tied = _ties(rows, row, plane, tree, t)
+    tied = _ties(rows, row, plane, tree)
     node = np.flatnonzero(mesh.v_index >= 0)
     turns_on, given = mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
@@ -178,12 +178,12 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
 
 
-def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree, topology: Topology) -> Ties:
+def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree) -> Ties:
     a, b = rows.a[row], rows.b[row]
     pairs = (a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w)
     vectors = [np.ascontiguousarray(seen(plane, node, v[row])[:, :2]) for node, v in pairs]
     gear, kind = np.zeros((len(row), len(tree.scale))), np.where(rows.direction[row], DIRECTION, POSITION)
-    return ties(kind, (a, b), vectors, gear, layout(topology, tree.span, (a, b), gear, rows.closure[row]))
+    return ties(kind, (a, b), vectors, gear, layout(tree, (a, b), gear, rows.closure[row]))
 
 
 def _masses(tree: PlanarTree) -> BlockMasses:
