@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from flexinv.errors import InputError
 
 T = TypeVar("T")
-LARGEST, FLOATS = int(np.iinfo(np.int64).max), np.dtype(np.float64)
+LARGEST_INTEGER, FLOAT_TYPE = int(np.iinfo(np.int64).max), np.dtype(np.float64)
 _PLAIN = (int, float, complex, str, bytes, type(None), np.generic)
 # What arrays hold instead of real numbers, by NumPy's letters.
 _WRONG = {"c": ("complex ones", "; write their .real if that is meant")}
@@ -74,8 +74,8 @@ def whole(name: str, value: object, least: int, expected: str = "") -> int:
         write = f"{meant:.0f}" if meant is not None and meant >= least and meant.is_integer() else ""
         kind = "a whole number: " if found is None else ""
         refuse(name, value, kind + (expected or f"{least} or more"), write)
-    if found > LARGEST:
-        refuse(name, value, f"a whole number of {LARGEST} at most")
+    if found > LARGEST_INTEGER:
+        refuse(name, value, f"a whole number of {LARGEST_INTEGER} at most")
     return found
 
 
@@ -118,7 +118,7 @@ def _number(value: object, text: bool = False) -> float | None:
 
 def floats(name: str, value: Any) -> NDArray[np.float64]:
     """Return numbers [any unit] as an array of floats, without a copy where they are one; neither texts nor complex ones."""
-    if type(value) is np.ndarray and value.dtype is FLOATS:
+    if type(value) is np.ndarray and value.dtype is FLOAT_TYPE:
         return value
     try:
         given = np.asarray(value)

@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flexinv.kernels.threads.affinity import leave, processor_now
-from flexinv.kernels.threads.atomics import look, pause, put
+from flexinv.kernels.threads.atomics import look, pause, store
 
 Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1
@@ -40,7 +40,7 @@ def _multiply(x: Array, rounds: int) -> None:
 
 @njit(nogil=True)
 def _accompany(cells: NDArray[np.uint64], x: Array) -> None:
-    put(cells, _HERE, 1)
+    store(cells, _HERE, 1)
     while look(cells, _ENOUGH) == 0:
         _multiply(x, 10)
 

@@ -55,7 +55,7 @@ def sample_times(case: Case) -> NDArray[np.float64]:
 
 
 class FullAdapter(Adapter, Protocol):
-    """An adapter with all that one may offer beside; what it has not is left out of the report, and nothing else suffers.
+    """An adapter with all optional functions; the report omits what an adapter does not implement.
 
     ``repeatable = False`` says that it gives the same whatever mechanism it is asked for: a record, no program.
     ``forkable = False`` says that a process that has imported it must not be forked: each of its jobs imports it anew.

@@ -33,7 +33,7 @@ from crosscheck.kit.tables import (
 from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, effort_units
 from crosscheck.measures.series_csv import STATION
 from flexinv.files.load_cases import Case
-from flexinv.model.attachments import GasLaw, Law
+from flexinv.model.attachments import GasLaw, SpringLaw
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
 
@@ -106,7 +106,7 @@ def mechanism_data(mechanism: Mechanism) -> MechanismData:
     )
 
 
-def _law(law: Law | None) -> dict[str, Any] | None:
+def _law(law: SpringLaw | None) -> dict[str, Any] | None:
     if law is None:
         return None
     if isinstance(law, GasLaw):

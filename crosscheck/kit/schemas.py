@@ -17,12 +17,17 @@ from pydantic.json_schema import models_json_schema
 
 from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
 from flexinv.files.case_schema import MOVES, STARTS, CasesTable, CaseTable
-from flexinv.files.closures import TABLES as CLOSURES
-from flexinv.files.closures import CouplingTable, ForceTable, GasSpringTable, LinearSpringTable, TableSpringTable
-from flexinv.files.joints import DRIVES, MOTORS
-from flexinv.files.joints import TABLES as JOINTS
+from flexinv.files.closures import (
+    CLOSURE_TABLES,
+    CouplingTable,
+    ForceTable,
+    GasSpringTable,
+    LinearSpringTable,
+    TableSpringTable,
+)
+from flexinv.files.joints import DRIVES, JOINT_TABLES, MOTORS
 from flexinv.files.schema import BeamLinkTable, MechanismTable, OverlayLinkTable, RigidLinkTable
-from flexinv.files.sections import SHAPES, StiffnessSectionTable
+from flexinv.files.sections import SECTION_SHAPES, StiffnessSectionTable
 
 FOLDER = Path(__file__).with_name("schema")
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -31,10 +36,10 @@ KIT: dict[str, type[BaseModel]] = {"case": CaseFile, "certificate": CertificateF
 # Tables whose entries are read later: (table, key of the entries, key that decides) -> what they may be.
 Places = Mapping[tuple[str, str, str], Alternatives]
 MECHANISM: Places = {
-    ("MechanismTable", "sections", "shape"): {"": StiffnessSectionTable, **SHAPES},
+    ("MechanismTable", "sections", "shape"): {"": StiffnessSectionTable, **SECTION_SHAPES},
     ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": BeamLinkTable},
-    ("MechanismTable", "joints", "kind"): JOINTS,
-    ("MechanismTable", "closures", "kind"): {**CLOSURES, "coupling": CouplingTable},
+    ("MechanismTable", "joints", "kind"): JOINT_TABLES,
+    ("MechanismTable", "closures", "kind"): {**CLOSURE_TABLES, "coupling": CouplingTable},
     ("MechanismTable", "springs", "law"): {"": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable},
     ("MechanismTable", "forces", ""): {"": ForceTable},
     ("OverlayTable", "links", ""): {"": OverlayLinkTable},

@@ -16,8 +16,8 @@ from xml.etree.ElementTree import Element
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_urdf
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import STANDARD_GRAVITY, location, number, read_robot, read_urdf
-from flexinv.model.mechanism import COUPLED, WORLD, Attachment, Closure, Mechanism
+from flexinv.files.from_urdf import STANDARD_GRAVITY, location, read_robot, read_urdf, urdf_number
+from flexinv.model.mechanism import GEARED, WORLD, Attachment, Closure, Mechanism
 
 DRAKE = "{http://drake.mit.edu}"
 # Elements that say nothing of dynamics without contact.
@@ -65,8 +65,8 @@ def mimics(robot: Element, mechanism: Mechanism, path: Path) -> tuple[tuple[Clos
             dropped.append(f"mimic of {name}: it names the joint {other!r}, which is none of the others")
         elif "fixed" in kinds:
             dropped.append(f"mimic of {name}: one of the two joints is fixed")
-        elif set(kinds) <= {*COUPLED, "continuous"}:
-            factor, offset = number(mimic, "multiplier", 1.0, where), number(mimic, "offset", 0.0, where)
+        elif set(kinds) <= {*GEARED, "continuous"}:
+            factor, offset = urdf_number(mimic, "multiplier", 1.0, where), urdf_number(mimic, "offset", 0.0, where)
             made.append(
                 Closure(f"mimic {name}", "coupling", here, here, factors=((name, 1.0), (other, -factor)), offset=offset)
             )
@@ -97,7 +97,7 @@ def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[s
         gears[name] = ratio
         for actuator in element.findall("actuator"):
             inertia, gear = (
-                number(actuator.find(DRAKE + key), "value", default, location(path, actuator, key))
+                urdf_number(actuator.find(DRAKE + key), "value", default, location(path, actuator, key))
                 for key, default in zip(ACTUATOR_PARTS, (0.0, 1.0), strict=True)
             )
             rotors[name] = rotors.get(name, 0.0) + inertia * gear**2
@@ -109,7 +109,7 @@ def _text(element: Element | None) -> str:
 
 
 def _float(text: str, where: str) -> float:
-    return number(Element("mechanicalReduction", value=text), "value", 1.0, where)
+    return urdf_number(Element("mechanicalReduction", value=text), "value", 1.0, where)
 
 
 def _others(robot: Element) -> Iterator[str]:

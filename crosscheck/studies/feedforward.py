@@ -17,8 +17,8 @@ from crosscheck.engines.shared.replay import Drive
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
-from flexinv.tracking.follow import INVERSION, RIGID, Following, follow
-from flexinv.tracking.task_file import Task, load_tasks
+from flexinv.tracking.follow import INVERSION, RIGID_BODY, Following, follow
+from flexinv.tracking.task_file import PathTask, load_tasks
 
 Array = NDArray[np.float64]
 # What stable inversion has to reach in an engine that bends: of the path's length, and against the other two.
@@ -65,12 +65,14 @@ def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, A
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def task_rows(mechanism: Mechanism, task: Task, engines: Sequence[Mapping[str, Any]] = ()) -> Iterator[dict[str, Any]]:
+def task_rows(
+    mechanism: Mechanism, task: PathTask, engines: Sequence[Mapping[str, Any]] = ()
+) -> Iterator[dict[str, Any]]:
     """Yield one row per engine and feed-forward; distances over the length of the path [-]."""
     flexible = not mechanism.is_rigid
     mechanism = task.meshed(mechanism)
     found = followed(mechanism, task)
-    names = found.feed_forwards if flexible else (RIGID,)
+    names = found.feed_forwards if flexible else (RIGID_BODY,)
     for engine, replayed in {**replays(flexible), **outside(engines)}.items():
         try:
             errors = {name: error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names}
@@ -84,7 +86,7 @@ def task_rows(mechanism: Mechanism, task: Task, engines: Sequence[Mapping[str, A
             yield row(mechanism.name, task.name, engine, name, errors)
 
 
-def followed(mechanism: Mechanism, task: Task) -> Following:
+def followed(mechanism: Mechanism, task: PathTask) -> Following:
     """Return the solution that follows the path of a task [m, rad, s, N m]; the mechanism has the task's mesh already."""
     return follow(mechanism, task.path, task.frame, task.step, task.before, task.after, task.start)
 

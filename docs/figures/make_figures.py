@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 import flexinv
 from crosscheck.studies import feedforward
 from flexinv import Following, Mechanism, Motion, Solution
-from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID
+from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID_BODY
 from flexinv.tracking.task_file import load_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,7 +88,7 @@ def draw() -> Figure:
 
 # -------------------------------------------------------------------------------------------------------- feed-forward
 
-WAYS = {JOINT_SPACE: "C1", RIGID: "C2", INVERSION: "C0"}
+WAYS = {JOINT_SPACE: "C1", RIGID_BODY: "C2", INVERSION: "C0"}
 
 
 def feed_forward() -> Figure:

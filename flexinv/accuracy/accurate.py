@@ -37,7 +37,7 @@ GRADES = 11
 SAME = 1e-9
 EXACT_SAMPLES = 8  # to a coarsest step, of a motion that is exact at any step
 # What a solution says where nothing was extrapolated.
-PLAIN = (
+NOT_EXTRAPOLATED = (
     "steps do not converge as powers of the step do: the answer is that of the shortest steps, with a bar of its own"
 )
 
@@ -154,7 +154,7 @@ def accurate(problem: Problem) -> Solution:
     links = zip(solution.tip, answer.ranges.tip, strict=True)
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
     if is_plain := len(answer.levels) == 1:
-        solution = replace(solution, notes=(*solution.notes, PLAIN))
+        solution = replace(solution, notes=(*solution.notes, NOT_EXTRAPOLATED))
     said = {"accuracy": asked, "extrapolated": not is_plain, "order": round(answer.order, 2)}
     return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | said)
 

@@ -29,12 +29,12 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
-OF_STEPS = 0.7  # part of what is asked that errors of steps may take; the mesh gets what is left
+SHARE_OF_STEPS = 0.7  # part of what is asked that errors of steps may take; the mesh gets what is left
 # An expansion below the first order is none; the second is taken for granted where nothing shows one.
 LEAST_ORDER, ASSUMED_ORDER = 0.5, 2.0
 MARGIN = 1.5  # what an order seen on so few rungs may be off by, as a factor on the bar
 # A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
-FARTHEST, TRIPLES_SEEN = 4, 3
+MOST_RUNGS, TRIPLES_SEEN = 4, 3
 # More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
 MOST_NODE_STEPS = 2_000_000
 # Meshes of beams, (times the elements of the mechanism, order), each better than that before.
@@ -46,7 +46,7 @@ AROUND = 0.05
 OF_MESH = 1.5
 # A range below this part of the largest of its unit (of the mechanism's length, of a radian) is taken to be that part: nobody
 # asks for digits of what hardly moves.
-SMALLEST = 1e-3
+SMALLEST_RANGE = 1e-3
 
 
 class Quantities(NamedTuple):
@@ -84,14 +84,14 @@ def quantities(mesh: Mesh, first: FirstStep) -> Quantities:
 
 
 def ranges(mesh: Mesh, known: Quantities) -> Quantities:
-    """Return the ranges of quantities over time [N m], [N], [m], [rad], none below `SMALLEST`."""
+    """Return the ranges of quantities over time [N m], [N], [m], [rad], none below `SMALLEST_RANGE`."""
     m, tiny = mesh.mechanism, np.finfo(float).tiny
     force = np.array([f for joint in m.joints for f in KINDS[joint.kind].translations], dtype=bool)[m.actuated]
     torque, peak = np.ptp(known.torque, axis=0), np.abs(known.torque).max(axis=0)
     for own in (force, ~force):
-        torque[own] = np.maximum(torque[own], SMALLEST * peak[own].max(initial=0.0))
-    tip = np.maximum(np.linalg.norm(np.ptp(known.tip, axis=0), axis=1), SMALLEST * mesh.length)
-    free = np.maximum(np.ptp(known.free, axis=0), SMALLEST)
+        torque[own] = np.maximum(torque[own], SMALLEST_RANGE * peak[own].max(initial=0.0))
+    tip = np.maximum(np.linalg.norm(np.ptp(known.tip, axis=0), axis=1), SMALLEST_RANGE * mesh.length)
+    free = np.maximum(np.ptp(known.free, axis=0), SMALLEST_RANGE)
     return Quantities(np.maximum(torque, tiny), np.maximum(tip, tiny), free)
 
 
@@ -260,7 +260,7 @@ def _coarsest(refinement: Refinement) -> tuple[int, int]:
         index += 1
         _check_budget(refinement, index, None)
     mesh, finer = 0, rung(index + 2)
-    asked = (1.0 - OF_STEPS) * refinement.problem.accuracy
+    asked = (1.0 - SHARE_OF_STEPS) * refinement.problem.accuracy
     last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
     while mesh < last and _mesh_apart(refinement, mesh, finer).max() > asked:
         mesh += 1
@@ -269,7 +269,7 @@ def _coarsest(refinement: Refinement) -> tuple[int, int]:
 
 def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | None) -> tuple[Answer, int]:
     """The first answer on one mesh whose bar of the steps is small enough, from a rung on; and its rung."""
-    asked = OF_STEPS * refinement.problem.accuracy
+    asked = SHARE_OF_STEPS * refinement.problem.accuracy
     while True:
         if (three := refinement.triple(mesh, index)) is None:
             index += 1
@@ -281,7 +281,7 @@ def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | 
                 return one, index
         # so many rungs, of which two halve the step, that the order of the answer leads to the bar asked
         order = 4.0 if before is None else max(answer.order, ASSUMED_ORDER)
-        index += int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, FARTHEST))
+        index += int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, MOST_RUNGS))
         _check_budget(refinement, index, answer)
         before = answer
         refinement.seen.append((answer.levels[0].finer, answer.apart))

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
 from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Solver, complaint
+from flexinv.dynamics.solver import Solver, step_failure
 from flexinv.dynamics.stepper import CONVERGED, march
 from flexinv.dynamics.system import Instants, System
 from flexinv.errors import ConvergenceError, InputError
@@ -40,17 +40,15 @@ from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
-from flexinv.validation import choice, floats, number, of_kind
-
-FLOAT = np.dtype(float)
+from flexinv.validation import FLOAT_TYPE, choice, floats, number, of_kind
 
 
 class Flexible:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
-    march, rest : the compiled march, and its arguments behind the scheme; torques : what `guarded_torques` is compiled to
-    tau : (nv,) the efforts of the last step [N m], [N]; left : steps that are still to be made in parts after a sudden start [-]
-    before : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
+    march, arguments : the compiled march, and what follows the scheme; torques : what `guarded_torques` is compiled to
+    tau : (nv,) the efforts of the last step [N m], [N]; early_steps : that are still to be made in parts after a sudden start [-]
+    previous : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
     """
 
     def __init__(self, mechanism: Mechanism, scheme: Scheme, tau: Array) -> None:
@@ -78,15 +76,15 @@ class Flexible:
         if self.flat is None:
             march_in, self.system, one = march, self.solver.system, Joints(*(part[None] for part in self.joints))
             loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
-            self.rest: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
+            self.arguments: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
         else:
             march_in, self.system, row = planar_march, self.flat.system, np.zeros(1, dtype=np.int64)
             self.given = np.zeros((1, int(moves.sum()), 3))
-            self.rest = np.zeros((0, 3)), False, self.given, row, out
-        self.march = compiled(march_in, self.system, scheme, *self.rest)
+            self.arguments = np.zeros((0, 3)), False, self.given, row, out
+        self.march = compiled(march_in, self.system, scheme, *self.arguments)
         self.parts, now = (self.nodes, drives, masses, self.frames), (mechanism.neutral.copy(), driven, driven)
         self.torques = compiled(guarded_torques, *self.parts, now, self.instant, driven)
-        self.left, self.before, self.wound = 0, list[Array](), dict[str, float]()
+        self.early_steps, self.previous, self.wound = 0, list[Array](), dict[str, float]()
 
     def start(self, now: list[Array], initial: str) -> Array:
         """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
@@ -94,21 +92,21 @@ class Flexible:
         joints = stand(self.solver, now, 0.0, initial, "at the start")
         self._set_torques(*now)
         self.instant.account[:] = *self._energies(now[1]), 0.0, 0.0, 0.0, self.scheme.h
-        self.left, self.before = EARLY * begin_step(self.solver, joints, self.scheme, "at the start"), now
+        self.early_steps, self.previous = EARLY * begin_step(self.solver, joints, self.scheme, "at the start"), now
         if self.flat is not None:
-            self.flat.take(self.solver.state, self.solver.border.ties)
+            self.flat.load_from_space(self.solver.state, self.solver.border.ties)
         return self.tau
 
-    def go(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
+    def advance(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
         """Make one step, or a part of it, to the motion q (nq,), qd, qdd (nv,) of the joints [m, rad, s]."""
         if self.flat is not None:
             fill_given(self.nodes, q, qd, qdd, self.given[0])
         else:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
-        status, _, count, size = self.march(self.system, scheme, *self.rest)
+        status, _, count, size = self.march(self.system, scheme, *self.arguments)
         if status != CONVERGED:
             turned, when = (self.flat or self.solver).turned(count), "in a step of the controller"
-            raise complaint(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
+            raise step_failure(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
 
     def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
         """Make a step soon after a sudden start, between two calls as values, rates and accelerations have it [m, rad, s]."""
@@ -116,14 +114,14 @@ class Flexible:
         for joint in m.joints:
             if not joint.actuated:  # what is given of it is not looked at
                 own, rates = m.q_slices[joint.name], m.v_slices[joint.name]
-                now[0][own], now[1][rates], now[2][rates] = self.before[0][own], 0.0, 0.0
-        for part in between(m, self.before, now, self.scheme.h, SUBSTEPS):
-            self.go(self.early, *part)
-        self.left, self.before = self.left - 1, now
-        if self.left == 0:
+                now[0][own], now[1][rates], now[2][rates] = self.previous[0][own], 0.0, 0.0
+        for part in between(m, self.previous, now, self.scheme.h, SUBSTEPS):
+            self.advance(self.early, *part)
+        self.early_steps, self.previous = self.early_steps - 1, now
+        if self.early_steps == 0:
             end_early((self.flat or self.solver).system.state)
 
-    def looked_at(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def checked_torques(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step; raises ConvergenceError where its energy [J] comes from nowhere."""
         if self.applied or self.winds:
             self._set_torques(q, qd, qdd)
@@ -236,13 +234,13 @@ class Controller:
         if f is None or not self.begun:
             write = "write controller.start(q, qd, qdd) once, where the motion begins, before step"
             raise InputError(f"controller: {write}")
-        if f.left > 0 or not (_is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)):
+        if f.early_steps > 0 or not (_is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)):
             q, qd, qdd = self._checked(q, qd, qdd)
-        if f.left > 0:
+        if f.early_steps > 0:
             f.go_in_parts(q, qd, qdd)
         else:
-            f.go(f.scheme, q, qd, qdd)
-        return f.looked_at(q, qd, qdd)
+            f.advance(f.scheme, q, qd, qdd)
+        return f.checked_torques(q, qd, qdd)
 
     def _checked(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
@@ -256,4 +254,4 @@ class Controller:
 
 
 def _is_plain(a: Array, size: int) -> bool:
-    return type(a) is np.ndarray and a.dtype is FLOAT and a.shape == (size,) and a.flags.c_contiguous
+    return type(a) is np.ndarray and a.dtype is FLOAT_TYPE and a.shape == (size,) and a.flags.c_contiguous

@@ -16,7 +16,7 @@ from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, joint_wrenches, nodal_forces, own_efforts
 from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
-from flexinv.kernels.memory import plain, together
+from flexinv.kernels.memory import for_kernels, together
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -105,7 +105,7 @@ def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    given, line = Given(*map(plain, series)), np.empty((mesh.size, 6))
+    given, line = Given(*map(for_kernels, series)), np.empty((mesh.size, 6))
     second_step_samples(skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
 

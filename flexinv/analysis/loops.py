@@ -14,14 +14,21 @@ from flexinv.constraints.allocation_kernel import Shares
 from flexinv.constraints.closures import Phase, Stretch, captured, constraint_jacobian, constraint_rows, phases
 from flexinv.constraints.continuation import closed_motion, closed_start
 from flexinv.constraints.loop_starts import stated_of
-from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
+from flexinv.constraints.reactions import (
+    Impact,
+    check_meeting,
+    closure_wrenches,
+    impact_of,
+    jump_efforts,
+    phased_closing,
+)
 from flexinv.dynamics.constraint_rows import Ties, set_ties
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS
 from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import applied_forces, joint_wrenches, nodal_forces, own_efforts, project
+from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, own_wrenches, project
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -42,15 +49,16 @@ def rigid_loops(task: Task) -> FirstStep:
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
     acting = applied_forces(mesh, motion, time)
     forces = nodal_forces(mesh, motion, acting)
-    tree = project(mesh, motion, forces) + own_efforts(m, q, qd, qdd)
+    wrenches = own_wrenches(mesh, motion, forces)
+    tree = project(mesh, motion, forces, wrenches) + own_efforts(m, q, qd, qdd)
     parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches]  # phase by phase
     shares, width = parts[0], max(part.preload.shape[2] for part in parts)
     if len(parts) > 1:
         missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
         shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
-    pulls = joint_wrenches(mesh, motion, forces).force
-    largest = max(np.abs(pulls).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
+    pulls = forces.force, *(wrench[:, :3] for wrench in wrenches.values())
+    largest = max(*(np.abs(pull).max(initial=0.0) * mesh.length for pull in pulls), np.abs(tree).max(initial=0.0))
     check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
     applied = pushed + acting
@@ -229,7 +237,7 @@ class Switching:
         mesh, s, sample = solver.mesh, solver.state, phase.first
         one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
         stretch, begins = _caught(mesh, self.stretches[-1], phase, one, time)
-        # the rest, below `reactions.OPEN`: the next step shall not jerk it away
+        # the rest, below `reactions.APART`: the next step shall not jerk it away
         rows = captured(mesh.mechanism, constraint_rows(mesh), stretch.rows, one, begins)
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
@@ -240,7 +248,7 @@ class Switching:
         record_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
             two, after = out.rows(sample, sample + 1).motion, _rates(solver, qd)
-            sides, pushed = ((one, before), (two, after)), closing(mesh, two, rows, impulses[None])[0]
+            sides, pushed = ((one, before), (two, after)), closure_wrenches(mesh, two, rows, impulses[None])[0]
             self.impacts.append(impact_of(mesh, rows, begins, sides, jump_efforts(mesh, sides, pushed), impulses, time))
 
 

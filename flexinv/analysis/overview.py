@@ -60,7 +60,7 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
-def tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
+def overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
     """Return tables with one row per joint that moves, closure, link and beam, by title; columns have units, such as [N m].
 
     Drives that are not zero stand with their joints, when closures act [s] with these; stiffness and mass of a beam: at its root.

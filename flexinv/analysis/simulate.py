@@ -12,7 +12,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, checked, still
 from flexinv.analysis.trajectory import SAME_TIME, first_step
 from flexinv.constraints.closures import acting, constraint_rows
-from flexinv.constraints.loop_starts import FAR, SAGGED, Stated, begin, check_settled, stated_of
+from flexinv.constraints.loop_starts import ANOTHER_BRANCH, SAGGED, Stated, check_static, consistent_start, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
@@ -51,15 +51,15 @@ def simulate(
         raise InputError(f"simulate: initial = {shown(initial)}, expected {expected}")
     function("progress", progress, "a function of the number of samples done since its last call")
     table = _table(mechanism, time, torque)
-    settles = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
+    at_rest = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
     began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
 
-    def released(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+    def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh, moves = build(meshed), {j.name for j in meshed.joints if j.nv}
-        stated, first = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), settles), float(steps[0])
+        stated, first = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), at_rest), float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:
-            state = begin(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
+            state = consistent_start(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
         began.append((stated, state[0], state[1]))
         history, jumps, efforts = still(*state), tuple(_jumps(table[0])), _efforts(meshed, table, own.step)
         return Task(mesh, steps, history, history, moves, own, jumps, efforts=efforts, progress=progress)
@@ -72,7 +72,7 @@ def simulate(
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
         if count > MOST_SAMPLES:
             raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
-        task = released(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
+        task = free_task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
         (one,) = first_step(task)
         solution = solution_of(task.mesh, one, settings)
     else:
@@ -80,20 +80,20 @@ def simulate(
 
         asked, settings = check_accuracy(accuracy, step), checked(1.0, spectral_radius, EXACT, initial)
         span, jumps = (float(table[0][0]), float(table[0][-1])), _jumps(table[0])
-        solution = accurate(problem_of(mechanism, released, settings, asked, table[0], jumps, span))
-    if settles:  # an equilibrium may leave what was stated of the start
-        check_settled(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
+        solution = accurate(problem_of(mechanism, free_task, settings, asked, table[0], jumps, span))
+    if at_rest:  # an equilibrium may leave what was stated of the start
+        check_static(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
     return solution
 
 
-def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], settles: bool) -> Stated:
-    """The known values of the start; ``settles``: passive joints may be stated where beams are bent, loops are closed unbent."""
+def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], at_rest: bool) -> Stated:
+    """The known values of the start; ``at_rest``: passive joints may be stated where beams are bent, loops are closed unbent."""
     m, q, qd = mechanism, mechanism.neutral, np.zeros(mechanism.nv)
     for name, value in places.items():
         q[m.q_slices[name]] = value
     for name, value in rates.items():
         qd[m.v_slices[name]] = value
-    bars = {"place": FAR, "rate": SAGGED} if settles else {}
+    bars = {"place": ANOTHER_BRANCH, "rate": SAGGED} if at_rest else {}
     passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
     return Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
 

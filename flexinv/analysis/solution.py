@@ -33,7 +33,7 @@ STANDS_OUT = 4.0
 # A mechanism that moves by less than this part of its length in the whole run stands still: its energies are rounding.
 STANDING = 1e-5
 # Rigid motion that goes on by itself exchanges nothing: of what it holds, a step may lose or make this much.
-HELD = 1e-5
+DRIFT = 1e-5
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
@@ -182,7 +182,7 @@ class Solution:
             return
         duration, mesh = float(self.time[-1] - self.time[0]), self.mesh
         slow = 0.5 * float(mesh.mass.sum()) * (STANDING * mesh.length / duration) ** 2
-        held = HELD * float(self.balance.kinetic.max())
+        held = DRIFT * float(self.balance.kinetic.max())
         if float(np.abs(self.balance.work).max()) <= MOST_LOST * float(np.ptp(self.balance.kinetic)) + slow + held:
             return  # less than what the sums below would allow
         error, exchanged, step = self.energy_error, self.energy_exchanged, float(self.settings["step"])

@@ -11,7 +11,7 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
 from flexinv.analysis.extrapolation import extrapolated, largest_nearby, thinned, weights
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Settings, Stated, check_start, check_task, checked, prescribe, time_grid
+from flexinv.analysis.task import Progress, Settings, Start, check_start, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
@@ -26,15 +26,15 @@ from flexinv.validation import flag
 Bars = tuple[Array, dict[str, Array]]
 Again = Callable[[Mechanism, Array, tuple[int, ...], Settings], tuple[Mesh, FirstStep]]
 
-# Times the difference of steps h and h/2 [-]: the error of h, where that falls with the square of the step.  The answer that is
-# extrapolated from both is better, but nothing beside them tells by how much: where modes ring that no step resolves, it is not.
-OF_STEPS = 4 / 3
+# Times the difference of steps h and h/2 [-]: the error of h, where that falls with the square of the step.  Extrapolation
+# from both is better as a rule, but its gain is not known: vibration that no step resolves can undo it.
+STEP_ERROR = 4 / 3
 
 
 def solve(
     mechanism: Mechanism, motion: Motion, step: float | None = None, error: bool = False, end: float | None = None,
     spectral_radius: float = 0.8, initial: str = "consistent", incremental: bool = False,
-    start: Stated = None, start_rate: Stated = None, progress: Progress | None = None,
+    start: Start = None, start_rate: Start = None, progress: Progress | None = None,
     every: int = 1, tolerance: float = EXACT, accuracy: float | None = None,
 ) -> Solution:  # fmt: skip
     """Return the torques that make a mechanism, rigid, flexible or mixed, follow a motion of its joints.
@@ -114,7 +114,7 @@ def with_error(
     mechanism, half = solution.mechanism, settings.step / 2
     finest = replace(settings, step=half, every=2 * settings.every // stride)
     mesh, halved = again(mechanism, steps[0] + half * np.arange(2 * len(steps) - 1), (), finest)
-    better, bars = solution, [_scaled_difference(solution, solution_of(mesh, halved, finest), stride, OF_STEPS)]
+    better, bars = solution, [_scaled_difference(solution, solution_of(mesh, halved, finest), stride, STEP_ERROR)]
     if even:
         both = extrapolated(mechanism, [first, thinned(halved, stride)], weights((1, 2)))
         better = solution_of(solution.mesh, both, settings)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from flexinv.analysis.evaluation import solution_of
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Stated, Task, check_task, checked, prescribe, time_grid
+from flexinv.analysis.task import Progress, Start, Task, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
@@ -19,7 +19,7 @@ from flexinv.validation import whole
 
 def solve_in_parts(
     mechanism: Mechanism, motion: Motion, step: float, part: int = 10_000, end: float | None = None,
-    spectral_radius: float = 0.8, initial: str = "consistent", start: Stated = None, start_rate: Stated = None,
+    spectral_radius: float = 0.8, initial: str = "consistent", start: Start = None, start_rate: Start = None,
     progress: Progress | None = None, every: int = 1, tolerance: float = EXACT,
 ) -> Iterator[Solution]:  # fmt: skip
     """Return the Solution of `solve` in consecutive parts, an iterator: a long one can go to disk while it is computed.

@@ -51,7 +51,7 @@ ALIKE = {"step", "end", "spectral_radius", "tolerance"}
 # Numbers in the series of the scenarios that stand in one piece of memory, 64 MiB: it lasts as long as any of them.
 RUN = 1 << 23
 # Instants that a thread marches before it makes solutions of what it has: some milliseconds, while others march.
-AT_ONCE = 1 << 12
+INSTANTS_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -269,10 +269,12 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
     ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
     made = Results(out, found, ended, left)
-    most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
+    most = (
+        1 if progress is not None else min(max(1, INSTANTS_AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
+    )
 
     def work() -> None:
-        own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
+        own, line = PlanarMarch.acquire(first.mesh, ()), np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
             done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
@@ -293,7 +295,7 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
             if progress is not None:
                 with lock:
                     progress(1)
-        own.leave(())
+        own.release(())
 
     side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, picked_start, stated_of
+from flexinv.constraints.loop_starts import SAGGED, TYPED_DIGITS, check_branch, check_rates, picked_start, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT, Scheme, generalized_alpha
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
@@ -24,7 +24,7 @@ MOST_SAMPLES = 5_000_000
 INITIAL = {"consistent": "starts undeformed", "static": "in equilibrium"}
 
 Progress = Callable[[int], None]
-Stated = Mapping[str, ArrayLike] | None
+Start = Mapping[str, ArrayLike] | None
 Words = dict[str, float | int | str | bool]
 
 
@@ -62,9 +62,9 @@ class Settings:
 def checked(step: float, spectral_radius: float, tolerance: float, initial: str = "consistent") -> Settings:
     """Return the settings of a march at steps of ``step`` [s]; raises InputError for values that cannot be."""
     radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
-    left = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
-    generalized_alpha(float(step), radius, left)  # numbers that give no scheme are an error here
-    return Settings(float(step), radius, initial, tolerance=left)
+    found = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
+    generalized_alpha(float(step), radius, found)  # numbers that give no scheme are an error here
+    return Settings(float(step), radius, initial, tolerance=found)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def check_task(mechanism: Mechanism, motion: Motion, initial: str, every: int, p
 
 
 def prescribe(
-    mechanism: Mechanism, motion: Motion, steps: Array, settings: Settings, start: Stated, start_rate: Stated,
+    mechanism: Mechanism, motion: Motion, steps: Array, settings: Settings, start: Start, start_rate: Start,
     progress: Progress | None = None,
 ) -> Task:  # fmt: skip
     """Return the task of a motion at the instants ``steps`` [s]: joints that it leaves out are passive and start where stated.
@@ -130,13 +130,13 @@ def prescribe(
     return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress)
 
 
-def check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, q: Array, qd: Array) -> None:
+def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: Array, qd: Array) -> None:
     """Raise an error where closures contradict what was told of the first instant, found at q (nq,), qd (nv,) [rad or m, s]."""
     mesh, m = task.mesh, task.mesh.mechanism
     stated = start_coordinates(m, task.passive, start, start_rate)
     told = joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
-    most = SAGGED if task.settings.initial == "static" and not m.is_rigid else ROUNDED
+    most = SAGGED if task.settings.initial == "static" and not m.is_rigid else TYPED_DIGITS
     check_rates(mesh, stated_of(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)
 
 

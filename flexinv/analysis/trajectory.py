@@ -12,11 +12,10 @@ from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
 from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
 from flexinv.analysis.task import Task, looked_up
 from flexinv.constraints.closures import Phase, constraint_rows, phases
-from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS, EARLY, SUBSTEPS, early_rows, early_times, start_up
 from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Solver, complaint, record_instant
+from flexinv.dynamics.solver import Solver, record_instant, step_failure
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
@@ -27,11 +26,11 @@ from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import planar_march
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
 # enough to cost nothing, and few enough that what the joints do takes some megabytes; in a plane, whose steps are short, samples.
-AT_ONCE, PLANAR_CHUNK = 1 << 14, 4096
+SPATIAL_CHUNK, PLANAR_CHUNK = 1 << 14, 4096
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
 
@@ -77,7 +76,7 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
         stops = {k for k in found if 0 < k <= last and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
     switches = {phase.first: phase for phase in march.phases[1:]}
-    start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, AT_ONCE // task.mesh.size)
+    start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, SPATIAL_CHUNK // task.mesh.size)
     for stop in sorted({*stops, *switches, *ends, last}):
         while start <= stop:
             kernel, arguments, arrive = march.leg(start, min(start + chunk, stop + 1))
@@ -90,13 +89,13 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
             yield march.moved(ends=False)
             march.go_on(stop // every)
     if march.solver is None and march.flat is not None:  # its arrays are for the next that is in the plane alone
-        march.flat.leave(task.passive)
+        march.flat.release(task.passive)
     yield march.moved(ends=task.part is None)
 
 
-def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
+def planar_march_of(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
-    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.ready(mesh, passive)
+    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.acquire(mesh, passive)
 
 
 class _March:
@@ -112,7 +111,7 @@ class _March:
         self.task, self.scheme, self.origin, self.early = task, task.settings.scheme, 0, 0
         mesh, self.phases = task.mesh, phases(task.mesh.mechanism, task.steps)
         self.last: Array | None = None
-        self.flat = None if task.efforts is not None else in_plane(mesh, task.passive)
+        self.flat = None if task.efforts is not None else planar_march_of(mesh, task.passive)
         never_switches = len(self.phases) == 1 and self.phases[0].active.all()
         alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
         self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
@@ -152,7 +151,7 @@ class _March:
         record_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
-            flat.take(solver.state, solver.border.ties)
+            flat.load_from_space(solver.state, solver.border.ties)
         return 1
 
     def leg(self, first: int, last: int) -> tuple[Callable[..., Status], tuple[Any, ...], Callable[[Status], int]]:
@@ -232,7 +231,7 @@ class _March:
         solver, (q, qd, qdd) = self._in_space(), (part[0] for part in motion)
         s, joints = solver.state, instant(self.task.mesh, q, qd, qdd)
         if flat is not None:
-            flat.give(s, solver.border.ties)
+            flat.store_to_space(s, solver.border.ties)
         solver.load_at(now, q, qd, qdd)
         if phase is not None:
             self.switching.switch(solver, phase, joints, qd, now, self.out)
@@ -243,7 +242,7 @@ class _March:
                 record_instant(solver, int(row[0]), self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
-            flat.take(s, solver.border.ties)
+            flat.load_from_space(s, solver.border.ties)
 
 
 def failure(
@@ -261,4 +260,4 @@ def failure(
     if not begins or instant > 0:
         divided = f", after a sudden start in {parts} parts" if parts > 1 else ""
         when = f"at t = {time[instant]:g} s (step {step:g} s{divided})"
-    return complaint(mesh, status, count, size, when, step, turned(count) if turned is not None else 0.0)
+    return step_failure(mesh, status, count, size, when, step, turned(count) if turned is not None else 0.0)

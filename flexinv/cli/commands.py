@@ -125,7 +125,7 @@ def info(model: Path) -> None:
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
     if mechanism.closures:
         click.echo(overview.mobility_line(mechanism, next(iter(cases.values()), None)))
-    for title, table in overview.tables(mechanism).items():
+    for title, table in overview.overview_tables(mechanism).items():
         if len(table):
             click.echo(f"\n{title}")
             show(table)

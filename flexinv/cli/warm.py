@@ -27,7 +27,7 @@ from flexinv.model.mechanism import Mechanism
 
 INSTALLED = Path(sysconfig.get_path("data")) / "share" / "flexinv" / "models"  # see pyproject.toml
 CHECKOUT = Path(__file__).resolve().parents[2] / "models"
-LEVEL = "NUMBA_CPU_NAME"
+CPU_NAME = "NUMBA_CPU_NAME"
 
 
 @click.command("warm", short_help="Compile the kernels now, not with the first torque.")
@@ -38,7 +38,7 @@ LEVEL = "NUMBA_CPU_NAME"
 @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count() or 1, show_default=True, help="Processes.")
 @click.option(
     "--ship", type=click.Path(file_okay=False, path_type=Path),
-    help=f"Write the machine code into this folder, for a wheel.  Set {LEVEL} to the level of processor that it is for.",
+    help=f"Write the machine code into this folder, for a wheel.  Set {CPU_NAME} to the level of processor that it is for.",
 )  # fmt: skip
 def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     """Compile the kernels beforehand, so that the first torque does not wait for them.
@@ -53,8 +53,8 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     folder = models or next((path for path in (CHECKOUT, INSTALLED) if path.is_dir()), None)
     if folder is None:
         raise InputError(f"no folder {INSTALLED} with mechanisms to compute; name one with --models")
-    if ship is not None and not os.environ.get(LEVEL):
-        raise InputError(f"--ship: {LEVEL} is not set; for example {LEVEL}=x86-64-v3")
+    if ship is not None and not os.environ.get(CPU_NAME):
+        raise InputError(f"--ship: {CPU_NAME} is not set; for example {CPU_NAME}=x86-64-v3")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(TASKS)), mp_context=context) as pool:
         waiting = {pool.submit(task, folder): name for name, task in TASKS.items()}
@@ -63,7 +63,7 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     if failed:
         raise InputError("; ".join(failed))
     if ship is not None:  # what was kept of all kernels that Python calls
-        for module in code_cache.sources(code_cache.FOLDER):
+        for module in code_cache.sources(code_cache.PACKAGE):
             import_module(f"flexinv.{module}")
         click.echo(f"{ship}: {write_shipped(ship, code_cache.KERNELS)} kernels")
 

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.allocation_kernel import Shares, places, share
 from flexinv.constraints.closures import Rows, constraint_rows, without_rounding
-from flexinv.constraints.continuation_kernel import Chain, closing
+from flexinv.constraints.continuation_kernel import Chain, jacobian_and_residuals
 from flexinv.errors import InputError
 from flexinv.kernels.fronts import fronts_of
-from flexinv.kernels.memory import plain
+from flexinv.kernels.memory import for_kernels
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -38,7 +38,7 @@ from flexinv.typing import Array, Mask
 REDUNDANT = 1e-10
 # How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
 # it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
-OPEN, RATE, ACCELERATION_OPEN = 1e-6, 1e-4, 1e-3
+OPEN, OPEN_RATE, OPEN_ACCELERATION = 1e-6, 1e-4, 1e-3
 # What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
 # were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
 STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
@@ -46,12 +46,12 @@ STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
 # enlarged by the condition of the closures) it is an effort that no drive can give.
 LEFT_OVER = 1e-9
 # Samples whose rows G are in memory at once, where only the motion is looked at.
-SAMPLES_AT_ONCE = 4096
+SAMPLES_IN_MEMORY = 4096
 # What is held against the closures, how far it may be off, what of it counts as rest, and how it is measured.
 _KINDS = (
     ("q", OPEN, 0.0, "|phi| (lengths over the mechanism's length)"),
-    ("qd", RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
-    ("qdd", ACCELERATION_OPEN, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
+    ("qd", OPEN_RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
+    ("qdd", OPEN_ACCELERATION, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
 )
 
 
@@ -76,7 +76,7 @@ def share_out(
     made = Shares(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
     g, width = g / scale[:, None], np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
-        share(places(fronts, rows, drives, root), plain(g), plain(tau_tree), made, width)
+        share(places(fronts, rows, drives, root), for_kernels(g), for_kernels(tau_tree), made, width)
     doubtful = np.flatnonzero(width < 0)
     if len(doubtful) == samples:
         made = by_singular_values(g, tau_tree, driven, root)
@@ -152,8 +152,8 @@ class GivenLoops:
     def check(self, q: Array, qd: Array, qdd: Array) -> None:
         """Raise InputError for a motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s] that the closures do not allow."""
         worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
-        for start in range(0, len(q), SAMPLES_AT_ONCE):
-            part = slice(start, start + SAMPLES_AT_ONCE)
+        for start in range(0, len(q), SAMPLES_IN_MEMORY):
+            part = slice(start, start + SAMPLES_IN_MEMORY)
             _, found, where = self._closing(q[part], qd[part], qdd[part])
             more = ~(found[:, 0] <= worst[:, 0])  # a NaN is the largest
             worst[more, 0], at[more] = found[more, 0], where[more] + [start, 0]
@@ -163,12 +163,12 @@ class GivenLoops:
     def _closing(
         self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
     ) -> tuple[Array, Array, NDArray[np.int64]]:
-        """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
+        """G, how far the motion is from closed, and where: see `continuation_kernel.jacobian_and_residuals`."""
         g = np.zeros((len(q), len(self.rows.closure), qd.shape[1]))
         worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        chain, given = Chain.of(nodes_of(self.mesh), self.rows), (plain(q), plain(qd), plain(qdd))
-        closing(chain, self.rows.scale, frames, given, g, worst, at)
+        chain, given = Chain.of(nodes_of(self.mesh), self.rows), (for_kernels(q), for_kernels(qd), for_kernels(qdd))
+        jacobian_and_residuals(chain, self.rows.scale, frames, given, g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:

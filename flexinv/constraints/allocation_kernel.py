@@ -24,7 +24,7 @@ from flexinv.typing import Array
 # Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
 MOST_SWEEPS = 12
 # Samples of a block: few enough to stay in the cache, and to share pivots.
-SAMPLES_AT_ONCE = 16
+SAMPLES_OF_BLOCK = 16
 _TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
 
 
@@ -68,10 +68,10 @@ class Place(NamedTuple):
 def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> Place:
     """Return the arrays of the kernel [any unit] for G of so many rows, with so many freedoms as there are drives at most."""
     nv, most = fronts.columns, len(drives)
-    motions, h = np.zeros((most, nv, SAMPLES_AT_ONCE)), np.zeros((most, most, SAMPLES_AT_ONCE))
-    y, x, turn = (np.zeros((size, SAMPLES_AT_ONCE)) for size in (rows + nv, nv, 2))
+    motions, h = np.zeros((most, nv, SAMPLES_OF_BLOCK)), np.zeros((most, most, SAMPLES_OF_BLOCK))
+    y, x, turn = (np.zeros((size, SAMPLES_OF_BLOCK)) for size in (rows + nv, nv, 2))
     whole = fronts_of(np.ones((most, most), dtype=bool))
-    closing, driving = (FrontFactors.of(one, SAMPLES_AT_ONCE) for one in (fronts, whole))
+    closing, driving = (FrontFactors.of(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
     return Place(drives, root, fronts, closing, whole, driving, motions, h, y, x, turn)
 
 
@@ -90,10 +90,10 @@ def _driving(place, freedoms):
     sparse_qr.clear(place.driving)
     for e in range(place.whole.entry.shape[0]):
         i, n = place.whole.entry[e, 0], place.whole.entry[e, 1]
-        for k in range(SAMPLES_AT_ONCE if n < freedoms else 0):
+        for k in range(SAMPLES_OF_BLOCK if n < freedoms else 0):
             value = place.motions[n, place.drives[i], k] / place.root[i]
             sparse_qr.set_entry(place.whole, place.driving, e, k, value)
-    return sparse_qr.factorise(place.whole, place.driving) == freedoms
+    return sparse_qr.factorise_qr(place.whole, place.driving) == freedoms
 
 
 @jit_inner
@@ -107,19 +107,19 @@ def _condition(place, freedoms):
         for m in range(freedoms):
             h[n, m] = 0.0
             for c in range(place.motions.shape[1]):
-                for k in range(SAMPLES_AT_ONCE):
+                for k in range(SAMPLES_OF_BLOCK):
                     h[n, m, k] += place.motions[n, c, k] * place.motions[m, c, k]
         sparse_qr.solve_lower(place.whole, place.driving, h[n])
     for m in range(freedoms):
         for n in range(freedoms):
-            for k in range(SAMPLES_AT_ONCE):
+            for k in range(SAMPLES_OF_BLOCK):
                 place.y[n, k] = h[n, m, k]
         sparse_qr.solve_lower(place.whole, place.driving, place.y)
         for n in range(freedoms):
-            for k in range(SAMPLES_AT_ONCE):
+            for k in range(SAMPLES_OF_BLOCK):
                 h[n, m, k] = place.y[n, k]
     _diagonalise(h, freedoms, place.turn)
-    for k in range(SAMPLES_AT_ONCE):
+    for k in range(SAMPLES_OF_BLOCK):
         largest, smallest = 1.0, 1.0
         for n in range(freedoms):
             largest, smallest = max(largest, h[n, n, k]), min(smallest, h[n, n, k])
@@ -134,7 +134,7 @@ def _diagonalise(h, size, turn):
         for p in range(size - 1):
             for q in range(p + 1, size):
                 some = False
-                for k in range(SAMPLES_AT_ONCE):  # above rounding of both
+                for k in range(SAMPLES_OF_BLOCK):  # above rounding of both
                     some |= h[p, q, k] * h[p, q, k] > 1e-32 * abs(h[p, p, k] * h[q, q, k])
                 if some:
                     moved = True
@@ -146,18 +146,18 @@ def _diagonalise(h, size, turn):
 @jit_inner
 def _rotate(matrix, size, first, second, turn):
     """Turn two rows and columns so that their common entry vanishes."""
-    for k in range(SAMPLES_AT_ONCE):
+    for k in range(SAMPLES_OF_BLOCK):
         apart, common = matrix[second, second, k] - matrix[first, first, k], 2.0 * matrix[first, second, k]
         t = common / (apart + math.copysign(math.sqrt(apart * apart + common * common) + _TINY, apart))
         turn[0, k] = 1.0 / math.sqrt(t * t + 1.0)
         turn[1, k] = t * turn[0, k]
     for i in range(size):
-        for k in range(SAMPLES_AT_ONCE):
+        for k in range(SAMPLES_OF_BLOCK):
             one, two = matrix[first, i, k], matrix[second, i, k]
             matrix[first, i, k] = turn[0, k] * one - turn[1, k] * two
             matrix[second, i, k] = turn[1, k] * one + turn[0, k] * two
     for i in range(size):
-        for k in range(SAMPLES_AT_ONCE):
+        for k in range(SAMPLES_OF_BLOCK):
             one, two = matrix[i, first, k], matrix[i, second, k]
             matrix[i, first, k] = turn[0, k] * one - turn[1, k] * two
             matrix[i, second, k] = turn[1, k] * one + turn[0, k] * two
@@ -172,16 +172,16 @@ def _drive(place, freedoms, s, tree, tau, preload):
     x[:] = 0.0
     for n in range(freedoms):
         for i in range(tree.shape[1]):
-            for k in range(SAMPLES_AT_ONCE):
+            for k in range(SAMPLES_OF_BLOCK):
                 x[n, k] += place.motions[n, i, k] * tree[min(s + k, tree.shape[0] - 1), i]
     sparse_qr.least_norm(place.whole, place.driving, x, y)
     for i in range(drives):
-        for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
+        for k in range(min(SAMPLES_OF_BLOCK, tree.shape[0] - s)):
             tau[s + k, place.drives[i]] = y[i, k] / place.root[i]
     for n in range(drives - freedoms):
         sparse_qr.turn_beside(place.whole, place.driving, n, y)
         for i in range(drives):
-            for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
+            for k in range(min(SAMPLES_OF_BLOCK, tree.shape[0] - s)):
                 preload[s + k, place.drives[i], n] = y[i, k] / place.root[i]
 
 
@@ -190,11 +190,11 @@ def _close(place, s, g, left, multipliers):
     """Set the multipliers of least norm that carry ``left``, and take from it what they do, samples s and on."""
     y, x, entry = place.y[: g.shape[1]], place.x, place.fronts.entry
     for i in range(x.shape[0]):
-        for k in range(SAMPLES_AT_ONCE):
+        for k in range(SAMPLES_OF_BLOCK):
             x[i, k] = left[min(s + k, g.shape[0] - 1), i]
     y[:] = 0.0
     sparse_qr.least_norm(place.fronts, place.closing, x, y)
-    for k in range(min(SAMPLES_AT_ONCE, g.shape[0] - s)):
+    for k in range(min(SAMPLES_OF_BLOCK, g.shape[0] - s)):
         for r in range(g.shape[1]):
             multipliers[s + k, r] = y[r, k]
         for e in range(entry.shape[0]):
@@ -209,15 +209,15 @@ def share(place, g, tree, out, width):
     width : (samples,) of preload [-], -1 where a rank is in doubt.  Lanes beyond the last sample repeat it.
     """
     samples, nv, drives = tree.shape[0], tree.shape[1], place.drives.shape[0]
-    for s in range(0, samples, SAMPLES_AT_ONCE):
-        end = min(s + SAMPLES_AT_ONCE, samples)
+    for s in range(0, samples, SAMPLES_OF_BLOCK):
+        end = min(s + SAMPLES_OF_BLOCK, samples)
         width[s:end] = -1
         sparse_qr.clear(place.closing)
         for e in range(place.fronts.entry.shape[0]):
             r, i = place.fronts.entry[e, 0], place.fronts.entry[e, 1]
-            for k in range(SAMPLES_AT_ONCE):
+            for k in range(SAMPLES_OF_BLOCK):
                 sparse_qr.set_entry(place.fronts, place.closing, e, k, g[min(s + k, samples - 1), r, i])
-        rank = sparse_qr.factorise(place.fronts, place.closing)
+        rank = sparse_qr.factorise_qr(place.fronts, place.closing)
         freedoms = nv - rank
         if rank < 0 or freedoms == 0 or freedoms > drives or not _driving(place, freedoms):
             continue

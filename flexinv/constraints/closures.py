@@ -27,14 +27,14 @@ from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, slides
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
+from flexinv.model.mechanism import CLOSURES, GEARED, Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
 
 # A switching instant this close to a sample, in parts of the step, is that sample.
 SAME_INSTANT = 1e-6
 # Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
-ROUNDED = 1e-13
+GRADIENT_ROUNDING = 1e-13
 
 
 @kept_with_owner()
@@ -50,8 +50,8 @@ def constraint_rows(mesh: Mesh) -> Rows:
         if closure.kind == "coupling":
             what = f"closure '{closure.name}': a coupling"
             for name, factor in closure.factors:
-                if name not in m.joint_of or m.joint_of[name].kind not in COUPLED:
-                    known = ", ".join(j.name for j in m.joints if j.kind in COUPLED) or "none"
+                if name not in m.joint_of or m.joint_of[name].kind not in GEARED:
+                    known = ", ".join(j.name for j in m.joints if j.kind in GEARED) or "none"
                     raise InputError(f"{what} ties {COUPLED_JOINTS} ({known}), not {name!r}")
                 gear[m.v_slices[name].start] = factor
             if closure.active:
@@ -66,7 +66,7 @@ def constraint_rows(mesh: Mesh) -> Rows:
     scale = np.where(geared > 0.0, geared, np.where(directed, 1.0, mesh.length))
     place = np.full(m.nv, -1, dtype=np.int64)
     for joint in m.joints:
-        if joint.kind in COUPLED:
+        if joint.kind in GEARED:
             place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
     last = np.searchsorted(columns[0], columns[0], side="right")
     columns += [_pattern(mesh, of_first, of_second, gears), scale, last, place]
@@ -166,7 +166,7 @@ def without_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
 
     So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.
     """
-    least = ROUNDED * np.where(direction[:, None], 1.0, mesh.length / measures(mesh))
+    least = GRADIENT_ROUNDING * np.where(direction[:, None], 1.0, mesh.length / measures(mesh))
     if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
         g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
     return g

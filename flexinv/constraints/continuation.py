@@ -16,9 +16,9 @@ from flexinv.constraints import closures
 from flexinv.constraints import continuation_kernel as kernel
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
-from flexinv.constraints.continuation_kernel import Chain, Problem, continue_branch
+from flexinv.constraints.continuation_kernel import Chain, Continuation, continue_branch
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kernels.memory import plain
+from flexinv.kernels.memory import for_kernels
 from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import Mesh
@@ -48,7 +48,7 @@ class Mobility:
 
 def mobility(mesh: Mesh, q: Array) -> Mobility:
     """Return the freedoms and the redundant constraints [-] of a mechanism, at t = 0 and a configuration q (nq,) closed then."""
-    rank = _rank(g := standing(mesh).closures(q)[1])
+    rank = _rank(g := start_follower(mesh).closures(q)[1])
     return Mobility(mesh.mechanism.nv - rank, len(g), len(g) - rank)
 
 
@@ -56,7 +56,7 @@ def closed_near(mesh: Mesh, guess: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0 near a guess (nq,): every coordinate may move, least squares.
     Raises ConvergenceError, which names the closure that stays open.
     """
-    return standing(mesh).start(0.0, guess)
+    return start_follower(mesh).start(0.0, guess)
 
 
 def _rank(matrix: Array) -> int:
@@ -152,11 +152,11 @@ class Follower:
     def _chain(self) -> Chain:
         return Chain.of(nodes_of(self.mesh), self.rows)
 
-    def compiled(self) -> tuple[Chain, Problem]:
+    def compiled(self) -> tuple[Chain, Continuation]:
         """Return the arguments of `continuation_kernel` [m], [-]."""
         m, places, fronts = self.mesh.mechanism, np.flatnonzero(self.unknown), self.rows.fronts(self.unknown)
         count, free = len(self.rows.closure), len(places)
-        problem = Problem(
+        problem = Continuation(
             unknown=places, owner=self.owned, scale=self.rows.scale, sizes=sizes_of(self.mesh), g=np.zeros((count, m.nv)),
             fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
             step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(self.mesh)[places],
@@ -200,7 +200,7 @@ class Follower:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
         scale, rest = self.rows.scale, np.zeros(self.mesh.mechanism.nv)
         g = np.zeros((1, len(scale), len(rest)))
-        kernel.closure_equations(self._chain, plain(q), rest, g[0])
+        kernel.closure_equations(self._chain, for_kernels(q), rest, g[0])
         g = closures.without_rounding(self.mesh, self.rows.direction, g)
         return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
 
@@ -283,7 +283,7 @@ class Follower:
         return None if found is None or (np.abs(found - guess) > most).any() else found
 
 
-def standing(mesh: Mesh) -> Follower:
+def start_follower(mesh: Mesh) -> Follower:
     """Return Newton on the closures that act at t = 0, in which all coordinates [rad], [m] move."""
     rows = constraint_rows(mesh).of(closures.acting(mesh.mechanism, 0.0))
     return Follower(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool))

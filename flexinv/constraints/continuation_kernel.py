@@ -17,7 +17,7 @@ from flexinv.constraints.equations import Rows, closure_residuals, closure_rows,
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, factorise, least_squares, set_entry
+from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, factorise_qr, least_squares, set_entry
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
 from flexinv.kinematics.tree import Frames, Joints, frames_at
 from flexinv.typing import Array
@@ -54,7 +54,7 @@ class Chain(NamedTuple):
 
 
 @by_address
-class Problem(NamedTuple):
+class Continuation(NamedTuple):
     """Data and work space of the continuation kernel.
 
     unknown : velocity coordinates; owner : (nq,) whether a coordinate belongs to an unknown one
@@ -80,7 +80,7 @@ class Problem(NamedTuple):
 @jit_inner
 def factor(problem):
     """Factor Q R of problem.qr [any unit]; False where the rank may not be full."""
-    return factorise(problem.fronts, problem.qr) == problem.x.shape[0]
+    return factorise_qr(problem.fronts, problem.qr) == problem.x.shape[0]
 
 
 @jit_inner
@@ -137,7 +137,7 @@ def _largest(y):
 
 
 @jit_inner
-def newton(chain, problem):
+def close_by_newton(chain, problem):
     """Move problem.guess onto the closures [rad], [m], and set their equations there; whether it got there."""
     for _ in range(MOST_ITERATIONS):
         _equations(chain, problem, problem.guess)
@@ -182,7 +182,7 @@ def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
                 problem.guess[i] = q[k, i]
         predicted = q[k]  # the row takes the prediction of what is not given
         _copy(problem.guess, predicted)
-        if not newton(chain, problem):
+        if not close_by_newton(chain, problem):
             return k
         for i in range(problem.owner.shape[0]):
             if abs(problem.guess[i] - predicted[i]) > LARGEST_SURPRISE * problem.sizes[i]:
@@ -220,7 +220,7 @@ def _hold(worst, at, kind, value, s, k, size):
 
 
 @jit
-def closing(chain, scale, motion, given, g, worst, at):
+def jacobian_and_residuals(chain, scale, motion, given, g, worst, at):
     """Set G (samples, rows, nv) [m/rad], [-], zero on entry, of a motion that is given, and how far it is from closed.
 
     motion : of all nodes in the world, (samples, nodes, ...) [m, rad, s], which is set, or room for one sample

@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
+from flexinv.kernels.vec3 import EYE, ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
 from flexinv.kinematics.tree import frames_at
 from flexinv.typing import Array, Mask
-
-UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @by_address
@@ -80,7 +78,7 @@ def fixed(frames, n, vector):
 
 
 @jit_inner
-def point(frames, n, place):
+def point_motion(frames, n, place):
     """Return a point fixed in node n [m], its velocity and its acceleration."""
     x, v, a = fixed(frames, n, place)
     if n < 0:
@@ -91,14 +89,14 @@ def point(frames, n, place):
 @jit_inner
 def gap(frames, a, b, place_a, place_b):
     """Return the vector from a point of node a to a point of node b [m] and its two rates, world axes."""
-    xa, xb = point(frames, a, place_a), point(frames, b, place_b)
+    xa, xb = point_motion(frames, a, place_a), point_motion(frames, b, place_b)
     return sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
 
 
 @jit_inner
 def _axes(frames, n):
     """Axes of node n in the world."""
-    return mat(frames.r[n]) if n >= 0 else UNIT
+    return mat(frames.r[n]) if n >= 0 else EYE
 
 
 @jit_inner
@@ -196,7 +194,7 @@ def closure_rows(nodes, rows, frames, phi, g):
         for i in range(k, rows.last[k]):  # what an angular velocity, or a velocity, of B has a part in
             u = vec(rows.u[i])
             put(phi[i], 0, cross(apply(turned[0], vec(rows.w[i])), u) if rows.direction[i] else u)
-        place, _, _ = point(frames, b, vec(rows.place_b[k]))
+        place, _, _ = point_motion(frames, b, vec(rows.place_b[k]))
         seen = k, _axes(frames, a), place, phi
         while a != b:  # parents come before their children: both ways end where they meet
             if a > b:
@@ -271,7 +269,7 @@ def _wrenches(k, rows, frames, multipliers):
         else:
             push = add(push, scale(multipliers[i], u))
     push, turn = apply(axes, push), apply(axes, turn)
-    at_b, _, _ = point(frames, b, vec(rows.place_b[k]))
+    at_b, _, _ = point_motion(frames, b, vec(rows.place_b[k]))
     arm_a = sub(at_b, vec(frames.x[a])) if a >= 0 else at_b
     arm_b = sub(at_b, vec(frames.x[b])) if b >= 0 else at_b
     return push, sub(cross(push, arm_a), turn), add(turn, cross(arm_b, push))

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexinv.constraints.allocation import STILL_RATE, ranks
 from flexinv.constraints.closures import Rows, acting, constraint_rows, measures
-from flexinv.constraints.continuation import Follower, close_rates, closed_start, standing
+from flexinv.constraints.continuation import Follower, close_rates, closed_start, start_follower
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import moved, nearest_difference, slides
@@ -24,16 +24,16 @@ from flexinv.typing import Array, Mask, Triple
 
 # Where a motion decides where joints are, a start picks the branch.  A joint found further from it than this [rad], a slide than
 # half of this times the mechanism's length, is on another branch, or the start is a slip of the pen.
-FAR = 1.0
+ANOTHER_BRANCH = 1.0
 # Closer than this the branch is the one that was meant: branches that lie so close meet in a dead point nearby.
-NEAR = 0.1
+SAME_BRANCH = 0.1
 # Where nothing but the start decides it is kept, but for what people round away: two decimals, half a degree.
-ROUNDED = 0.01
+TYPED_DIGITS = 0.01
 # Rates of passive joints that were found on a deformed mechanism belong to other places than those of the undeformed one, where
 # the loops are closed: they may be off by this part of the largest rate.
 SAGGED = 0.5
 # What rounding leaves where a number is zero [rad or m, s] is not shown.
-NOTHING = 1e-12
+SHOWN_AS_ZERO = 1e-12
 # How far places lie from which freedoms are counted [rad], of the length: far enough for singular values to be no rounding.
 AWAY = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 # Guesses from which loops are closed where nothing is said of their joints.
@@ -56,13 +56,13 @@ class Stated:
     places: Mask
     rates: Mask
     passive: Mask
-    place: float = ROUNDED
-    rate: float = ROUNDED
+    place: float = TYPED_DIGITS
+    rate: float = TYPED_DIGITS
 
     def missed(self, off: Array) -> tuple[float, float, float]:
         """Return by how much drives, and all joints, are further off than they may be, and how far they are (nv,) [-]."""
         drives, all_ = np.where(self.passive, 0.0, off).max(initial=0.0), off.max(initial=0.0)
-        return max(drives / ROUNDED - 1.0, 0.0), max(all_ / self.place - 1.0, 0.0), all_
+        return max(drives / TYPED_DIGITS - 1.0, 0.0), max(all_ / self.place - 1.0, 0.0), all_
 
     def sets(self, stated: Mask) -> list[Mask]:
         """Return masks (nv,) of the coordinates that may move, in the order in which they are tried [-]."""
@@ -70,7 +70,7 @@ class Stated:
         return [one for k, one in enumerate(order) if not any((one == other).all() for other in order[:k])]
 
 
-def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
+def consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
     Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.
     """
@@ -88,13 +88,13 @@ def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
     return q, qd, qdd
 
 
-def check_settled(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
+def check_static(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
     """Raise InputError unless what is stated is where the loops were closed unbent, or where beams have come to rest.
 
     begun (nq,), rate (nv,) : unbent; q (nq,), qd (nv,) : at rest under gravity and loads [rad], [m], [1/s]
     """
     off = np.minimum(*(off_start(mesh, given.places, given.q, one) for one in (begun, q)))
-    if off.max(initial=0.0) > ROUNDED:
+    if off.max(initial=0.0) > TYPED_DIGITS:
         raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
     nearer = np.where(np.abs(rate - given.qd) < np.abs(qd - given.qd), rate, qd)
     check_rates(mesh, given.rates, given.qd, nearer, time)
@@ -125,7 +125,7 @@ def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Arra
 
 
 def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
-    """From where Newton sets out (nq,), and which coordinates (nv,) it moves."""
+    """Return the start of Newton's iteration (nq,), and which coordinates (nv,) it moves."""
     m, every = mesh.mechanism, sets[-1]
     follower = Follower(mesh, rows, every)
     for k, free in enumerate(sets):
@@ -179,14 +179,14 @@ def picked_start(mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array,
     passive : (nv,) coordinates that no motion gives, at their start if it is stated; q, qd, qdd : of all joints at a time [s]
     """
     rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
-    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=NEAR)
+    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH)
     try:
         plain = closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
     except ConvergenceError:
         return _placed(mesh, given, rows, [passive])
     near = unwound(mesh.mechanism, q, plain)
-    if off_start(mesh, given.places, q, plain).max(initial=0.0) <= NEAR:
-        return None if np.allclose(near, plain, rtol=0.0, atol=FAR) else near
+    if off_start(mesh, given.places, q, plain).max(initial=0.0) <= SAME_BRANCH:
+        return None if np.allclose(near, plain, rtol=0.0, atol=ANOTHER_BRANCH) else near
     return _placed(mesh, given, rows, [passive])
 
 
@@ -196,13 +196,13 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     drives_move : where the joints without drives cannot close the loops (there may be none), drives do, by what is rounded away
     Raises InputError where drives would have to move further; q as it is where nothing closes and drives stay.
     """
-    m, rest, follower = mesh.mechanism, np.zeros(mesh.mechanism.nv), standing(mesh)
+    m, rest, follower = mesh.mechanism, np.zeros(mesh.mechanism.nv), start_follower(mesh)
     passive, every = stated_of(m, {j.name for j in m.joints if not j.actuated}), follower.unknown
-    given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=NEAR)
+    given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
     if (found := _placed(mesh, given, follower.rows, [passive, every] if drives_move else [passive])) is None:
         return follower.start(0.0, q) if drives_move else q
     off = off_start(mesh, ~passive, q, found)
-    if off.max(initial=0.0) > ROUNDED:
+    if off.max(initial=0.0) > TYPED_DIGITS:
         raise _contradicted(mesh, "q", ~passive, q, found, off, 0.0)
     return found
 
@@ -212,7 +212,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     Raises ConvergenceError, which names the closure that stays open.
     """
     m, random = mesh.mechanism, np.random.default_rng(1)
-    follower = standing(mesh)
+    follower = start_follower(mesh)
     found = follower.solve(q)
     for _ in range(TRIES):
         if found is not None:
@@ -224,7 +224,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
 def places_near(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
     m, random = mesh.mechanism, np.random.default_rng(1)
-    follower, found = standing(mesh), []
+    follower, found = start_follower(mesh), []
     _, values, right = np.linalg.svd(follower.closures(q)[1])
     allowed = right[int(ranks(values)) if len(values) else 0 :]
     for size in AWAY if len(allowed) else ():
@@ -239,7 +239,7 @@ def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> 
     """Raise ConvergenceError unless the joints ``names``, whose start was stated, are found near their guess (nq,) [rad], [m]."""
     m = mesh.mechanism
     off = off_start(mesh, stated_of(m, names), guess, q)
-    most = np.where(slides(m), 0.5 * FAR, FAR)
+    most = np.where(slides(m), 0.5 * ANOTHER_BRANCH, ANOTHER_BRANCH)
     worst = int(np.argmax(off / most)) if off.size else 0
     if off.size and not off[worst] <= most[worst]:
         raise ConvergenceError(
@@ -249,7 +249,7 @@ def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> 
         )
 
 
-def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, most: float = ROUNDED) -> None:
+def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, most: float = TYPED_DIGITS) -> None:
     """Raise InputError where rates qd (nv,) [rad or m, s] are not the ``stated`` ones (nv,) of ``given`` (nv,).
 
     most : how far they may be from them, over the largest [-]
@@ -280,8 +280,8 @@ def _place(joint: Joint, q: Array) -> Array:
 
 
 def _shown(values: Array) -> str:
-    """Numbers as one writes them; six digits are far more than `ROUNDED` asks for."""
-    numbers = [f"{value if abs(value) > NOTHING else 0.0:.6g}" for value in values]
+    """Numbers as one writes them; six digits are far more than `TYPED_DIGITS` asks for."""
+    numbers = [f"{value if abs(value) > SHOWN_AS_ZERO else 0.0:.6g}" for value in values]
     return numbers[0] if len(numbers) == 1 else f"[{', '.join(numbers)}]"
 
 
@@ -316,7 +316,7 @@ def _contradicted(
     m, places = mesh.mechanism, argument != "start_rate"
     worst = _owner(m, int(np.argmax(off))).name
     names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
-    kept = [n for n in names if n != worst and (not places or off[m.v_slices[n]].max(initial=0.0) <= ROUNDED)]
+    kept = [n for n in names if n != worst and (not places or off[m.v_slices[n]].max(initial=0.0) <= TYPED_DIGITS)]
     others = ", ".join(f"{name} = {_said(m, name, given, places)}" for name in kept)
     follow = " into its places" if argument == "q" else ", or leave out the joints that shall follow"
     return InputError(

@@ -15,7 +15,7 @@ from flexinv.constraints.closures import Rows, Stretch, closed_rows
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, project
-from flexinv.kernels.memory import plain
+from flexinv.kernels.memory import for_kernels
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
@@ -27,7 +27,7 @@ from flexinv.typing import Array, Mask
 # splines of samples 1e-9.
 MEETING = 1e-6
 # Frames further apart than this part of the mechanism's length (or 1 rad) have not met.
-OPEN = 1e-6
+APART = 1e-6
 # Nodal motion (one sample) and rates (nv,) of the joints on one side of an instant.
 Side = tuple[NodalMotion, Array]
 
@@ -49,7 +49,9 @@ class Impact:
     energy: float
 
 
-def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> tuple[NodalForces, dict[str, Array]]:
+def closure_wrenches(
+    mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array
+) -> tuple[NodalForces, dict[str, Array]]:
     """Return the nodal forces [N], [N m] of multipliers, and by closures what each exerts on its second link.
 
     That is a wrench at its frame there and in its axes, (samples, 6) [N], [N m]; a coupling ties no frames: it has none.
@@ -57,7 +59,7 @@ def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> 
     """
     closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
     wrench = np.zeros((len(closures), len(motion.x), 6))
-    closing_samples(rows, _ends(mesh), motion.frames, plain(multipliers), force, moment, wrench)
+    closing_samples(rows, _ends(mesh), motion.frames, for_kernels(multipliers), force, moment, wrench)
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 
@@ -65,10 +67,10 @@ def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> 
 def phased_closing(
     mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array
 ) -> tuple[NodalForces, dict[str, Array]]:
-    """Return the nodal forces and wrenches of `closing` [N], [N m], with the frames of each phase."""
+    """Return the nodal forces and wrenches of `closure_wrenches` [N], [N m], with the frames of each phase."""
     if len(stretches) == 1:
-        return closing(mesh, motion, stretches[0].rows, multipliers)
-    parts = [closing(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
+        return closure_wrenches(mesh, motion, stretches[0].rows, multipliers)
+    parts = [closure_wrenches(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
     force, moment = (np.concatenate([getattr(own, name) for own, _ in parts]) for name in ("force", "moment"))
     return NodalForces(force, moment), {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
 
@@ -96,7 +98,7 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     for index in np.flatnonzero(begins):
         closure, own = m.closures[int(index)], np.flatnonzero(rows.closure == index)
         worst = int(own[np.argmax(apart[own])])
-        if apart[worst] > OPEN:
+        if apart[worst] > APART:
             gap = f"{apart[worst]:.2g} rad" if rows.direction[worst] else f"{apart[worst] * mesh.length:.2g} m"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that are {gap} apart; "
@@ -134,7 +136,7 @@ def impact_of(
     (one, before), (two, after) = sides
     work = float(torque @ (before + after)) / 2
     lost = _kinetic_energy(mesh, one, before) - _kinetic_energy(mesh, two, after) + work
-    reaction = {name: values[0] for name, values in closing(mesh, two, rows, multipliers[None])[1].items()}
+    reaction = {name: values[0] for name, values in closure_wrenches(mesh, two, rows, multipliers[None])[1].items()}
     names = tuple(c.name for c, begun in zip(mesh.mechanism.closures, begins, strict=True) if begun)
     return Impact(time, names, torque, reaction, work, lost)
 

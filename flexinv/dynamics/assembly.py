@@ -8,17 +8,31 @@ accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`ge
 from __future__ import annotations
 
 from flexinv.elements.beam import relative, relative_rates
-from flexinv.elements.beam_element import damped_tangent, element_gradient, element_tangent, nodal_forces
+from flexinv.elements.beam_element import damped_tangent, element_forces, element_gradient, element_tangent
 from flexinv.elements.joint_law import JointLaw, law_at, own_effort, own_slope, smooth_direction
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
-from flexinv.kernels.vec3 import ZERO, add, add_scaled, add_to, apply, cross, dot, mat, put, scale, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    EYE,
+    ZERO,
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    put,
+    scale,
+    tapply,
+    vec,
+    vec_at,
+)
 from flexinv.kinematics.tree import bring_back, carry, carry_variation
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
 LARGEST_TURN = 2.5  # [rad]
-UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @jit_inner
@@ -136,7 +150,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
         else:
             stored, gone = element_gradient(k, count, elements, z, None, work.internal[k], want_tangent)
         energy, lost = energy + stored, lost + gone
-        nodal_forces(count, z)
+        element_forces(count, z)
         for i in range(count):
             n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
             add_to(work.wrench[n], 0, force)
@@ -221,7 +235,7 @@ def _passive_rows(n, columns, system, cv, ca):
     topology, state, frames, loads = system.topology, system.state, system.frames, system.loads
     b, m = topology.block[n], topology.parent[n]
     first, diagonal = topology.offset[b] + topology.column[n], work.diagonal[b]
-    frame = mat(frames.r[m]) if m >= 0 else UNIT
+    frame = mat(frames.r[m]) if m >= 0 else EYE
     force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
     inverse, level = inverse_tangent(passive_psi(n, topology, state, first)), loads.level[0]
     whole = law_at(topology.drives, n)

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.constraints.equations import fixed, gap
-from flexinv.dynamics.dofs import Indices, Topology
+from flexinv.dynamics.dofs import Topology
 from flexinv.kernels.dense import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 POSITION, DIRECTION, PULL, COUPLING = 0, 1, 2, 3
 # What `tie_rows` sets: phi, its rate, or its second rate.
@@ -39,7 +39,6 @@ VALUES, RATES, SECOND_RATES = 0, 1, 2
 # A constraint that moves with no unknown by more than this, in mechanism lengths, is one that no unknown can break (planar
 # loops of spatial joints): rounding leaves 1e-16.
 MOVES_NOTHING = 1e-13
-UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @by_address
@@ -211,8 +210,8 @@ def set_gradient(row, constraints, frames, vector, second):
 
     vector : u, which turns with a, or a fixed one where the row's u is zero; second : d or w; all in the world
     """
-    ra = mat(frames.r[constraints.a[row]]) if constraints.a[row] >= 0 else UNIT
-    rb = mat(frames.r[constraints.b[row]]) if constraints.b[row] >= 0 else UNIT
+    ra = mat(frames.r[constraints.a[row]]) if constraints.a[row] >= 0 else EYE
+    rb = mat(frames.r[constraints.b[row]]) if constraints.b[row] >= 0 else EYE
     on_a = cross(vec(constraints.u[row]), tapply(ra, second))
     if constraints.kind[row] == DIRECTION:
         put(constraints.gradient[row], 0, ZERO)

@@ -20,9 +20,7 @@ from flexinv.kernels.records import by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.typing import Array
-
-Indices = NDArray[np.int64]
+from flexinv.typing import Array, Indices
 
 
 @by_address

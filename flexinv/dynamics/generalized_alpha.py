@@ -32,10 +32,10 @@ DYNAMIC, STATIC, ACCELERATION, RESOLVED = 0, 1, 2, 3
 # (x / (1 + x))^PASSES is left out, x = omega^2 / ca.  For omega h = 0.1 that is 2e-8, for omega h = 30 nearly all.
 PASSES = 3
 # A start is sudden where what is left out would move an unknown by more than SUDDEN in a step (over the length or in radians), or
-# is more than DOMINANT times all that is resolved and above ROUNDING: at rest sections are known to 1e-3 rad/s^2.  Gravity on an
-# undeformed arm is neither at steps of 1e-4 s (some 1e-7, as much as is resolved); couples on sections, however small, are some
-# hundred times what is resolved.
-SUDDEN, DOMINANT, ROUNDING = 1e-6, 10.0, 1e-9
+# is more than DOMINANT times all that is resolved and above START_ROUNDING: at rest sections are known to 1e-3 rad/s^2.  Gravity
+# on an undeformed arm is neither at steps of 1e-4 s (some 1e-7, as much as is resolved); couples on sections, however small, are
+# some hundred times what is resolved.
+SUDDEN, DOMINANT, START_ROUNDING = 1e-6, 10.0, 1e-9
 # After a sudden start the first EARLY steps are made in SUBSTEPS parts each, with a spectral radius of 0, which forgets what was
 # too fast in three parts: fewer parts or steps leave 2 % and more of the range where beams are damped
 # (tests/flexinv/analysis/test_sudden.py).
@@ -44,7 +44,7 @@ EARLY, SUBSTEPS = 4, 16
 # What Newton leaves by default: less than rounding.
 EXACT = 1e-18
 # A new linearisation leaves the square of its increment times this, or less: where axial stiffness meets bending.
-SQUARED, MOST_LEFT = 1e3, 1e-6
+SQUARED, LARGEST_TOLERANCE = 1e3, 1e-6
 
 
 @by_address
@@ -53,7 +53,7 @@ class Scheme(NamedTuple):
 
     mode : DYNAMIC, a time step; STATIC, rest; ACCELERATION, u' at a given state; RESOLVED, u' as far as a step resolves it
     h [s]; cv = du/dd [1/s]; ca = du'/dd [1/s^2]; the rest dimensionless
-    left : tolerance of Newton's unknowns, over the mechanism's length or in radians
+    tolerance : of Newton's unknowns, over the mechanism's length or in radians
     """
 
     mode: int
@@ -64,7 +64,7 @@ class Scheme(NamedTuple):
     gamma: float
     alpha_m: float
     alpha_f: float
-    left: float = EXACT
+    tolerance: float = EXACT
 
 
 STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -72,11 +72,11 @@ STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ACCELERATIONS = Scheme(ACCELERATION, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def generalized_alpha(step: float, spectral_radius: float, left: float = EXACT) -> Scheme:
+def generalized_alpha(step: float, spectral_radius: float, tolerance: float = EXACT) -> Scheme:
     """Return the scheme of one ``step`` [s] whose high frequencies shrink by ``spectral_radius`` [-] per step.
 
     alpha_m = (2 rho - 1)/(rho + 1), alpha_f = rho/(rho + 1), gamma = 1/2 + alpha_f - alpha_m, beta = (gamma + 1/2)^2 / 4.
-    Second order for every rho; raises InputError outside 0 <= rho <= 1, for h <= 0, for ``left`` [-] outside 0 < left <= 1e-6.
+    Second order for every rho; raises InputError outside 0 <= rho <= 1, for h <= 0, for a ``tolerance`` [-] outside 0 .. 1e-6.
     """
     rho = spectral_radius
     if not 0.0 <= rho <= 1.0:
@@ -87,16 +87,17 @@ def generalized_alpha(step: float, spectral_radius: float, left: float = EXACT) 
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
     ca = (1 - alpha_m) / ((1 - alpha_f) * beta * step * step)
-    if not 0.0 < left <= MOST_LEFT:
+    if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         raise InputError(
-            f"tolerance = {left}: expected a part of the mechanism's length above 0 and at most {MOST_LEFT:g}, for example 1e-9"
+            f"tolerance = {tolerance}: expected a part of the mechanism's length above 0 and at most {LARGEST_TOLERANCE:g}, "
+            "for example 1e-9"
         )
-    return Scheme(DYNAMIC, step, gamma / (beta * step), ca, beta, gamma, alpha_m, alpha_f, left)
+    return Scheme(DYNAMIC, step, gamma / (beta * step), ca, beta, gamma, alpha_m, alpha_f, tolerance)
 
 
 def start_up(scheme: Scheme) -> Scheme:
     """Return the scheme [s] of the parts of the first steps after a sudden start."""
-    return generalized_alpha(scheme.h / SUBSTEPS, 0.0, scheme.left)
+    return generalized_alpha(scheme.h / SUBSTEPS, 0.0, scheme.tolerance)
 
 
 def early_times(time: Array) -> Array:
@@ -120,7 +121,7 @@ def is_sudden(scheme, scale, found, resolved):
     for k in range(len(scale)):
         left = max(left, scheme.h * scheme.h * abs(found[k] - resolved[k]) / scale[k])
         kept = max(kept, scheme.h * scheme.h * abs(resolved[k]) / scale[k])
-    return left > SUDDEN or left > max(DOMINANT * kept, ROUNDING)
+    return left > SUDDEN or left > max(DOMINANT * kept, START_ROUNDING)
 
 
 @jit_inner

@@ -12,8 +12,15 @@ forces stay as they are: positions and velocities do not change.
 from __future__ import annotations
 
 from flexinv.dynamics.assembly import forward_pass, node_wrenches
-from flexinv.dynamics.constraint_rows import PULL, add_ties, factorise_border, solve_border, tie_rows, tie_sides
-from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
+from flexinv.dynamics.constraint_rows import (
+    PULL,
+    SECOND_RATES,
+    add_ties,
+    factorise_border,
+    solve_border,
+    tie_rows,
+    tie_sides,
+)
 from flexinv.dynamics.tree_solver import solve_block
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, vec
@@ -31,7 +38,7 @@ def project_accelerations(system, joints, y):
     """
     topology, ties, state, frames = system.topology, system.border.ties, system.state, system.frames
     work, variation, level = system.work, system.variation, system.loads.level[0]
-    full, change = work.settled[0], work.settled[1]
+    full, change = work.projection[0], work.projection[1]
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
     for n in range(len(topology.parent)):
         for i in range(6):
@@ -40,7 +47,7 @@ def project_accelerations(system, joints, y):
     for n in range(len(topology.parent)):
         for i in range(6):
             change[n, i] = -work.wrench[n, i]
-    tie_rows(ties, state, frames, RATED)
+    tie_rows(ties, state, frames, SECOND_RATES)
     tie_sides(topology, ties, variation, work.residual)
     for k in range(len(ties.a)):  # springs keep their forces
         if ties.kind[k] == PULL:

@@ -74,7 +74,7 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     s, multiplier = solver.state, solver.border.ties.multiplier
     found, forces = s.du.copy(), multiplier.copy()
     sudden, scale = False, solver.topology.scale
-    if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > integrator.ROUNDING:
+    if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > integrator.START_ROUNDING:
         s.du[:] = s.du0
         for _ in range(integrator.PASSES):
             solver.solve_instant(scheme._replace(mode=RESOLVED), joints, when)
@@ -113,11 +113,11 @@ MOST_HALVINGS = 12
 # The first step [-], in times in which the mechanism falls its own length.  One that fails, climbs or goes too far is made again
 # with a quarter of it, at most MOST_SHORTER times from the first; one that goes less than half as far as it may is followed by
 # one of four times its length.
-FIRST, FACTOR, MOST_SHORTER = 0.25, 4.0, 16
+FIRST_STEP, STEP_FACTOR, MOST_SHORTER = 0.25, 4.0, 16
 # How far a step may go, over the mechanism's length or in radians: farther, and it could miss a rest position that lies between.
-FARTHEST = 0.5
-# Where a step goes less than NEAR, Newton's method is asked for the rest position itself; below STILL nothing moves.
-NEAR, STILL = 1e-3, 1e-10
+LONGEST_MOVE = 0.5
+# Where a step goes less than NEAR_REST, Newton's method is asked for the rest position itself; below STILL nothing moves.
+NEAR_REST, STILL = 1e-3, 1e-10
 # Newton's last increment closes loops a little better (2.6e-10 in one of 1e-6 m, whatever the step), up or down: no climb.
 CLOSING = 1e-9
 # Leaving an unstable position by a part of 1e-10 takes some fifty steps.
@@ -130,7 +130,7 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     """Find the rest position under gravity, springs and the solver's loads [N], [N m] that belongs to the starting position.
 
     Where every joint is held the loads are raised from zero in steps as large as converge.  With passive joints there are several
-    rest positions: it is the one to which the mechanism sinks from where it starts (`_sink`), whoever asks.
+    rest positions: every caller gets the one to which the mechanism sinks from its start (`_sink`).
 
     The unknowns must hold a starting position, and are at rest afterwards; returns the relative motion of the prescribed joints.
     Raises ConvergenceError, naming what was reached.
@@ -165,21 +165,21 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     """
     solver.loads.level[0] = 1.0
     gravity = float(np.linalg.norm(solver.topology.gravity))
-    longest = FIRST * (np.sqrt(2 * solver.mesh.length / gravity) if gravity > 0.0 else 1.0)
-    step, shortest = longest, longest / FACTOR**MOST_SHORTER
+    longest = FIRST_STEP * (np.sqrt(2 * solver.mesh.length / gravity) if gravity > 0.0 else 1.0)
+    step, shortest = longest, longest / STEP_FACTOR**MOST_SHORTER
     for _ in range(MOST_STEPS):
-        moved, failed = _moved(solver, joints, generalized_alpha(step, 0.0), FARTHEST)
+        moved, failed = _moved(solver, joints, generalized_alpha(step, 0.0), LONGEST_MOVE)
         if moved is None:
-            step /= FACTOR
+            step /= STEP_FACTOR
             if step < shortest:
                 raise solver.complain(*failed, f"{when}, on the way down to a rest position")
             continue
         # Close by Newton's method may find the rest position; where a motion is free of forces, standing still will do.
-        if moved < NEAR and _moved(solver, joints, STATICS, FACTOR * NEAR)[0] is not None:
+        if moved < NEAR_REST and _moved(solver, joints, STATICS, STEP_FACTOR * NEAR_REST)[0] is not None:
             return
         if step >= longest and moved < STILL:
             return
-        step *= FACTOR if moved < FARTHEST / 2 else 1.0
+        step *= STEP_FACTOR if moved < LONGEST_MOVE / 2 else 1.0
     raise solver.complain(NOT_CONVERGED, MOST_STEPS, moved or 0.0, f"{when}, on the way down to a rest position")
 
 
@@ -203,7 +203,7 @@ def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> t
     return None, (NOT_CONVERGED, failed[1], moved) if failed[0] == CONVERGED else failed
 
 
-def settle(solver: Solver, q: Array, when: str) -> None:
+def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     """Begin in the `equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
     from flexinv.linearized.natural_modes import unstable_motions
 
@@ -233,7 +233,7 @@ def _stable(mesh: Mesh) -> set[bytes]:
     return set()
 
 
-def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
+def start_held(solver: Solver, q: Array, time: float, when: str) -> bool:
     """Put a mechanism that torques move into its equilibrium at a time [s] with all driven joints held at q (nq,) [rad], [m].
 
     Were they free, joints with nothing to hold them (a vertical axis) would have no one equilibrium, and a first torque seldom
@@ -248,7 +248,7 @@ def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
     acting.acting[:], acting.place_b[:], acting.w[:] = own.acting, own.place_b, own.w
     start_undeformed(held, q, still, still)
     held.load_at(time, q, still, still)
-    settle(held, q, when)
+    start_at_equilibrium(held, q, when)
     nodes = held.topology.independent | (held.topology.freedoms > 0)
     solver.state.x[nodes], solver.state.r[nodes] = held.state.x[nodes], held.state.r[nodes]
     for n in np.flatnonzero(held.topology.freedoms):
@@ -281,10 +281,10 @@ def stand(solver: Solver, motion: Sequence[Array], time: float, initial: str, wh
     joints = start_undeformed(solver, q, qd, qdd)
     solver.load_at(time, q, qd, qdd)
     if initial == "static":
-        settled = solver.efforts is None or settle_held(solver, q, time, when)
+        steady = solver.efforts is None or start_held(solver, q, time, when)
         if solver.efforts is None:
-            settle(solver, q, when)
-        if settled:
+            start_at_equilibrium(solver, q, when)
+        if steady:
             move_as_rigid(solver, joints, qd, qdd)
     solver.solve_instant(ACCELERATIONS, joints, when)
     return joints

@@ -23,9 +23,10 @@ from flexinv.kernels.vec3 import add_scaled, vec_at
 from flexinv.kinematics.tree import Joints
 from flexinv.typing import Array
 
-# C = (T(WEIGHT, 0) - K) / WEIGHT, M = (T(0, WEIGHT) - K) / WEIGHT: so large that rounding of K is below that of the smallest
-# entry (a factor of 1 drowns C of small, fast mechanisms in it), and a power of two, which rounds nothing itself.
-WEIGHT = 2.0**100
+# C = (T(LARGE_FACTOR, 0) - K) / LARGE_FACTOR, M = (T(0, LARGE_FACTOR) - K) / LARGE_FACTOR: so large that rounding of K is
+# below that of the smallest entry (a factor of 1 drowns C of small, fast mechanisms in it), and a power of two, which rounds
+# nothing itself.
+LARGE_FACTOR = 2.0**100
 
 
 @by_address
@@ -52,8 +53,10 @@ def matrices(solver: Solver, joints: Joints) -> Matrices:
 
 @jit_formula
 def weighed(which: int) -> Scheme:
-    """Return the scheme [-] of which the linearisation is K (0), K + WEIGHT C (1) or K + WEIGHT M (2)."""
-    return Scheme(DYNAMIC, 0.0, WEIGHT if which == 1 else 0.0, WEIGHT if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """Return the scheme [-] of which the linearisation is K (0), K + LARGE_FACTOR C (1) or K + LARGE_FACTOR M (2)."""
+    return Scheme(
+        DYNAMIC, 0.0, LARGE_FACTOR if which == 1 else 0.0, LARGE_FACTOR if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
 
 
 @jit_inner
@@ -93,7 +96,7 @@ def fill(system, which, out):
                 if ties.kind[k] == PULL:
                     whole[r, c] -= ties.sides[k, r] * ties.across[k, c]
             if which > 0:
-                whole[r, c] = (whole[r, c] - out[0, r, c]) / WEIGHT
+                whole[r, c] = (whole[r, c] - out[0, r, c]) / LARGE_FACTOR
 
 
 @jit_inner

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.equations import gap
-from flexinv.dynamics.constraint_rows import UNIT, Ties, set_gradient
+from flexinv.dynamics.constraint_rows import Ties, set_gradient
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
@@ -184,12 +184,12 @@ def pull_rows(springs, constraints, frames, level):
         law = scale(-ratio, d)
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
-        across = vec3.msub(vec3.mscale(ratio, UNIT), vec3.mscale(ratio, vec3.outer(n, n)))
+        across = vec3.msub(vec3.mscale(ratio, vec3.EYE), vec3.mscale(ratio, vec3.outer(n, n)))
         put_block(springs.slope[k], 0, 0, vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
         put_block(springs.slope[k], 0, 3, vec3.mscale(-damping, vec3.outer(n, n)))
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
-            set_gradient(row + i, constraints, frames, UNIT[i], d)
+            set_gradient(row + i, constraints, frames, vec3.EYE[i], d)
 
 
 @jit_inner

@@ -1,4 +1,4 @@
-"""The arrays of the implicit solve, allocated once, and what it gives: the flexible trajectory."""
+"""Workspace of the implicit solver, allocated once; the solver fills the flexible trajectory."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Solver:
             internal=np.zeros((elements, max(count - 1, 0), 6)), energy=np.zeros(3),
             element=Scratch.of(count), rates=Rates.of(count if damped else 0),
             system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
-            solved=np.zeros((elements, rows, widest + sides)), settled=np.zeros((2, mesh.size, 6)),
+            solved=np.zeros((elements, rows, widest + sides)), projection=np.zeros((2, mesh.size, 6)),
         )  # fmt: skip
         instant = Trajectory.empty(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
         increment = np.zeros((1 + len(tied.a), unknowns))
@@ -100,7 +100,7 @@ class Solver:
         return int(status), int(count), float(size)
 
     def solve_instant(self, scheme: Scheme, joints: Joints, when: str) -> int:
-        """Solve one instant under the present loads; return the iterations [-], or raise the ConvergenceError of `complaint`."""
+        """Solve one instant under the present loads; return the iterations [-], or raise a ConvergenceError (`step_failure`)."""
         status, count, size = self.newton(scheme, joints)
         if status != CONVERGED:
             raise self.complain(status, count, size, when)
@@ -158,8 +158,8 @@ class Solver:
         return np.asarray(self.efforts(time, before) @ by_unknown(self.mesh, self.topology))
 
     def complain(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
-        """Return the error that says where and how the solve failed, see `complaint`; size [-], step [s]."""
-        return complaint(self.mesh, status, count, size, when, step, self.turned(count))
+        """Return the error that says where and how the solve failed, see `step_failure`; size [-], step [s]."""
+        return step_failure(self.mesh, status, count, size, when, step, self.turned(count))
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
@@ -172,10 +172,10 @@ class Solver:
 
 
 # An element that has turned by more than this between its sections where a step begins needs more elements, not smaller steps.
-BENT = LARGEST_TURN / 2  # [rad]
+BENT_TOO_FAR = LARGEST_TURN / 2  # [rad]
 
 
-def complaint(
+def step_failure(
     mesh: Mesh, status: int, count: int, size: float, when: str, step: float = 0.0, turned: float = 0.0
 ) -> ConvergenceError:
     """Return the error that says where and how a solve failed (``size`` [-] of the last increment) and what to try.
@@ -190,7 +190,7 @@ def complaint(
         what = f"{LARGEST_TURN} rad between its nodes" if status == TURNED_TOO_MUCH else "pi in one step at a section"
         twice = 2 * (link.beam.elements if link.beam is not None else 1)
         advice = f"it had bent by {turned:.2g} rad before: use more elements (elements = {twice} on this link)"
-        if turned <= BENT:
+        if turned <= BENT_TOO_FAR:
             advice = (
                 f"it had bent by {turned:.2g} rad before, so that more elements would not help: "
                 f"{shorter}check that forces, moments and stiffness are what you mean"

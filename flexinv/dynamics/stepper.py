@@ -7,7 +7,6 @@ import numpy as np
 from flexinv.dynamics import constraint_rows, generalized_alpha
 from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
 from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, solve_border, tie_rows, tie_sides
-from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
 from flexinv.dynamics.generalized_alpha import ACCELERATION, DYNAMIC, RESOLVED, STATIC, advance, copy, correct, predict
 from flexinv.dynamics.index1 import project_accelerations, solve_masses, weigh_massless
 from flexinv.dynamics.loads import add_loads, pull_rows, pull_sides, set_loads, turn_arms
@@ -34,8 +33,8 @@ CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0
 NO_SLIP = 1.0  # [rad]
 
 # At rest nothing but the closures or springs of the border may hold a passive joint, and the tree alone cannot be solved.
-# Its diagonal gets this part of the largest stiffness: Newton's step falls short by as much, rounding by 1e-16 / HELD.
-HELD = 4e-11
+# Its diagonal gets this part of the largest stiffness: Newton's step falls short by as much, rounding by 1e-16 / HELD_STIFFNESS.
+HELD_STIFFNESS = 4e-11
 
 
 @jit_inner
@@ -47,7 +46,7 @@ def evaluate(system, scheme, joints, want_tangent):
     forward_pass(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
     node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
-    tie_rows(ties, system.state, frames, RATED if rated else VALUES)
+    tie_rows(ties, system.state, frames, constraint_rows.SECOND_RATES if rated else VALUES)
     pull_rows(pulls, ties, frames, level)
     add_ties(ties, ties.multiplier, work.wrench)
     bad = add_elements(topology, system.elements, frames, variation, work, scheme.mode != STATIC, want_tangent)
@@ -64,7 +63,7 @@ def evaluate(system, scheme, joints, want_tangent):
 
 @jit_inner
 def newton(system, scheme, joints, y, most):
-    """Solve one instant in at ``most`` so many iterations; return status, iterations or the bad element, last increment [-]."""
+    """Solve one instant in at ``most`` iterations; return status, iterations or the bad element, last increment [-]."""
     topology, ties, work = system.topology, system.border.ties, system.work
     size, last = 0.0, False
     for iteration in range(most + 1):
@@ -92,14 +91,14 @@ def newton(system, scheme, joints, y, most):
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         correct(topology, scheme, system.state, y[0])
-        last = size < INCREMENT or generalized_alpha.SQUARED * size * size < scheme.left
+        last = size < INCREMENT or generalized_alpha.SQUARED * size * size < scheme.tolerance
         last = last or scheme.mode == ACCELERATION or scheme.mode == RESOLVED
     return NOT_CONVERGED, most, size
 
 
 @jit_inner
 def _hold_loose(topology, diagonal):
-    """Give passive freedoms a stiffness of their own in the linearisation, HELD of the largest; the residual has none.
+    """Give passive freedoms a stiffness of their own in the linearisation, HELD_STIFFNESS of the largest; the residual has none.
 
     Stiffnesses are compared in lengths of the mechanism: N m/rad and N/m of small ones are far apart.
     """
@@ -111,7 +110,7 @@ def _hold_loose(topology, diagonal):
         b = topology.block[n]
         for i in range(topology.freedoms[n]):
             k = topology.column[n] + i
-            diagonal[b, k, k] += HELD * largest / topology.scale[topology.offset[b] + k] ** 2
+            diagonal[b, k, k] += HELD_STIFFNESS * largest / topology.scale[topology.offset[b] + k] ** 2
 
 
 @jit
@@ -148,8 +147,8 @@ def march(system, scheme, instants, y, out):
             predicted, state.order[0] = False, 0
         if status != CONVERGED:
             return status, sample, count, size
-        settles = moves and constraint_rows.any_acts(ties)
-        if settles:
+        projects = moves and constraint_rows.any_acts(ties)
+        if projects:
             copy(ties.multiplier, ties.kept)
             copy(state.du, state.kept)
             project_accelerations(system, j, y)
@@ -157,7 +156,7 @@ def march(system, scheme, instants, y, out):
         for k in range(out.multipliers.shape[1]):
             out.multipliers[sample, k] = ties.multiplier[k]
         out.iterations[sample] = count
-        if settles:  # the integrator goes on with its own
+        if projects:  # the integrator goes on with its own
             copy(ties.kept, ties.multiplier)
             copy(state.kept, state.du)
         advance(topology, scheme, state)

@@ -65,7 +65,7 @@ class Work(NamedTuple):
     energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
     element, rates : scratch of one element
     system : (rows, rows + columns + sides of a part), scratch of one elimination
-    settled : (2, nodes, 6), scratch of `dynamics.index1`
+    projection : (2, nodes, 6), scratch of `dynamics.index1`
     solved : (elements, rows, columns + sides of a part) eliminated unknowns by those of the element's first block
     """
 
@@ -80,7 +80,7 @@ class Work(NamedTuple):
     rates: Rates
     system: Array
     solved: Array
-    settled: Array
+    projection: Array
 
 
 @by_address

@@ -30,12 +30,27 @@ from flexinv.kernels import so3, vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.so3 import coefficients, exp_with, inverse_tangent, log, quadratic, tangent_with
-from flexinv.kernels.vec3 import apply, dot, madd, mat, mscale, mul, outer, put, rows, scale, skew, tmul, transpose, vec
+from flexinv.kernels.vec3 import (
+    EYE,
+    apply,
+    dot,
+    madd,
+    mat,
+    mscale,
+    mul,
+    outer,
+    put,
+    rows,
+    scale,
+    skew,
+    tmul,
+    transpose,
+    vec,
+)
 from flexinv.typing import Array
 
-Vector = tuple[float, float, float]
-Matrix = tuple[Vector, Vector, Vector]
-UNIT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+Vector3 = tuple[float, float, float]
+Matrix = tuple[Vector3, Vector3, Vector3]
 
 
 @by_address
@@ -135,12 +150,12 @@ def interpolate(count, shape, slope, moved, turned):
 class Point(NamedTuple):
     """Strains at a Gauss point: psi [rad], psi' [rad/m] and the coefficients q at psi; S, H, S^T u' [-], d(H psi')/dpsi [1/m]."""
 
-    psi: Vector
-    dpsi: Vector
+    psi: Vector3
+    dpsi: Vector3
     q: tuple[float, ...]
     s: Matrix
     h: Matrix
-    stretch: Vector
+    stretch: Vector3
     bend: Matrix
 
 
@@ -231,12 +246,12 @@ class Rates(NamedTuple):
 class Rate(NamedTuple):
     """Rates at a Gauss point: S^T du', H dpsi, dpsi, dpsi', and of strain, dGamma/dt and dkappa/dt [1/s], [rad/s]."""
 
-    slid: Vector
-    turn: Vector
-    psi: Vector
-    dpsi: Vector
-    gamma: Vector
-    kappa: Vector
+    slid: Vector3
+    turn: Vector3
+    psi: Vector3
+    dpsi: Vector3
+    gamma: Vector3
+    kappa: Vector3
 
 
 @jit_inner
@@ -273,7 +288,7 @@ def rates_by_pose(point, rate, damping, w, parts):
     by_u = rows(d_n, mscale(-1.0, mul(whirl, transpose(s))))
     slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
     by_psi = rows(d_n, madd(slides, mul(skew(stretch), tangent_slope(psi, psi_rate, q, 1.0))))
-    x, y, z = UNIT
+    x, y, z = EYE
     a, b, c = tangent_slope(psi, x, q, 1.0), tangent_slope(psi, y, q, 1.0), tangent_slope(psi, z, q, 1.0)
     grown = transpose((apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)))
     a, b, c = tangent_curvature(psi, x, dpsi, q), tangent_curvature(psi, y, dpsi, q), tangent_curvature(psi, z, dpsi, q)

@@ -110,7 +110,7 @@ def _clear(count, gradient, pairs, want_tangent):
 
 
 @jit_inner
-def nodal_forces(count, scratch):
+def element_forces(count, scratch):
     """Fill scratch.forces, (count, 6) [N] (world) and [N m] (node frame), from dE/d(u_i, psi_i).
 
     F_i = dE/du_i, M_i = H_i^-T dE/dpsi_i; the sums of forces and moments vanish, and R_0^T R_i H_i^-T = H_i^-1:

@@ -32,18 +32,18 @@ from flexinv.typing import Array
 POINTS_AT_ONCE = 8  # points of a block
 _LANES = np.uint64(POINTS_AT_ONCE)
 # Rows of a block.  First what is interpolated, then what follows: S, y, n, m; w times the first derivatives; w times the second.
-(U1, U2, PHI, BEND, COS, SIN, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
+(U1, U2, PHI, BEND, COS_PHI, SIN_PHI, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
  PSI_PSI, BEND_BEND) = (np.uint64(POINTS_AT_ONCE * k) for k in range(22))  # fmt: skip
 POINT_BLOCK = np.uint64(22 * POINTS_AT_ONCE)
 # Rows of a block of constants.
 AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(POINTS_AT_ONCE * k) for k in range(7))
 CONSTANTS = np.uint64(7 * POINTS_AT_ONCE)
 # Rows of a block of rates (v', phi', the rates of strain), and of damping coefficients; both empty where no beam is damped.
-R1, R2, SPIN, RATE1, RATE2, BENT = (np.uint64(POINTS_AT_ONCE * k) for k in range(6))
-RATES = np.uint64(6 * POINTS_AT_ONCE)
+R1, R2, PHI_RATE, RATE1, RATE2, KAPPA_RATE = (np.uint64(POINTS_AT_ONCE * k) for k in range(6))
+RATE_BLOCK = np.uint64(6 * POINTS_AT_ONCE)
 D_AXIAL, D_SHEAR, D_BENDING = (np.uint64(POINTS_AT_ONCE * k) for k in range(3))
 COEFFICIENTS = np.uint64(3 * POINTS_AT_ONCE)
-TURN = 2.0 * np.pi  # an element that turns more between its first and any other node is refused, as in `assembly`
+FULL_TURN = 2.0 * np.pi  # an element that turns more between its first and any other node is refused, as in `assembly`
 
 
 @by_address
@@ -70,7 +70,7 @@ class PlanarElements(NamedTuple):
 
 
 @jit_inner
-def point(k, g, points):
+def point_offset(k, g, points):
     """Return the offset of point g of element k in the first row of its block [-]."""
     n = np.uint64(k * points + g)
     return n // _LANES * POINT_BLOCK + n % _LANES
@@ -89,7 +89,7 @@ def interpolate(elements, pose, u, p):
             node = pose[elements.nodes[k, i]]
             turned = node[2] - first[2] + elements.bend[k, i]
             u[i, 0], u[i, 1] = node[0] - first[0], node[1] - first[1]
-            u[i, 2] = turned - TURN * np.floor(turned / TURN + 0.5)
+            u[i, 2] = turned - FULL_TURN * np.floor(turned / FULL_TURN + 0.5)
             if not abs(u[i, 2]) <= largest:
                 largest, worst = abs(u[i, 2]), k
         phi0 = elements.heading[k] + first[2]
@@ -99,7 +99,7 @@ def interpolate(elements, pose, u, p):
                 slope = elements.slope[k, g, i]
                 u1, u2 = u1 + slope * u[i, 0], u2 + slope * u[i, 1]
                 psi, bend = psi + elements.shape[k, g, i] * u[i, 2], bend + slope * u[i, 2]
-            at = point(k, g, points)
+            at = point_offset(k, g, points)
             p[at + U1], p[at + U2], p[at + PHI], p[at + BEND] = u1, u2, phi0 + psi, bend
     return largest, worst
 
@@ -130,8 +130,8 @@ def interpolate_rates(elements, rate, r):
                 v1, v2, turn = v1 + slope * (own[0] - first[0]), v2 + slope * (own[1] - first[1]), own[2] - first[2]
                 spin, bent = spin + elements.shape[k, g, i] * turn, bent + slope * turn
             n = np.uint64(k * points + g)
-            at = n // _LANES * RATES + n % _LANES
-            r[at + R1], r[at + R2], r[at + SPIN], r[at + BENT] = v1, v2, spin, bent
+            at = n // _LANES * RATE_BLOCK + n % _LANES
+            r[at + R1], r[at + R2], r[at + PHI_RATE], r[at + KAPPA_RATE] = v1, v2, spin, bent
 
 
 @jit_inner
@@ -148,7 +148,7 @@ def point_gradients(elements, p, r):
 def _gradients(lanes, block, elements, p, r):
     """First derivatives at the points of a block; r : None where no beam is damped, and nothing of damping is compiled."""
     at, own, k = block * POINT_BLOCK, block * CONSTANTS, elements.constants
-    by, d = block * RATES, block * COEFFICIENTS
+    by, d = block * RATE_BLOCK, block * COEFFICIENTS
     for lane in range(lanes):
         c, s = cos_sin(p[at + PHI + lane])
         u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
@@ -157,14 +157,14 @@ def _gradients(lanes, block, elements, p, r):
         n2 = k[own + SHEAR + lane] * (y2 - k[own + STRAIN2 + lane])
         m = k[own + BENDING + lane] * (p[at + BEND + lane] - k[own + CURVATURE + lane])
         if r is not None:
-            v1, v2, spin = r[by + R1 + lane], r[by + R2 + lane], r[by + SPIN + lane]
+            v1, v2, spin = r[by + R1 + lane], r[by + R2 + lane], r[by + PHI_RATE + lane]
             rate1, rate2 = c * v1 + s * v2 + spin * y2, c * v2 - s * v1 - spin * y1
             r[by + RATE1 + lane], r[by + RATE2 + lane] = rate1, rate2
             n1 += elements.damping[d + D_AXIAL + lane] * rate1
             n2 += elements.damping[d + D_SHEAR + lane] * rate2
-            m += elements.damping[d + D_BENDING + lane] * r[by + BENT + lane]
+            m += elements.damping[d + D_BENDING + lane] * r[by + KAPPA_RATE + lane]
         w = k[own + WEIGHT + lane]
-        p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
+        p[at + COS_PHI + lane], p[at + SIN_PHI + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
         p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
         p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
         p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
@@ -188,7 +188,7 @@ def _hessians(lanes, block, elements, cv, p):
     """Second derivatives at the points of a block; cv : None where no beam is damped."""
     at, own, d, k = block * POINT_BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
     for lane in range(lanes):
-        c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
+        c, s, y1, y2 = p[at + COS_PHI + lane], p[at + SIN_PHI + lane], p[at + Y1 + lane], p[at + Y2 + lane]
         n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], k[own + WEIGHT + lane]
         ea, ga, bending = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
         if cv is not None:
@@ -215,7 +215,7 @@ def add_forces(elements, pose, p, wrench, felt):
         for i in range(1, count):
             n, f1, f2, m = elements.nodes[k, i], 0.0, 0.0, 0.0
             for g in range(count - 1):
-                at, slope = point(k, g, points), elements.slope[k, g, i]
+                at, slope = point_offset(k, g, points), elements.slope[k, g, i]
                 f1, f2 = f1 + slope * p[at + BY_U1], f2 + slope * p[at + BY_U2]
                 m += elements.shape[k, g, i] * p[at + BY_PSI] + slope * p[at + BY_BEND]
             felt[k, i, 0], felt[k, i, 1], felt[k, i, 2] = f1, f2, m
@@ -238,7 +238,7 @@ def pair_stiffness(k, i, j, elements, p):
     """
     a11, a12, a22, b1, b2, c1, c2, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for g in range(elements.order[k]):
-        at = point(k, g, elements.shape.shape[1])
+        at = point_offset(k, g, elements.shape.shape[1])
         slope_i, slope_j = elements.slope[k, g, i], elements.slope[k, g, j]
         shape_i, shape_j = elements.shape[k, g, i], elements.shape[k, g, j]
         slopes = slope_i * slope_j
@@ -269,9 +269,9 @@ def dissipated(elements, r):
     """Return the power that all elements dissipate [W]."""
     total, damping = 0.0, elements.damping
     for block in range(np.uint64(len(damping)) // COEFFICIENTS):
-        by, own, d = block * RATES, block * CONSTANTS, block * COEFFICIENTS
+        by, own, d = block * RATE_BLOCK, block * CONSTANTS, block * COEFFICIENTS
         for lane in range(_LANES):
-            rate1, rate2, bent = r[by + RATE1 + lane], r[by + RATE2 + lane], r[by + BENT + lane]
+            rate1, rate2, bent = r[by + RATE1 + lane], r[by + RATE2 + lane], r[by + KAPPA_RATE + lane]
             lost = damping[d + D_AXIAL + lane] * rate1 * rate1 + damping[d + D_SHEAR + lane] * rate2 * rate2
             lost += damping[d + D_BENDING + lane] * bent * bent
             total += elements.constants[own + WEIGHT + lane] * lost

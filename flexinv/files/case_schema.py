@@ -20,27 +20,27 @@ QUANTITIES: tuple[str, ...] = get_args(Quantity)
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
 VERSIONS = r"^$|^\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*(,\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*)*$"
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")
-Law = Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid"]
-LAWS = '"cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid"'
+LawName = Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid"]
+LAW_NAMES = '"cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid"'
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 
 
 class MoveTable(Table):
     """Move of one joint; law and times default to those of the motion."""
 
-    law: Law | None = optional(f"one of {LAWS}", '"cycloid"')
+    law: LawName | None = optional(f"one of {LAW_NAMES}", '"cycloid"')
     duration_s: Positive | None = optional("how long the move takes, > 0 [s]", "1.0")
     hold_s: NotNegative | None = optional("rest after the move, >= 0 [s]", "0.5")
     delay_s: NotNegative | None = optional("rest before the move, >= 0 [s]", "0.1")
 
 
-def plain(value: Any) -> Array:
+def si_numbers(value: Any) -> Array:
     """Read numbers that are in SI units already [rad], [m], [-]."""
     return np.atleast_1d(np.array(value, dtype=np.float64))
 
 
 def _radians(value: Any) -> Array:
-    return np.radians(plain(value))
+    return np.radians(si_numbers(value))
 
 
 def _quaternion(rpy_deg: Any) -> Array:
@@ -64,21 +64,23 @@ class Way(NamedTuple):
 Parts = tuple[dict[str, Way], ...]  # of a joint's coordinates, each by the keys that may state it
 ANGLE = {
     "deg": Way(Number, "the angle", "deg", _radians, "at which it rests", ("0", "90", "30", "30")),
-    "rad": Way(Number, "the angle", "rad", plain, "at which it rests", ("0", "1.0", "0.5", "0.5")),
+    "rad": Way(Number, "the angle", "rad", si_numbers, "at which it rests", ("0", "1.0", "0.5", "0.5")),
 }
-LENGTH = {"m": Way(Number, "the position", "m", plain, "at which it rests", ("0", "0.1", "0.05", "0.1"))}
+LENGTH = {"m": Way(Number, "the position", "m", si_numbers, "at which it rests", ("0", "0.1", "0.05", "0.1"))}
 ZEROS = "[0, 0]"
 ANGLES = {
     "deg": Way(Pair, "two angles", "deg", _radians, "at which it rests", (ZEROS, "[30, 20]", ZEROS, "[10, -5]")),
-    "rad": Way(Pair, "two angles", "rad", plain, "at which it rests", (ZEROS, "[0.5, 0.2]", ZEROS, "[0.2, -0.1]")),
+    "rad": Way(Pair, "two angles", "rad", si_numbers, "at which it rests", (ZEROS, "[0.5, 0.2]", ZEROS, "[0.2, -0.1]")),
 }
 NEUTRAL, LEVEL, QUARTER, ABOVE = "[0, 0, 0, 1]", "[0, 0, 0]", "[0, 0, 90]", "[0, 0, 1]"
-TURNED = NEUTRAL, "[0, 0, 0.6, 0.8]", NEUTRAL, NEUTRAL
-TURN = {
-    "quaternion": Way(Quaternion, "x, y, z, w", "-", plain, "where it rests", TURNED),
+TURNED_EXAMPLES = NEUTRAL, "[0, 0, 0.6, 0.8]", NEUTRAL, NEUTRAL
+ORIENTATION_WAYS = {
+    "quaternion": Way(Quaternion, "x, y, z, w", "-", si_numbers, "where it rests", TURNED_EXAMPLES),
     "rpy_deg": Way(Vector, "roll, pitch, yaw", "deg", _quaternion, "where it rests", (LEVEL, QUARTER, LEVEL, QUARTER)),
 }
-POINT = {"xyz_m": Way(Vector, "the position", "m", plain, "where it rests", (ABOVE, "[0, 0, 0.9]", ABOVE, ABOVE))}
+POSITION_WAYS = {
+    "xyz_m": Way(Vector, "the position", "m", si_numbers, "where it rests", (ABOVE, "[0, 0, 0.9]", ABOVE, ABOVE))
+}
 # Units of the velocity coordinates of a kind of joint -> name of its tables, what it is, what starts, the parts of its
 # coordinates, and examples of a move and of a start.
 JOINTS: dict[tuple[str, ...], tuple[str, str, str, Parts, str, str]] = {
@@ -91,11 +93,11 @@ JOINTS: dict[tuple[str, ...], tuple[str, str, str, Parts, str, str]] = {
         "{ deg = [10, -5] }",
     ),
     3 * ("rad",): (
-        "Rotation", "a spherical joint", "orientation", (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }",
-        "{ rpy_deg = [0, 0, 90] }",
+        "Rotation", "a spherical joint", "orientation", (ORIENTATION_WAYS,),
+        "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }", "{ rpy_deg = [0, 0, 90] }",
     ),
     (*3 * ("m",), *3 * ("rad",)): (
-        "Pose", "a free joint", "pose", (POINT, TURN), "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }",
+        "Pose", "a free joint", "pose", (POSITION_WAYS, ORIENTATION_WAYS), "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }",
         "{ xyz_m = [0, 0, 1], rpy_deg = [0, 0, 0] }",
     ),
 }  # fmt: skip
@@ -125,7 +127,7 @@ for _units, (_name, _joint, _what, _parts, _move, _start) in JOINTS.items():
 class MotionTable(Table):
     """A move from point to point by a law, joint by joint, or samples from a CSV file."""
 
-    law: Literal[Law, "sampled"] = key(f'{LAWS}, or "sampled" with csv', '"cycloid"', "cycloid")
+    law: Literal[LawName, "sampled"] = key(f'{LAW_NAMES}, or "sampled" with csv', '"cycloid"', "cycloid")
     duration_s: Positive | None = optional("how long the move takes, > 0 [s]", "1.0")
     hold_s: NotNegative = key("rest after the move, >= 0 [s]", "0.5", 0.0)
     delay_s: NotNegative = key("rest before the move, >= 0 [s]", "0.1", 0.0)
@@ -157,7 +159,7 @@ class LimitTable(Table):
     expires: datetime.date | None = optional("the day after which the limit must be looked at again", "2027-01-31")
 
 
-class MeshTable(Table):
+class CaseMeshTable(Table):
     """The mesh that flexinv takes for every beam in one case."""
 
     elements: Count = key("number of elements of each beam, >= 1 [-]", "2")
@@ -182,7 +184,7 @@ class CaseTable(Table):
     initial: Literal["consistent", "static"] = key(
         '"consistent" (undeformed) or "static" (equilibrium under gravity first)', '"static"', "consistent"
     )
-    mesh: MeshTable | None = optional(
+    mesh: CaseMeshTable | None = optional(
         "flexinv's mesh in this case, where the mechanism's own is too coarse for it", "{ elements = 2, order = 8 }"
     )
     start: dict[str, Any] = key(

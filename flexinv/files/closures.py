@@ -14,14 +14,16 @@ from flexinv.files.schema import SOURCE, PlacementTable, check_station, finite
 from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Pair, Positive, Text, Vector
 from flexinv.model.attachments import COUPLED_JOINTS, GasLaw, TableLaw
-from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
+from flexinv.model.mechanism import CLOSURES, GEARED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
 from flexinv.validation import nearest
 
-KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
+CLOSURE_NAMES = (
+    '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
+)
 LAW = '"linear" (the default), "gas" or "table"'
 IMPACT = '"error" (the default) or "plastic", which stops them at once'
 END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
-AXIS = "the free axis in both frames, three numbers [-]"
+FREE_AXIS = "the free axis in both frames, three numbers [-]"
 
 
 def _rows(value: Any) -> list[list[float]]:
@@ -32,7 +34,9 @@ def _rows(value: Any) -> list[list[float]]:
 
 
 _VECTOR = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
-Rows = Annotated[Any, PlainValidator(_rows), WithJsonSchema({"anyOf": [_VECTOR, {"type": "array", "items": _VECTOR}]})]
+RowList = Annotated[
+    Any, PlainValidator(_rows), WithJsonSchema({"anyOf": [_VECTOR, {"type": "array", "items": _VECTOR}]})
+]
 
 
 class EndTable(PlacementTable):
@@ -53,7 +57,7 @@ class PairTable(Table):
 class ClosureTable(PairTable):
     """A joint that closes a loop: without an axis a ball joint or a weld."""
 
-    kind: str = key(f"one of {KINDS}", '"revolute"')
+    kind: str = key(f"one of {CLOSURE_NAMES}", '"revolute"')
     active_s: list[Pair] = key(
         "intervals [start, end] in which it acts, one after the other [s]; always when absent", "[[0.0, 0.5]]", []
     )
@@ -68,7 +72,7 @@ class ClosureTable(PairTable):
 class AxisClosureTable(ClosureTable):
     """A closure that leaves an axis or a line free."""
 
-    axis: Vector = key(AXIS, "[0, 0, 1]")
+    axis: Vector = key(FREE_AXIS, "[0, 0, 1]")
 
 
 class UniversalClosureTable(ClosureTable):
@@ -81,7 +85,7 @@ class UniversalClosureTable(ClosureTable):
 class CouplingTable(Table):
     """A gear: an equation between coordinates of joints, and no frames."""
 
-    kind: str = key(f"one of {KINDS}", '"coupling"')
+    kind: str = key(f"one of {CLOSURE_NAMES}", '"coupling"')
     factors: dict[str, Number] = key(
         "joint = factor, whose products with the joints' coordinates [rad], [m] add up to offset [-]",
         "{ motor = 1, wheel = -5 }",
@@ -128,8 +132,8 @@ class ForceTable(Table):
     """A force and a moment on a point of a link, constant or linear between times."""
 
     at: EndTable = key(END, '{ link = "hand", xyz_m = [0, 0, 0.1] }')
-    force_N: Rows = optional("three numbers, or a row of three for every time [N]", "[0, 0, -10]")
-    moment_Nm: Rows = optional("three numbers, or a row of three for every time [N m]", "[0, 0, 1]")
+    force_N: RowList = optional("three numbers, or a row of three for every time [N]", "[0, 0, -10]")
+    moment_Nm: RowList = optional("three numbers, or a row of three for every time [N m]", "[0, 0, 1]")
     time_s: list[Number] | None = optional(
         "the times of the rows, increasing [s]; absent for constant ones", "[0.0, 0.5]"
     )
@@ -137,22 +141,26 @@ class ForceTable(Table):
     source: Text = SOURCE
 
 
-SPRINGS: dict[str, type[SpringTable]] = {"linear": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable}
-TABLES: dict[str, type[ClosureTable]] = dict.fromkeys(CLOSURES, AxisClosureTable)
-TABLES |= {"fixed": ClosureTable, "spherical": ClosureTable, "universal": UniversalClosureTable}
+SPRING_TABLES: dict[str, type[SpringTable]] = {
+    "linear": LinearSpringTable,
+    "gas": GasSpringTable,
+    "table": TableSpringTable,
+}
+CLOSURE_TABLES: dict[str, type[ClosureTable]] = dict.fromkeys(CLOSURES, AxisClosureTable)
+CLOSURE_TABLES |= {"fixed": ClosureTable, "spherical": ClosureTable, "universal": UniversalClosureTable}
 
 
 def read_closure(
     data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint], where: Location, name: str
 ) -> Closure:
     """Read ``[closures.NAME]`` [m, rad, s]; taken : joints, whose names a closure may not have."""
-    kind = one_of(data, where, "kind", CLOSURES, f"one of {KINDS}", "revolute")
+    kind = one_of(data, where, "kind", CLOSURES, f"one of {CLOSURE_NAMES}", "revolute")
     if name in taken:
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise where.wrong("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
         gear, write = validate(CouplingTable, data, where), "factors = { motor = 1, wheel = -5 }"
-        scalar = [j for j, joint in taken.items() if joint.kind in COUPLED]
+        scalar = [j for j, joint in taken.items() if joint.kind in GEARED]
         for other in gear.factors:
             if other not in scalar:
                 expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
@@ -162,7 +170,7 @@ def read_closure(
         if len(used) < 2:
             raise where.wrong("factors", toml_text(gear.factors), "two joints or more with factors other than 0", write)
         return Closure(name, gear.kind, Attachment(WORLD), Attachment(WORLD), factors=used, offset=gear.offset)
-    table = validate(TABLES[kind or "revolute"], data, where)
+    table = validate(CLOSURE_TABLES[kind or "revolute"], data, where)
     (first, second), axes = _pair(table, links, where), read_axes(table, where)
     times = [time for interval in table.active_s for time in interval]
     if any(b <= a for a, b in pairwise(times)):
@@ -181,8 +189,8 @@ def read_closure(
 
 def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Spring:
     """Read ``[springs.NAME]`` [N/m, m, N s/m, N]: linear, a gas, or a table of pull over length."""
-    law = one_of(data, where, "law", SPRINGS, '"linear", "gas" or "table"', "gas") or "linear"
-    table = validate(SPRINGS[law], data, where)
+    law = one_of(data, where, "law", SPRING_TABLES, '"linear", "gas" or "table"', "gas") or "linear"
+    table = validate(SPRING_TABLES[law], data, where)
     first, second = _pair(table, links, where)
     if isinstance(table, LinearSpringTable):
         return Spring(name, first, second, table.stiffness_N_per_m, table.rest_m, table.damping_Ns_per_m)

@@ -19,14 +19,14 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
 from flexinv.files.schema import UrdfTable, impossible
 from flexinv.files.toml_tables import Location, complaint, read_bytes
-from flexinv.files.values import LARGEST, LONGEST_NAME
+from flexinv.files.values import LARGEST_NUMBER, LONGEST_NAME
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.typing import Array
 from flexinv.validation import floats, names, nearest, refuse, shown
 from flexinv.validation import path as path_of
 
-KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")} | {"floating": "free"}
-FLOATS = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
+URDF_KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")} | {"floating": "free"}
+NO_LIMIT = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
 T = TypeVar("T")
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
 ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
@@ -160,11 +160,13 @@ def _inertia(link: Element, path: Path) -> Inertia | None:
     inertial = link.find("inertial")
     if inertial is None:
         return None
-    mass = number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
+    mass = urdf_number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
     if mass < 0:
         raise complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
     entry, where = inertial.find("inertia"), location(path, link, "inertia")
-    xx, xy, xz, yy, yz, zz = (number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    xx, xy, xz, yy, yz, zz = (
+        urdf_number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass == 0.0 and not tensor.any():
         return None
@@ -180,9 +182,9 @@ def _origin(element: Element, where: str) -> Placement:
 
 def _joint(element: Element, path: Path) -> Joint:
     kind, where = element.get("type", ""), location(path, element)
-    if kind not in KINDS:
-        near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, KINDS) or "revolute"
-        expected = f"one of {', '.join(KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
+    if kind not in URDF_KINDS:
+        near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, URDF_KINDS) or "revolute"
+        expected = f"one of {', '.join(URDF_KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
         raise complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
     ends = []
     for tag in ("parent", "child"):
@@ -192,20 +194,20 @@ def _joint(element: Element, path: Path) -> Joint:
             raise complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
     placement = _origin(element, where)
     if kind in ("fixed", "floating"):
-        return Joint(element.get("name", ""), KINDS[kind], ends[0], ends[1], placement, actuated=False)
+        return Joint(element.get("name", ""), URDF_KINDS[kind], ends[0], ends[1], placement, actuated=False)
     stated = numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
     axis = unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
     for loss in ("damping", "friction"):
-        value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
+        value = losses[loss] = urdf_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
         if value < 0:
             raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
     limits, limit, at = Limits(), element.find("limit"), f"{where}, limit"
     if limit is not None:  # 0 is how URDF writers say "not stated"; a continuous joint has no position limits
-        effort, velocity = (abs(number(limit, k, 0.0, at, FLOATS)) or np.inf for k in ("effort", "velocity"))
+        effort, velocity = (abs(urdf_number(limit, k, 0.0, at, NO_LIMIT)) or np.inf for k in ("effort", "velocity"))
         limits = Limits(effort, velocity)
         if kind != "continuous":
-            lower, upper = (number(limit, k, 0.0, at, FLOATS) for k in ("lower", "upper"))
+            lower, upper = (urdf_number(limit, k, 0.0, at, NO_LIMIT) for k in ("lower", "upper"))
             limits = replace(limits, lower=lower, upper=upper)
             if lower > upper:
                 given = f'lower="{lower:g}" upper="{upper:g}"'
@@ -281,7 +283,7 @@ def location(path: Path, element: Element, key: str = "") -> str:
 
 
 def numbers(
-    element: Element | None, attribute: str, count: int, default: Any, where: str, largest: float = LARGEST
+    element: Element | None, attribute: str, count: int, default: Any, where: str, largest: float = LARGEST_NUMBER
 ) -> Array:
     """Read an attribute as ``count`` finite numbers, in its own unit such as [m]; ``default`` where it is absent."""
     text = element.get(attribute) if element is not None else None
@@ -299,6 +301,8 @@ def numbers(
     return np.array(values)
 
 
-def number(element: Element | None, attribute: str, default: float, where: str, largest: float = LARGEST) -> float:
+def urdf_number(
+    element: Element | None, attribute: str, default: float, where: str, largest: float = LARGEST_NUMBER
+) -> float:
     """Read an attribute as one finite number, in its own unit such as [kg]; ``default`` where it is absent."""
     return float(numbers(element, attribute, 1, [default], where, largest)[0])

@@ -75,9 +75,9 @@ def read_drive(table: MotorTable | None, where: Location) -> Drive | None:
 
 NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
 DRIVE = "[joints.NAME.drive]"
-AXIS = "the axis in the joint frame, three numbers [-]"
+JOINT_AXIS = "the axis in the joint frame, three numbers [-]"
 # The length of an axis may be off by this much before it is worth a warning: seven digits were typed.
-UNIT = 1e-6
+UNIT_LENGTH = 1e-6
 
 
 class LimitsTable(Table):
@@ -163,7 +163,7 @@ class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
     drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", DRIVE)
-    axis: Vector = key(AXIS, "[0, 0, 1]")
+    axis: Vector = key(JOINT_AXIS, "[0, 0, 1]")
     limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "{ effort_Nm = 150 }")
 
 
@@ -185,7 +185,7 @@ class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
 
     drive: LinearDriveTable | None = optional("a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", DRIVE)
-    axis: Vector = key(AXIS, "[1, 0, 0]")
+    axis: Vector = key(JOINT_AXIS, "[1, 0, 0]")
     limits: LinearLimitsTable | None = optional(
         "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "{ effort_N = 500 }"
     )
@@ -198,21 +198,23 @@ class UniversalTable(RotaryDrive, JointTable):
     second_axis: Vector = key("the second axis, across the first, three numbers [-]", "[0, 1, 0]")
 
 
-TABLES: dict[str, type[JointTable]] = {
+JOINT_TABLES: dict[str, type[JointTable]] = {
     "revolute": RevoluteTable, "continuous": ContinuousTable, "prismatic": PrismaticTable, "helical": HelicalTable,
     "spherical": SphericalTable, "universal": UniversalTable, "fixed": JointTable, "free": JointTable,
 }  # fmt: skip
 # By kind of joint: the drive of its table, the last of these, which may be laid over a URDF.
 _DRIVEN = RotaryDrive, SprungDrive, LinearDrive
-DRIVES: dict[str, type[Table]] = {k: own for k, table in TABLES.items() for own in _DRIVEN if issubclass(table, own)}
+DRIVES: dict[str, type[Table]] = {
+    k: own for k, table in JOINT_TABLES.items() for own in _DRIVEN if issubclass(table, own)
+}
 
 
 def read_joint(data: Any, where: Location, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
     kind = one_of(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
-    table = validate(TABLES[kind or "revolute"], data, where)
+    table = validate(JOINT_TABLES[kind or "revolute"], data, where)
     axes, pitch = read_axes(table, where), getattr(table, "pitch_m", None)
-    if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT:
+    if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT_LENGTH:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
         raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
@@ -260,7 +262,7 @@ def unit_axis(axis: Any, where: str, write: str) -> Array:
     length = largest * float(np.linalg.norm(vector / largest)) if largest else 0.0
     if length == 0.0:
         raise complaint(where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write)
-    if abs(length - 1) > UNIT:
+    if abs(length - 1) > UNIT_LENGTH:
         said = f"{where}: {vector.tolist()} has length {length:.7g}, normalised to 1"
         warnings.warn(said, ModelWarning, stacklevel=2)
     return vector / length

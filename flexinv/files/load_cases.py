@@ -28,11 +28,11 @@ from flexinv.typing import Array
 from flexinv.validation import nearest, of_kind
 
 # Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
-WHOLE = 1e-9
+WHOLE_QUOTIENT = 1e-9
 MOST_PARTS = 1e15  # steps in a case [-]: beyond, a number of them cannot be told from the next
 LARGEST_FILE = 64 << 20  # [byte]: a million samples of a robot
-GAP = 3.0  # an interval this many times the median one is samples lost, not a change of pace
-ANGLES, LENGTHS = ("rad", "deg", "mrad"), ("m", "mm", "cm")
+LOST_SAMPLES = 3.0  # an interval this many times the median one is samples lost, not a change of pace
+ANGLE_UNITS, LENGTH_UNITS = ("rad", "deg", "mrad"), ("m", "mm", "cm")
 Column = tuple[str, int, float]  # joint, which of its numbers, factor to SI
 
 
@@ -162,7 +162,7 @@ def _check_times(table: schema.CaseTable, motion: Motion, end: float, sample: fl
 
 def _is_multiple(value: float, part: float) -> bool:
     ratio = value / part
-    return abs(ratio - round(ratio)) <= WHOLE * max(ratio, 1.0)
+    return abs(ratio - round(ratio)) <= WHOLE_QUOTIENT * max(ratio, 1.0)
 
 
 def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:
@@ -310,7 +310,7 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     if len(table) < 2:
         raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
     time, steps = table[:, 0], np.diff(table[:, 0])
-    gap = GAP * float(np.median(steps)) if largest_gap is None else largest_gap
+    gap = LOST_SAMPLES * float(np.median(steps)) if largest_gap is None else largest_gap
     k = int(np.argmax(steps <= 0))
     if steps[k] <= 0:
         where, given = f"{path}: line {lines[k + 1]}, column time_s", f"{time[k + 1]:g} after {time[k]:g}"
@@ -349,7 +349,7 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
     known: dict[str, Column] = {}
     for joint in mechanism.joints:
         kind = KINDS[joint.kind]
-        units = LENGTHS if any(kind.translations) else ANGLES
+        units = LENGTH_UNITS if any(kind.translations) else ANGLE_UNITS
         for k, suffix in enumerate(("",) if kind.circle else kind.q):
             if suffix.startswith(".q"):
                 known[joint.name + suffix] = (joint.name, k, 1.0)

@@ -15,7 +15,7 @@ from flexinv.files import schema
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, find_urdf, read_urdf
 from flexinv.files.joints import DRIVES, MOTORS, depth_first, drive, read_drive, read_joint, read_placement
-from flexinv.files.schema import SHAPES, check_station, far_end, read_inertia, read_payloads
+from flexinv.files.schema import INERTIA_SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.sections import CrossSection, read_section, section_along
 from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
 from flexinv.model.links import WORLD, Beam, Body, Inertia, Link, Placement
@@ -72,7 +72,7 @@ def read_layers(file: Path) -> tuple[dict[str, Any], Path]:
 
 
 def _laid(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    out = {key: value for key, value in under.items() if "inertia_kgm2" not in over or key not in SHAPES}
+    out = {key: value for key, value in under.items() if "inertia_kgm2" not in over or key not in INERTIA_SHAPES}
     for key, value in over.items():
         both = isinstance(value, dict) and isinstance(under.get(key), dict) and key != "inertia_kgm2"
         out[key] = _laid(under[key], value) if both else value

@@ -12,7 +12,7 @@ from flexinv.files.values import Count, Format, Fraction, Name, NotNegative, Num
 from flexinv.model.mechanism import Body, Inertia
 from flexinv.typing import Array
 
-Numbers = dict[str, float]
+NumbersByName = dict[str, float]
 
 
 def finite(value: Any) -> float:
@@ -20,7 +20,7 @@ def finite(value: Any) -> float:
     return float(bounded(value))
 
 
-def components(value: Any, required: str, optional: str = "") -> Numbers:
+def numbers_by_name(value: Any, required: str, optional: str = "") -> NumbersByName:
     """Read ``{ y = 1.0, z = 2.0 }`` into numbers by name [unit of the key]; ValueError when names are wrong."""
     names, may = required.split(), optional.split()
     if not isinstance(value, dict) or not set(names) <= set(value) <= {*names, *may}:
@@ -36,10 +36,10 @@ def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array([[finite(x) for x in row] for row in rows])
 
 
-def _numbers(value: Any, required: str, optional: str = "", zero: bool = True) -> Numbers:
+def _numbers(value: Any, required: str, optional: str = "", zero: bool = True) -> NumbersByName:
     """A table of numbers by name, or one number for all that are required; none is negative, nor 0 unless it may be."""
     table = value if isinstance(value, dict) else dict.fromkeys(required.split(), value)
-    numbers = components(table, required, optional)
+    numbers = numbers_by_name(table, required, optional)
     if min(numbers.values()) < 0 or (min(numbers.values()) == 0 and not zero):
         raise ValueError("should not be negative" if zero else "should be greater than 0")
     return numbers
@@ -67,7 +67,7 @@ def _tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
         if finite(value) != 0.0:
             raise ValueError("one number can only be 0, a point mass")
         return np.zeros((3, 3))
-    i = components(value, "xx yy zz", "xy xz yz")
+    i = numbers_by_name(value, "xx yy zz", "xy xz yz")
     xy, xz, yz = (i.get(name, 0.0) for name in ("xy", "xz", "yz"))
     return np.array([[i["xx"], xy, xz], [xy, i["yy"], yz], [xz, yz, i["zz"]]])
 
@@ -285,7 +285,7 @@ class MechanismTable(Table):
 
 # Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
 DIGITS = 1e-6
-SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
+INERTIA_SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
 
 
 def impossible(tensor: Array) -> str:
@@ -318,10 +318,10 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
     if table.mass_kg is None:
         info = type(table).model_fields["mass_kg"]
         raise where.wrong("mass_kg", "nothing", info.description or "", str((info.examples or [""])[0]))
-    given = [name for name in SHAPES if getattr(table, name) is not None]
+    given = [name for name in INERTIA_SHAPES if getattr(table, name) is not None]
     if len(given) != 1:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
-        expected = f"exactly one of {', '.join(SHAPES)}"
+        expected = f"exactly one of {', '.join(INERTIA_SHAPES)}"
         raise where.wrong("inertia_kgm2", " and ".join(given) or "nothing", expected, advice)
     mass, long, com = table.mass_kg, table.rod or table.cylinder, None
     if long is not None:

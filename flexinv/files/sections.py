@@ -83,7 +83,7 @@ class TubeTable(MaterialTable):
 
 
 ShapeTable = RectangleTable | CircleTable | TubeTable
-SHAPES: dict[str, type[ShapeTable]] = {"rectangle": RectangleTable, "circle": CircleTable, "tube": TubeTable}
+SECTION_SHAPES: dict[str, type[ShapeTable]] = {"rectangle": RectangleTable, "circle": CircleTable, "tube": TubeTable}
 # A taper is stated at so many stations that what is linear between them is off by this part of it at most: EI goes with the
 # fourth power of dimensions, and 1e-5 is far below what anybody knows of a section.
 TAPER = 1e-5
@@ -103,13 +103,13 @@ class CrossSection:
 
 def read_section(data: Any, where: Location) -> CrossSection:
     """Read ``[sections.NAME]``: by ``shape`` and material, or by its numbers [N, N m^2, kg/m, kg m]."""
-    shape = one_of(data, where, "shape", SHAPES, f"one of {', '.join(SHAPES)}", "rectangle")
+    shape = one_of(data, where, "shape", SECTION_SHAPES, f"one of {', '.join(SECTION_SHAPES)}", "rectangle")
     if not shape:
         given = validate(StiffnessSectionTable, data, where)
         stiffness = given.EA_N, *given.GA_N, given.GJ_Nm2, *given.EI_Nm2
         inertia = given.mass_per_length_kg_per_m, *given.rho_I_kgm
         return CrossSection(np.array([*stiffness, *inertia, *given.retardation_s]))
-    table = validate(SHAPES[shape], data, where)
+    table = validate(SECTION_SHAPES[shape], data, where)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"
         raise where.wrong("wall_m", f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}")

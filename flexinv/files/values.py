@@ -7,17 +7,17 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
+LARGEST_NUMBER = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
 FORMAT = 1  # of mechanism.toml, cases.toml and identify.toml; a change that an older version would misread raises it
 LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
 
 
 def bounded(value: Any) -> Any:
-    """Refuse (ValueError) what is no finite number of a size that can be meant, at most ``LARGEST`` [any unit]."""
+    """Refuse (ValueError) what is no finite number of a size that can be meant, at most ``LARGEST_NUMBER`` [any unit]."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError("should be a number")
-    if value != value or abs(value) > LARGEST:
-        raise ValueError(f"should be a finite number, at most {LARGEST:g} in size")
+    if value != value or abs(value) > LARGEST_NUMBER:
+        raise ValueError(f"should be a finite number, at most {LARGEST_NUMBER:g} in size")
     return value
 
 

@@ -17,7 +17,7 @@ from flexinv.typing import Array
 
 # Energy that comes from nowhere, in parts of all that was put in: beyond this it is no time error of a step that is too long.
 REASON = 10.0
-ROUNDING = 1e-12  # energies below this part of what a beam stores when it bends by a radian are rounding
+ENERGY_ROUNDING = 1e-12  # energies below this part of what a beam stores when it bends by a radian are rounding
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
 def without_reason(mesh: Mesh, from_nowhere: Array | float, most: Array | float) -> Array:
     """Return a mask [-] of energies from nowhere [J] that exceed what was put in at ``most`` [J] beyond all reason (`REASON`)."""
     stiffness = mesh.elements.stiffness[..., 3:].max() / mesh.length
-    return np.asarray(from_nowhere > REASON * np.asarray(most) + ROUNDING * stiffness)
+    return np.asarray(from_nowhere > REASON * np.asarray(most) + ENERGY_ROUNDING * stiffness)
 
 
 @by_address

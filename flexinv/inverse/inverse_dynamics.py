@@ -13,7 +13,7 @@ import numpy as np
 from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Masses, nodal_samples, sum_in_frames, sum_samples
-from flexinv.kernels.memory import plain
+from flexinv.kernels.memory import for_kernels
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
@@ -63,7 +63,7 @@ def inverse_dynamics(
 def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
     force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
-    nodal_samples(Masses(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity)), motion.frames, force, moment)
+    nodal_samples(Masses(mesh.mass, mesh.inertia, for_kernels(mesh.mechanism.gravity)), motion.frames, force, moment)
     return (
         NodalForces(force, moment) if applied is None else NodalForces(force - applied.force, moment - applied.moment)
     )
@@ -75,7 +75,7 @@ def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Noda
     F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
     """
     out = np.empty((*forces.force.shape[:2], 6))
-    sum_samples(mesh.parent, plain(motion.x), plain(forces.force), plain(forces.moment), out)
+    sum_samples(mesh.parent, for_kernels(motion.x), for_kernels(forces.force), for_kernels(forces.moment), out)
     return NodalForces(out[..., :3], out[..., 3:])
 
 
@@ -84,7 +84,7 @@ def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[i
     moves = np.flatnonzero(mesh.v_index >= 0)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
     own, line = np.empty((len(nodes), len(motion.x), 6)), np.empty((mesh.size, 6))
-    parts = (plain(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
+    parts = (for_kernels(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
     sum_in_frames(mesh.parent, nodes, *parts, line, own)
     return dict(zip(nodes.tolist(), own, strict=True))
 

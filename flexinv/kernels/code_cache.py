@@ -33,7 +33,7 @@ from flexinv.kernels.shipped_code import shipped
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
 UNREADABLE = AttributeError, ImportError, EOFError, UnpicklingError
-FOLDER = Path(__file__).resolve().parents[1]  # of the package
+PACKAGE = Path(__file__).resolve().parents[1]  # of the package
 # The kernels that Python calls, in the order of their definition.
 KERNELS: list[Any] = []
 # What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.
@@ -122,7 +122,7 @@ class InnerKernel(Kernel):
 
 def _tell() -> None:
     warnings.warn(
-        f"flexinv's machine code cannot be kept: neither {FOLDER} nor a folder of the user can be written to, and every process "
+        f"flexinv's machine code cannot be kept: neither {PACKAGE} nor a folder of the user can be written to, and every process "
         "compiles for half a minute; set NUMBA_CACHE_DIR to a folder that can",
         RuntimeWarning,
         stacklevel=2,  # the same place for all kernels: it is told once
@@ -133,7 +133,7 @@ def _keep(kernel: Any) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
     kept, module = kernel._cache, kernel.py_func.__module__
     file, save = kept._cache_file, kept.save_overload
-    stamp = source_stamp(FOLDER, module.removeprefix("flexinv."))
+    stamp = source_stamp(PACKAGE, module.removeprefix("flexinv."))
     file._source_stamp = (file._source_stamp, stamp)
     file._load_index = forgiving(file._load_index, {})
     file.load = forgiving(file.load, None)

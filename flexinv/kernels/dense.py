@@ -16,11 +16,12 @@ from flexinv.kernels.fronts import least_degree_order
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, put, scale, transpose, vec_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # --------------------------------------------------------------------------------------------------- Gauss elimination
 
-FOUR = 4  # rows that are subtracted at once: what they are subtracted from is read and written once, not four times
+# Rows that are subtracted, or multiplied, at once: what takes them is read and written once, and waits once, not four times.
+ROWS_AT_ONCE = 4
 
 
 @jit
@@ -31,9 +32,9 @@ def solve_dense(a, size, wide):
     """
     eliminate(a, size, size, wide)
     for k in range(size - 1, -1, -1):
-        fours = k + 1 + (size - k - 1) // FOUR * FOUR
-        for i in range(k + 1, fours, FOUR):
-            subtract_four(a[k], a[k, i : i + FOUR], a[i : i + FOUR], size, wide)
+        fours = k + 1 + (size - k - 1) // ROWS_AT_ONCE * ROWS_AT_ONCE
+        for i in range(k + 1, fours, ROWS_AT_ONCE):
+            subtract_four(a[k], a[k, i : i + ROWS_AT_ONCE], a[i : i + ROWS_AT_ONCE], size, wide)
         for i in range(fours, size):
             subtract(a[k], a[k, i], a[i], size, wide)
         over = 1.0 / a[k, k]
@@ -47,9 +48,9 @@ def eliminate(a, columns, rows, wide):
 
     The largest entry of a column from its diagonal on becomes the pivot.
     """
-    fours = columns // FOUR * FOUR
-    for k in range(0, fours, FOUR):
-        last = k + FOUR
+    fours = columns // ROWS_AT_ONCE * ROWS_AT_ONCE
+    for k in range(0, fours, ROWS_AT_ONCE):
+        last = k + ROWS_AT_ONCE
         for c in range(k, last):
             _eliminate_column(a, c, rows, (k, last, wide))
         for i in range(k + 1, last):
@@ -231,7 +232,6 @@ def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> A
 # The rows of a block belong together: those of one closure.  Blocks that are not coupled leave each other alone, so that the cost
 # of a chain of closures is linear.  With one block for all rows this is Gauss elimination with complete pivoting.
 
-Indices = NDArray[np.int64]
 INVERTED = -2  # for the first pivot's row where two rows, of one closure in a plane, have been inverted as they are
 
 

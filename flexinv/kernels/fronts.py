@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.records import by_address
+from flexinv.typing import Indices
 
-Indices = NDArray[np.int64]
 SMALL = 6  # a front of no more columns takes its child in: one loop of a chain, and no more zeros than that
 
 

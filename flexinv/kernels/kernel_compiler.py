@@ -115,7 +115,7 @@ UNUSED = {
     typed_passes.NopythonRewrites,
 }  # fmt: skip
 # The types of arguments that say all about what a function of Numba's own makes of them.
-PLAIN = types.Number, types.Boolean, types.Array, types.UniTuple
+PLAIN_TYPES = types.Number, types.Boolean, types.Array, types.UniTuple
 
 
 class RememberedTypes:
@@ -135,7 +135,7 @@ class RememberedTypes:
         if key in self.found and not by_name:
             return self.found[key]
         made = self.table.resolve_function_type(function, arguments, by_name)
-        plain = isinstance(function, types.Function) and all(isinstance(one, PLAIN) for one in arguments)
+        plain = isinstance(function, types.Function) and all(isinstance(one, PLAIN_TYPES) for one in arguments)
         if plain and not by_name and made is not None:
             self.found[key] = made
         return made

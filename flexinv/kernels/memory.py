@@ -22,8 +22,8 @@ LINE = 8  # numbers in a line of the cache: arrays begin at different ones, so t
 PIECE = 1 << 21
 # The C library (glibc) gives memory back to the system when more than twice its largest freed piece is unused, and a call that
 # takes some megabytes meets fresh pages every time.  A piece of 8 MiB that is freed once, untouched, lets it keep 16 MiB.
-KEPT = 1 << 20
-np.empty(KEPT)
+FREED_PIECE = 1 << 20
+np.empty(FREED_PIECE)
 # Of each thread the unused rest of its shared piece of memory, ``left``; nothing where every call has its own.
 _PIECE = local()
 
@@ -55,7 +55,7 @@ def on_lines(values: Array) -> Array:
     return out
 
 
-def plain(a: Array) -> Array:
+def for_kernels(a: Array) -> Array:
     """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
     return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
 

@@ -23,7 +23,7 @@ from llvmlite import binding as llvm
 from numba.core import config
 from numba.core.serialize import dumps
 
-FOLDER = Path(__file__).resolve().parents[1] / "machine_code"
+MACHINE_CODE = Path(__file__).resolve().parents[1] / "machine_code"
 INDEX = "index.json"
 # The levels of the x86-64 psABI, best first, by what the processor must have beyond the level below.
 _V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2", "xsave")
@@ -48,7 +48,7 @@ def maker() -> dict[str, str]:
 
 def shipped(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ...] | None:
     """Return the result of compiling a kernel for these types [-] from the disk, None where there is none that serves."""
-    folder, kernels = _chosen(FOLDER)
+    folder, kernels = _chosen(MACHINE_CODE)
     entry = kernels.get(_key(module, name, signature))
     if entry is None:
         return None

@@ -74,7 +74,7 @@ def tilted(c, s, v):
 # pi/2 in three parts, the first two of 33 bits: their products with a number of quarter turns below 2^20 are exact.
 _QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _PER_QUARTER = 6.36619772367581382433e-01
-FAR = 1e6  # [rad], below 2^20 quarter turns: beyond it the library's own sine and cosine take over
+FAR_ANGLE = 1e6  # [rad], below 2^20 quarter turns: beyond it the library's own sine and cosine take over
 # Sine and cosine on -pi/4 .. pi/4: sin r = r + r^3 S(r^2), cos r = 1 - r^2/2 + r^4 C(r^2), errors below 2^-58.
 # Source: fdlibm, k_sin.c, k_cos.c, e_rem_pio2.c (Sun Microsystems, 1993).
 _S = (
@@ -89,7 +89,7 @@ _C = (
 
 @jit_lanes
 def cos_sin(angle):
-    """Return cosine and sine [-] of an angle [rad] of at most ``FAR``, each with an error of at most 2.2e-16; no branches."""
+    """Return cosine and sine [-] of an angle [rad] of at most ``FAR_ANGLE``, each to 2.2e-16, without branches."""
     n = np.rint(angle * _PER_QUARTER)
     r = ((angle - n * _QUARTER[0]) - n * _QUARTER[1]) - n * _QUARTER[2]
     z = r * r

@@ -21,8 +21,8 @@ from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.typing import Array
 
-# What is left of a column over the longest column: above SURE it counts, below NONE it repeats others (rounding of 1e-16 in some
-# tens of columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
+# What is left of a column over the longest column: above SURE_PIVOT it counts, below NO_PIVOT it repeats others (rounding of
+# 1e-16 in some tens of columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
 SURE_PIVOT, NO_PIVOT = 1e-7, 1e-13
 
 
@@ -74,7 +74,7 @@ def set_entry(fronts, qr, e, lane, value):
 
 
 @jit_inner
-def factorise(fronts, qr):
+def factorise_qr(fronts, qr):
     """Factor Q R in place [any unit]; return the rank, -1 where it is in doubt."""
     rank = 0
     for k in range(qr.scale.shape[0]):

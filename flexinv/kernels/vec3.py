@@ -8,6 +8,7 @@ from __future__ import annotations
 from flexinv.kernels.jit import jit_vector
 
 ZERO = (0.0, 0.0, 0.0)
+EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @jit_vector

@@ -17,7 +17,7 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError
-from flexinv.kernels.memory import plain, together
+from flexinv.kernels.memory import for_kernels, together
 from flexinv.kernels.so3 import from_quaternion, log_so3
 from flexinv.kinematics.configuration import motion_samples, nodes_of, relative_samples, step_array
 from flexinv.kinematics.mesh import Mesh, build
@@ -51,7 +51,7 @@ class NodalMotion:
     @property
     def frames(self) -> Frames:
         """The motion as kernels take it, all samples [m, rad, s]."""
-        return Frames(*(plain(part) for part in self.parts))
+        return Frames(*(for_kernels(part) for part in self.parts))
 
     @classmethod
     def unwritten(cls, samples: int, nodes: int) -> NodalMotion:
@@ -108,7 +108,7 @@ def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     Velocity of a free joint is linear then angular, both in the child's frame: p' = R_j v, p'' = R_j (v' + w x v).
     """
     out = _joints((len(q), mesh.size, 3))
-    relative_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), out)
+    relative_samples(nodes_of(mesh), for_kernels(q), for_kernels(qd), for_kernels(qdd), out)
     return out
 
 
@@ -132,14 +132,21 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
     """
     motion = NodalMotion.unwritten(len(q), mesh.size)
-    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), _joints((mesh.size, 3)), Frames(*motion.parts))
+    motion_samples(
+        nodes_of(mesh),
+        for_kernels(q),
+        for_kernels(qd),
+        for_kernels(qdd),
+        _joints((mesh.size, 3)),
+        Frames(*motion.parts),
+    )
     return motion
 
 
 def moved(mechanism: Mechanism, q: Array, dv: Array) -> Array:
     """Return q (nq,) [rad], [m] after the increment ``dv`` (nv,) [rad], [m] of its velocity coordinates (body frame)."""
     out = np.array(q, dtype=float)
-    step_array(nodes_of(build(mechanism)), out, plain(dv))
+    step_array(nodes_of(build(mechanism)), out, for_kernels(dv))
     return out
 
 

@@ -8,19 +8,17 @@ from __future__ import annotations
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
+from flexinv.dynamics.index1 import MASSLESS
 from flexinv.errors import InputError
 from flexinv.typing import Array
 
-# A freedom whose inertia is below this part of the largest (in lengths of the mechanism) has none: lumped masses of a
-# thousandth of the link's, rotary inertias of a millionth are far above.
-MASSLESS = 1e-16
 # Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
 SOFT = 1e-12
 # Motions with w^2 below so many shifts are told apart without it: the others are known to 1e-16 of fastest over slowest of them.
 SOFTER = 1e3
 # A w^2 below this part of its terms' absolute sum is what is left of terms that cancel: a rigid motion, neither stable nor
 # unstable.  Some tens of operations leave 1e-15; where the terms are zero, rounding of the largest entry is left.
-NOTHING, ROUNDED = 1e-13, 1e-16
+CANCELLED, LARGEST_ROUNDED = 1e-13, 1e-16
 # Of a stiffness with a unit diagonal: what rounding leaves of its symmetry, and of an eigenvalue that is zero, for each freedom.
 SYMMETRIC, LEAST = 1e-9, 1e-15
 
@@ -97,7 +95,9 @@ def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
     squared, vectors = scipy.linalg.eigh(soft.T @ k @ soft, soft.T @ m @ soft)
     shapes, stiff = soft @ vectors, np.abs(k)
     size = np.abs(shapes)  # of unit modal mass
-    rounding = NOTHING * np.einsum("km,kl,lm->m", size, stiff, size) + ROUNDED * stiff.max() * size.max(axis=0) ** 2
+    rounding = (
+        CANCELLED * np.einsum("km,kl,lm->m", size, stiff, size) + LARGEST_ROUNDED * stiff.max() * size.max(axis=0) ** 2
+    )
     return np.where(np.abs(squared) <= rounding, 0.0, squared), shapes
 
 

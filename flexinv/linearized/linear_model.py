@@ -21,14 +21,14 @@ from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import slides
 from flexinv.linearized.eigenvalues import SOFT, undamped
-from flexinv.linearized.natural_modes import allowed_motions, check_rates, chosen, nodal_shapes, tip_moves
+from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes, numbers_of_rates, tip_moves
 from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import names, of_kind, whole
 
-AXES = ("x", "y", "z")
+AXIS_NAMES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def linear_model(
     """
     if modes is not None:
         modes = whole("modes", modes, 0, "0 or more, or None for all")
-    rates = check_rates(rates)
+    rates = numbers_of_rates(rates)
     of_kind("mechanism", mechanism, Mechanism)
     if free is not None:
         names("free", free, "joints")
@@ -156,5 +156,5 @@ def _outputs(solver: Solver, coordinates: Array, basis: Array) -> tuple[Array, t
     tips = tip_moves(solver.mesh, nodal_shapes(solver, basis), solver.frames.r)
     none = np.zeros_like(joints)
     c = np.block([[joints, none], [none, joints], *([part.T, np.zeros_like(part.T)] for part in tips.values())])
-    labels = [*joined, *(f"{name} rate" for name in joined), *(f"{link} tip {x}" for link in tips for x in AXES)]
+    labels = [*joined, *(f"{name} rate" for name in joined), *(f"{link} tip {x}" for link in tips for x in AXIS_NAMES)]
     return c, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))

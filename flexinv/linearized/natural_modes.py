@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.constraints.allocation import REDUNDANT
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
@@ -39,8 +40,6 @@ from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 from flexinv.validation import floats, names, number, of_kind, table, whole
 
-# A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
-REDUNDANT = 1e-10
 # So many modes are named in the note that says what a ratio at one of them makes of the others.
 NAMED = 4
 
@@ -290,7 +289,7 @@ def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
     return out
 
 
-def check_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
+def numbers_of_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
     """Return rates [rad/s] by joint as floats, none for None."""
     given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
     return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}

@@ -25,6 +25,7 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.analysis.solution import beyond
+from flexinv.constraints.allocation import REDUNDANT
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import instant
 from flexinv.dynamics.linearization import Matrices, matrices
@@ -34,7 +35,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized import natural_modes as at_rest
-from flexinv.linearized.natural_modes import REDUNDANT, Shapes, allowed_motions, scaled_gradient
+from flexinv.linearized.natural_modes import Shapes, allowed_motions, scaled_gradient
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array
@@ -42,14 +43,14 @@ from flexinv.typing import Array
 Complex = NDArray[np.complex128]
 # Roots are found as 1 / (root - shift): the shift over the size of the fastest ones.  Its square is what rounding leaves of a
 # freedom without stiffness, as in `natural_modes`.
-SHIFT = 1e-6
+ROOT_SHIFT = 1e-6
 # 1 / |root - shift| over the largest one, below which a freedom has no inertia (1 / infinity) but rounding.
-MASSLESS = 1e-12
+INFINITE_ROOT = 1e-12
 # A root smaller than this part of the shift is zero: rounding of K, 1e-16 of it, moves a free motion's double root by 0.01.
-ZERO = 0.1
+ZERO_ROOT = 0.1
 # Real part and imaginary part of a root below this part of its size are rounding of nothing: roots of multiplicity two (free
 # motions) are known to the root of 1e-16 only.
-NOTHING = 1e-8
+DOUBLE_ROOT = 1e-8
 MOST_HALVINGS = 8  # of steps in which rates are raised from zero
 # Gravity or a load across the axis by more than this part of itself is no rounding of an axis.
 ACROSS = 1e-9
@@ -97,7 +98,7 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
     joints, held = at_rest.rest(solver, q)
     if any(rates.values()):
         if len(held.topology.scale):
-            _settle(held, q, rates)
+            _find_deformed_shape(held, q, rates)
         sections = solver.topology.independent
         solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
         joints = _set_rates(solver, q, rates, 1.0)
@@ -178,7 +179,7 @@ def _move_along(solver: Solver, turning: Turning) -> None:
         s.du[o : o + 6] = np.concatenate([np.cross(w, v), np.zeros(3)])
 
 
-def _settle(solver: Solver, q: Array, rates: Mapping[str, float]) -> None:
+def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -> None:
     """Find the deformed shape, rates raised from zero in steps as large as converge."""
     x, r, place = (part.copy() for part in (solver.state.x, solver.state.r, solver.state.place))
     solver.evaluate(STATICS, _set_rates(solver, q, rates, 0.0))
@@ -292,7 +293,7 @@ def steady_modes(
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
     ConvergenceError where no deformed shape is found.
     """
-    rates = at_rest.check_rates(rates)
+    rates = at_rest.numbers_of_rates(rates)
     mesh, at, names = at_rest.chosen(mechanism, q, free, count)
     motion = steady_motion(mesh, at, rates, set(names))
     n = allowed_motions(motion.solver)
@@ -300,7 +301,7 @@ def steady_modes(
     last = len(root) if count is None else count
     moves: Complex = at_rest.nodal_shapes(motion.solver, n @ shapes[:, :last])
     moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
-    largest = np.where(moved > NOTHING * mesh.length * turned, moved, turned)  # displacements may be rounding
+    largest = np.where(moved > DOUBLE_ROOT * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]
     place, turn = motion.solver.frames.x.copy(), motion.solver.frames.r.copy()
     return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, rates, root[:last])
@@ -313,15 +314,15 @@ def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Compl
     slow roots are the exact ones, and freedoms without inertia (mu = 0) need no care.  Of a pair one root is returned.
     """
     size = len(mass)
-    shift = SHIFT * np.sqrt(np.abs(stiffness).max() / max(np.abs(mass).max(), np.finfo(float).tiny)) or 1.0
+    shift = ROOT_SHIFT * np.sqrt(np.abs(stiffness).max() / max(np.abs(mass).max(), np.finfo(float).tiny)) or 1.0
     factors = scipy.linalg.lu_factor(stiffness + shift * damping + shift**2 * mass)
     below = scipy.linalg.lu_solve(factors, np.hstack([damping + 2 * shift * mass, mass]))
     values, vectors = scipy.linalg.eig(np.vstack([-below, np.eye(size, 2 * size)]))
-    use = np.abs(values) > MASSLESS * np.abs(values).max(initial=0.0)
+    use = np.abs(values) > INFINITE_ROOT * np.abs(values).max(initial=0.0)
     root, shapes = shift + 1 / values[use], vectors[:size, use]
-    root = np.where(np.abs(root) < ZERO * shift, 0.0, root)
-    root = np.where(np.abs(root.real) < NOTHING * np.abs(root), 1j * root.imag, root)
-    root = np.where(np.abs(root.imag) < NOTHING * np.abs(root), root.real, root)
+    root = np.where(np.abs(root) < ZERO_ROOT * shift, 0.0, root)
+    root = np.where(np.abs(root.real) < DOUBLE_ROOT * np.abs(root), 1j * root.imag, root)
+    root = np.where(np.abs(root.imag) < DOUBLE_ROOT * np.abs(root), root.real, root)
     root, shapes = root[root.imag >= 0], shapes[:, root.imag >= 0]
     order = np.argsort(np.abs(root), kind="stable")
     return root[order], shapes[:, order]

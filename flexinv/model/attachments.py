@@ -81,7 +81,7 @@ class TableLaw(Frozen):
         return TableLaw(self.length, self.force * factor)
 
 
-Law = GasLaw | TableLaw
+SpringLaw = GasLaw | TableLaw
 
 
 # closure kind -> number of constraints that it puts on the relative motion of its two frames
@@ -91,8 +91,8 @@ CLOSURES: dict[str, int] = {
 }  # fmt: skip
 
 # Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
-COUPLED = tuple(name for name, kind in KINDS.items() if kind.counts_turns)
-COUPLED_JOINTS = f"{', '.join(COUPLED[:-1])} and {COUPLED[-1]} joints"  # in words
+GEARED = tuple(name for name, kind in KINDS.items() if kind.counts_turns)
+COUPLED_JOINTS = f"{', '.join(GEARED[:-1])} and {GEARED[-1]} joints"  # in words
 
 # What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).
 IMPACTS = ("error", "plastic")
@@ -102,8 +102,8 @@ IMPACTS = ("error", "plastic")
 class Closure(Frozen):
     """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would; or a gear between joints.
 
-    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of joints of the kinds ``COUPLED`` and
-        no frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
+    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of joints of `GEARED` and no
+        frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
     axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
         point-on-line (in the first frame), the axis of a universal closure that stays with the first frame
     second_axis : (3,) [-], universal: that of the second frame; active : intervals (start, end) [s] when it acts; empty: always
@@ -138,7 +138,7 @@ class Spring:
     stiffness: float
     rest: float = 0.0
     damping: float = 0.0
-    law: Law | None = None
+    law: SpringLaw | None = None
 
     def pull(self, length: Array) -> Array:
         """Return the pull without its damping [N] at lengths [m] (any shape)."""

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.errors import InputError
-from flexinv.model.attachments import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
+from flexinv.model.attachments import CLOSURES, GEARED, IMPACTS, Closure, Force, Spring
 from flexinv.model.joint_kinds import KINDS, motion_subspace
 from flexinv.model.links import WORLD, Attachment, Beam, Body, Frozen, Inertia, Link, Placement, Section, read_only
 from flexinv.typing import Array
 from flexinv.validation import whole
 
 __all__ = [
-    "CLOSURES", "COUPLED", "IMPACTS", "WORLD",
+    "CLOSURES", "GEARED", "IMPACTS", "WORLD",
     "Array", "Attachment", "Beam", "Body", "Closure", "Drive", "Force", "Inertia", "Joint", "Limits", "Link", "Mechanism",
     "Placement", "Section", "Spring",
 ]  # fmt: skip

@@ -32,7 +32,7 @@ from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import nearest, shown
 
-GAP = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace
+HOLE = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace
 UNIT_NORM = 1e-2  # components written with two decimals leave the norm this uncertain
 ABRUPT = 1e-3  # of the peak speed: a stop from less is lost among what any drive does in one sample
 QUARTER_TURN = np.cos(np.pi / 4)  # |<q_k, q_k+1>| of two rotations a quarter turn apart
@@ -157,7 +157,7 @@ class Sampling:
             raise InputError(f"time: {order}; sort the samples and remove repeated ones")
         if time[0] != 0.0:
             raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
-        longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
+        longest, allowed = int(np.argmax(steps)), HOLE * float(np.median(steps)) if max_gap is None else max_gap
         if steps[longest] > allowed:
             gap = f"a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s"
             advice = "fill the gap, or write max_gap if the spline may cross it"

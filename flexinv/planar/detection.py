@@ -20,7 +20,7 @@ from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 # Components out of the plane below this part of what they are compared with are rounding of the placements' angles.
-ROUNDING = 1e-13
+PLACEMENT_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def tied_in(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
 
 
 def _upright(vectors: Array) -> NDArray[np.bool_]:
-    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= ROUNDING)
+    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= PLACEMENT_ROUNDING)
 
 
 def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
@@ -85,10 +85,10 @@ def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
     u, w = seen(plane, rows.a, rows.u), seen(plane, rows.b, rows.w)
     above = [seen(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]
     above = [p - np.where(n < 0, plane.height, 0.0) for n, p in zip((rows.a, rows.b), above, strict=True)]
-    skew = ~_upright(u) & (np.abs(u[:, 2]) > ROUNDING)
-    skew |= rows.direction & ~_upright(w) & (np.abs(w[:, 2]) > ROUNDING)
+    skew = ~_upright(u) & (np.abs(u[:, 2]) > PLACEMENT_ROUNDING)
+    skew |= rows.direction & ~_upright(w) & (np.abs(w[:, 2]) > PLACEMENT_ROUNDING)
     skew |= rows.direction & _upright(u) & _upright(w)
-    skew |= ~rows.direction & (np.abs(above[0] - above[1]) > ROUNDING * mesh.length)
+    skew |= ~rows.direction & (np.abs(above[0] - above[1]) > PLACEMENT_ROUNDING * mesh.length)
     if skew.any():
         name = mesh.mechanism.closures[int(rows.closure[int(np.argmax(skew))])].name
         return f"the frames of closure '{name}' do not lie in the plane"
@@ -115,7 +115,7 @@ def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
         heights[n] = start + (frame @ mesh.offset[n])[2]
     plane, gravity = Plane(axes, float(heights[0]) if mesh.size else 0.0, frames), mesh.mechanism.gravity
     reason = _standing_out(mesh, frames, heights) or _unsymmetric(mesh, frames)
-    if not reason and abs(gravity @ normal) > ROUNDING * np.linalg.norm(gravity):
+    if not reason and abs(gravity @ normal) > PLACEMENT_ROUNDING * np.linalg.norm(gravity):
         reason = "gravity pulls out of the plane"
     reason = reason or _closure_standing_out(mesh, plane)
     return NotPlanar(reason) if reason else plane
@@ -128,11 +128,11 @@ def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:
         slide, turn = frames[n] @ mesh.slide[n, 0], frames[n] @ mesh.turn[n, 0]
         if mesh.freedoms[n] > 1:
             return f"the joint of link '{link}' turns in space"
-        if np.hypot(turn[0], turn[1]) > ROUNDING:
+        if np.hypot(turn[0], turn[1]) > PLACEMENT_ROUNDING:
             return f"the axis of link '{link}' is not normal to the plane"
-        if abs(slide[2]) > ROUNDING:
+        if abs(slide[2]) > PLACEMENT_ROUNDING:
             return f"link '{link}' slides out of the plane"
-        if abs(heights[n] - heights[0]) > ROUNDING * mesh.length:
+        if abs(heights[n] - heights[0]) > PLACEMENT_ROUNDING * mesh.length:
             return f"link '{link}' reaches out of the plane"
     return ""
 
@@ -142,15 +142,15 @@ def _unsymmetric(mesh: Mesh, frames: Array) -> str:
     e = mesh.elements
     for k, nodes in enumerate(e.nodes):
         normal = frames[nodes[0]][2]
-        same = [np.abs(frames[n][2] - normal).max() <= ROUNDING for n in nodes[: e.order[k] + 1]]
-        upright = np.sort(np.abs(normal))[1] <= ROUNDING and abs(normal[0]) <= ROUNDING
-        across = np.abs(e.gamma0[k] @ normal).max() <= ROUNDING
+        same = [np.abs(frames[n][2] - normal).max() <= PLACEMENT_ROUNDING for n in nodes[: e.order[k] + 1]]
+        upright = np.sort(np.abs(normal))[1] <= PLACEMENT_ROUNDING and abs(normal[0]) <= PLACEMENT_ROUNDING
+        across = np.abs(e.gamma0[k] @ normal).max() <= PLACEMENT_ROUNDING
         about = e.kappa0[k] - np.outer(e.kappa0[k] @ normal, normal)
-        if not (all(same) and upright and across and np.abs(about).max() * mesh.length <= ROUNDING):
+        if not (all(same) and upright and across and np.abs(about).max() * mesh.length <= PLACEMENT_ROUNDING):
             return f"the section or curvature of beam '{mesh.mechanism.links[int(e.link[k])].name}' is not symmetric to the plane"
     for n in range(mesh.size):
         normal, inertia = frames[n][2], mesh.inertia[n]
         turned = inertia @ normal
-        if np.abs(turned - (normal @ turned) * normal).max() > ROUNDING * np.abs(inertia).max():
+        if np.abs(turned - (normal @ turned) * normal).max() > PLACEMENT_ROUNDING * np.abs(inertia).max():
             return f"the inertia of link '{mesh.mechanism.links[int(mesh.link[n])].name}' is not symmetric to the plane"
     return ""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties
-from flexinv.dynamics.dofs import Indices, Topology, laid_out, topology
+from flexinv.dynamics.dofs import Topology, laid_out, topology
 from flexinv.elements.planar_beam import POINTS_AT_ONCE, PlanarElements
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
@@ -21,9 +21,9 @@ from flexinv.planar.detection import Plane, find_plane, seen, tied_in
 from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.stepper import Embedding
 from flexinv.planar.tree import PlanarTree
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
-QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
+TURN_BY_90 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ def _in_blocks(rows: Sequence[Array]) -> Array:
 def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
     axes, frames, upright = plane.axes, plane.frames, np.diag([0.0, 0.0, 1.0])
     roots = frames[mesh.elements.nodes[:, :1].ravel()]
-    parts = np.eye(3) - upright, QUARTER, upright
+    parts = np.eye(3) - upright, TURN_BY_90, upright
     across, along, normal = (np.ascontiguousarray(axes @ part @ frames) for part in parts)
-    side = np.einsum("kji,kj->ki", roots, roots[:, :, 0] @ QUARTER.T)
+    side = np.einsum("kji,kj->ki", roots, roots[:, :, 0] @ TURN_BY_90.T)
     return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side, row)
 
 

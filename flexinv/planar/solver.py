@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from flexinv.dynamics.constraint_rows import Ties
-from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import State, Trajectory
-from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATES
+from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATE_BLOCK
+from flexinv.kernels.dense import ROWS_AT_ONCE
 from flexinv.kernels.memory import cleared, on_lines
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.mesh import Mesh
@@ -21,10 +21,10 @@ from flexinv.planar.detection import seen
 from flexinv.planar.model import PlanarModel, planar_model
 from flexinv.planar.stepper import PlanarSystem, PlanarWork, planar_march
 from flexinv.planar.tree import PlanarFrames
-from flexinv.planar.tree_solver import FOUR, PlanarFactors
-from flexinv.typing import Array
+from flexinv.planar.tree_solver import PlanarFactors
+from flexinv.typing import Array, Indices
 
-Instants = tuple[Array, Array, Array]
+GivenMotion = tuple[Array, Array, Array]
 
 _NOWHERE = np.zeros((0, 3))
 
@@ -47,12 +47,12 @@ class PlanarMarch:
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
             points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
-            rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=cleared(max(count, 1), 3),
+            rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)), u=cleared(max(count, 1), 3),
             felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
         rows, row, own = m.place
-        elements, most, columns = len(own), *(-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
+        elements, most, columns = len(own), *(-(-n // ROWS_AT_ONCE) * ROWS_AT_ONCE for n in (own.shape[1], widest))
         factors = PlanarFactors(
             rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
             b=cleared(elements, widest, most), x=cleared(elements, widest, most),
@@ -63,17 +63,17 @@ class PlanarMarch:
         return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
 
     @classmethod
-    def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
-        """Return a march as `of` does, or reuse one of the same that was `left`; for callers that begin anew."""
+    def acquire(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+        """Return a march as `of` does, or reuse one of the same that was released; for callers that begin anew."""
         try:
-            return _left(mesh, frozenset(passive)).pop()
+            return _released(mesh, frozenset(passive)).pop()
         except IndexError:
             return cls.of(mesh, passive)
 
-    def leave(self, passive: Collection[str]) -> None:
-        """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
+    def release(self, passive: Collection[str]) -> None:
+        """Leave the arrays to the next march that begins; a march that failed may leave NaN in them, which is cleared."""
         self.system.ties.multiplier[:], self.system.masses.over[:] = 0.0, self.model.masses.over
-        _left(self.mesh, frozenset(passive)).append(self)
+        _released(self.mesh, frozenset(passive)).append(self)
 
     def restart(
         self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Trajectory
@@ -97,8 +97,8 @@ class PlanarMarch:
         angle = angle[nodes] + e.bend[element, : len(nodes)]
         return float(np.abs(np.angle(np.exp(1j * (angle - angle[0])))).max())
 
-    def take(self, state: State, ties: Ties) -> None:
-        """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
+    def load_from_space(self, state: State, ties: Ties) -> None:
+        """Copy the state of the spatial solver, and which closures act there [m, rad, s, N]."""
         own, row = self.system.ties, self.model.space.row
         own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
         if len(row):
@@ -113,8 +113,8 @@ class PlanarMarch:
         here.place[at[:, 2]] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
         here.d[:], here.trend[:], here.bend[:], here.order[:] = 0.0, 0.0, 0.0, 0
 
-    def give(self, state: State, ties: Ties) -> None:
-        """Put the spatial solver where this march has come to [m, rad, s, N]."""
+    def store_to_space(self, state: State, ties: Ties) -> None:
+        """Copy the state of this march to the spatial solver [m, rad, s, N]."""
         ties.multiplier[self.model.space.row] = self.system.ties.multiplier
         here, m, (free, at) = self.system.state, self.model, self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
@@ -135,7 +135,7 @@ class PlanarMarch:
         return free, tree.offset[tree.block[free], None] + np.arange(3)
 
     def arguments(
-        self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Trajectory
+        self, scheme: Scheme, start: GivenMotion | None, steps: GivenMotion, row: Indices, out: Trajectory
     ) -> tuple[Any, ...]:
         """Return the arguments of `planar_march` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
 
@@ -158,7 +158,7 @@ class PlanarMarch:
 
 
 @kept_with_owner()
-def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
+def _released(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []
 

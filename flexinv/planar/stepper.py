@@ -14,11 +14,10 @@ from flexinv.dynamics import generalized_alpha, stepper
 from flexinv.dynamics.assembly import LARGEST_TURN
 from flexinv.dynamics.constraint_rows import Ties, add_ties, any_acts, solve_border
 from flexinv.dynamics.generalized_alpha import ACCELERATION, ACCELERATIONS, DYNAMIC, PASSES, SQUARED, copy, predict
-from flexinv.dynamics.generalized_alpha import ROUNDING as STILL
 from flexinv.dynamics.stepper import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH
 from flexinv.dynamics.system import State
 from flexinv.elements import planar_beam
-from flexinv.elements.planar_beam import N1, N2, M, PlanarElements, add_forces, energy, interpolate, point, relax
+from flexinv.elements.planar_beam import N1, N2, M, PlanarElements, add_forces, energy, interpolate, point_offset, relax
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
@@ -31,10 +30,10 @@ from flexinv.planar.tree_solver import PlanarFactors, factorise, put_stiffness, 
 from flexinv.typing import Array
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
-# least SURE), or its square after a new linearisation (`generalized_alpha.SQUARED`).  Increments below ROUNDING carry no
-# information.
+# least SURE_STEP), or its square after a new linearisation (`generalized_alpha.SQUARED`).  Increments below INCREMENT_ROUNDING
+# carry no information.
 SURE_STEP = 1e-6
-ROUNDING = 5e-15
+INCREMENT_ROUNDING = 5e-15
 # With damping no linearisation is exact (`planar_beam`), and rates add rounding of their own: an increment below
 # this that shrinks no more is rounding.
 STALLED = 1e-12
@@ -160,7 +159,7 @@ def newton(system, scheme, given, slow, most):
             state.du[i] += scheme.ca * work.y[0, i]
         shrunk = size / before if iteration > 0 else 1.0
         leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE_STEP)
-        last = size < ROUNDING or leaves < scheme.left
+        last = size < INCREMENT_ROUNDING or leaves < scheme.tolerance
         last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
     return NOT_CONVERGED, most, size
@@ -177,7 +176,7 @@ def begin_step(system, scheme, given):
     jump = 0.0
     for i in range(len(state.du)):
         jump = max(jump, scheme.h * scheme.h * abs(state.pseudo[i] - state.du0[i]) / tree.scale[i])
-    if jump > STILL:
+    if jump > generalized_alpha.START_ROUNDING:
         copy(ties.multiplier, ties.kept)
         copy(state.du0, state.du)
         passes.vary_independent(tree, system.frames, scheme.cv, scheme.ca)
@@ -249,20 +248,20 @@ def planar_march(system, step, start_at, still, given, row, out):
             status, count, size = newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
-        settles = not moves or (acts and row[n] >= 0)
-        if settles:
+        projects = not moves or (acts and row[n] >= 0)
+        if projects:
             copy(ties.multiplier, ties.kept)
             project_accelerations(system)
         if row[n] >= 0:
             record(row[n], system, out)
             out.iterations[row[n]] = count
-        if not moves:  # the march goes on from what has been settled
+        if not moves:  # the march goes on from what has been projected
             for i in range(len(state.du)):
                 state.du[i] += work.y[0, i]
             if begin_step(system, step, given[n]):
                 return stepper.SUDDEN_START, n + 1, count, size
             continue
-        if settles:
+        if projects:
             copy(ties.kept, ties.multiplier)
         generalized_alpha.advance_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
@@ -294,7 +293,7 @@ def record(sample, system, out):
             power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
         side, axle = space.side[n], space.axle[elements.nodes[n, 0]]
         for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal
-            at, internal = point(n, g, elements.shape.shape[1]), out.internal[sample, n, g]
+            at, internal = point_offset(n, g, elements.shape.shape[1]), out.internal[sample, n, g]
             for i in range(3):
                 internal[i], internal[3 + i] = work.points[at + N2] * side[i], work.points[at + M] * axle[i]
             internal[0] = work.points[at + N1]

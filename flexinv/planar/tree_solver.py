@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.planar_beam import pair_stiffness
-from flexinv.kernels.dense import inverse_transposed, invert, subtract
+from flexinv.kernels.dense import ROWS_AT_ONCE, inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
@@ -132,30 +132,26 @@ def _condense(k, tree, elements, frames, factors):
             factors.diagonal[first, d, c] -= _dot(b[d], x[c], rows)
 
 
-# Rows of a matrix that a product takes at a time: sums wait for each other a quarter as often.
-FOUR = 4
-
-
 @jit_inner
 def _transposed_product(a, v, out, size):
-    """out = a^T v; behind ``size`` rows of ``a`` and numbers of v and out are there, up to a multiple of FOUR, v and out zero."""
+    """out = a^T v; behind ``size`` rows of ``a``, and of v and out, there are zeros up to a multiple of ROWS_AT_ONCE."""
     for r in range(size):
         out[r] = 0.0
-    for c in range(0, size, FOUR):
+    for c in range(0, size, ROWS_AT_ONCE):
         p, q, s, t = v[c], v[c + 1], v[c + 2], v[c + 3]
         if p == 0.0 and q == 0.0 and s == 0.0 and t == 0.0:  # closures are felt at their nodes only
             continue
         for r in range(size):
             out[r] += (p * a[c, r] + q * a[c + 1, r]) + (s * a[c + 2, r] + t * a[c + 3, r])
-    for r in range(size, -(-size // FOUR) * FOUR):
+    for r in range(size, -(-size // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         out[r] = 0.0
 
 
 @jit_inner
 def _dot(a, b, size):
-    """a . b, with zeros behind ``size`` up to a multiple of FOUR."""
+    """a . b, with zeros behind ``size`` up to a multiple of ROWS_AT_ONCE."""
     p, q, s, t = 0.0, 0.0, 0.0, 0.0
-    for r in range(0, size, FOUR):
+    for r in range(0, size, ROWS_AT_ONCE):
         p += a[r] * b[r]
         q += a[r + 1] * b[r + 1]
         s += a[r + 2] * b[r + 2]
@@ -185,7 +181,7 @@ def solve_part(tree, elements, factors, part, residual, y):
     size, start, line = tree.size[part], tree.offset[part], factors.line  # the block on the world
     for r in range(size):
         line[0, r] = residual[start + r]
-    for r in range(size, -(-size // FOUR) * FOUR):
+    for r in range(size, -(-size // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[0, r] = 0.0
     _transposed_product(factors.root[part], line[0], line[1], size)
     for r in range(size):
@@ -209,7 +205,7 @@ def _solve_own(k, tree, elements, factors, residual, found, first):
     rows, own, line = factors.rows[k], factors.own[k], factors.line[0]
     for r in range(rows):
         line[r] = residual[own[r]]
-    for r in range(rows, -(-rows // FOUR) * FOUR):
+    for r in range(rows, -(-rows // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[r] = 0.0
     _transposed_product(factors.inverse[k], line, found, rows)
     for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):

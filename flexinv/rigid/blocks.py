@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit_blocks, jit_lanes
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.threads import worker_pool
-from flexinv.kernels.threads.atomics import address, fetch, put, reals, take, wholes
-from flexinv.kernels.threads.worker_pool import DONE, OFFERED, STATE, WORDS, Helpers, awaited, claimed, settled, write
+from flexinv.kernels.threads.atomics import address, fetch, reals, store, take, wholes
+from flexinv.kernels.threads.worker_pool import Helpers, array_word, awaited, claimed, collected, write_array
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import allocate, unclear
 from flexinv.rnea.loop_bodies import begin, set_aside
@@ -30,10 +30,16 @@ LINE = np.uint64(8)  # numbers in a line of the cache
 OVERLAP, CALL_CELLS = 4, 5
 _BYTES = np.uint64(8)
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
-SUMS = np.uint64(8)
+SUMS_EVERY = np.uint64(8)
+# Words of an offer: arrays, and the cell of the number of samples.
+(
+    MAIL_TREE, MAIL_NUMBERS, MAIL_COLUMNS, MAIL_PLAN, MAIL_FIXED, MAIL_Q, MAIL_QD, MAIL_QDD, MAIL_TAU, MAIL_STRIDES, MAIL_WORK,
+    MAIL_COUNTER,
+) = range(12)  # fmt: skip
+MAIL_SAMPLES = worker_pool.WORDS + 24
 
 
-class System(NamedTuple):
+class TorqueSystem(NamedTuple):
     """A mechanism for the recursion: tree, numbers, columns of `body_table.Bodies`; plan, fixed of `loop_plan.LoopPlan`."""
 
     tree: NDArray[np.uint64]
@@ -124,7 +130,7 @@ def _blocks(system, series, work, counter):
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         if loops and not again:
             set_aside(plan, work, lanes, layout.KEEPS)
-            if block % SUMS == 0:
+            if block % SUMS_EVERY == 0:
                 set_aside(plan, work, lanes, layout.SUMMED)
         lost = outboard(tree, numbers, work, lanes)
         spoilt = max(inboard(tree, numbers, work, lanes), min(lost, 1))
@@ -134,9 +140,9 @@ def _blocks(system, series, work, counter):
             doubts = 0
             if not again:  # the efforts of the cut tree become those of the drives
                 if plan[layout.PLANE] > 0:
-                    in_plane(plan, fixed, work, lanes, block % SUMS == 0)
+                    in_plane(plan, fixed, work, lanes, block % SUMS_EVERY == 0)
                 else:
-                    doubts += in_space(plan, fixed, work, lanes, block % SUMS == 0)
+                    doubts += in_space(plan, fixed, work, lanes, block % SUMS_EVERY == 0)
                 doubts += allocate(plan, fixed, work, lanes)
             counter[CALL_CELLS + block] = 1 if doubts > 0 or again else 0
             again = doubts > 0
@@ -152,38 +158,40 @@ def _offer(mail, system, series, work, counter):
     """Offer a helper to take blocks, too."""
     if not claimed(mail, address(counter)):
         return
-    write(mail, 0, system.tree)
-    write(mail, 1, system.numbers)
-    write(mail, 2, system.columns)
-    write(mail, 3, series.q)
-    write(mail, 4, series.qd)
-    write(mail, 5, series.qdd)
-    write(mail, 6, series.tau)
-    write(mail, 7, series.strides)
-    write(mail, 8, work)
-    write(mail, 9, counter)
-    mail[WORDS + 20] = series.samples
-    write(mail, 11, system.plan)
-    write(mail, 12, system.fixed)
-    put(mail, STATE, OFFERED)
+    write_array(mail, MAIL_TREE, system.tree)
+    write_array(mail, MAIL_NUMBERS, system.numbers)
+    write_array(mail, MAIL_COLUMNS, system.columns)
+    write_array(mail, MAIL_Q, series.q)
+    write_array(mail, MAIL_QD, series.qd)
+    write_array(mail, MAIL_QDD, series.qdd)
+    write_array(mail, MAIL_TAU, series.tau)
+    write_array(mail, MAIL_STRIDES, series.strides)
+    write_array(mail, MAIL_WORK, work)
+    write_array(mail, MAIL_COUNTER, counter)
+    write_array(mail, MAIL_PLAN, system.plan)
+    write_array(mail, MAIL_FIXED, system.fixed)
+    mail[MAIL_SAMPLES] = series.samples
+    store(mail, worker_pool.STATE, worker_pool.OFFERED)
 
 
 @jit_blocks
 def attend(mail, patience):
     """Take blocks for whoever offers, until no offer comes for so many looks [-]; the mail then says that its helper sleeps."""
     while awaited(mail, patience):
-        word = mail[WORDS:]
-        tree = wholes(word[0], (word[1] // TREE, TREE))
-        numbers = reals(word[2], (word[3] // NUMBERS, NUMBERS))
-        columns = wholes(word[4], (word[5],))
-        q, qd, qdd = reals(word[6], (word[7],)), reals(word[8], (word[9],)), reals(word[10], (word[11],))
-        tau, strides = reals(word[12], (word[13],)), wholes(word[14], (4, 2))
-        work, counter, samples = reals(word[16], (word[17],)), wholes(word[18], (word[19],)), word[20]
-        plan, fixed = wholes(word[22], (word[23],)), reals(word[24], (word[25],))
-        system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
+        at, (size,) = array_word(mail, MAIL_TREE)
+        tree = wholes(at, (size // TREE, TREE))
+        at, (size,) = array_word(mail, MAIL_NUMBERS)
+        numbers = reals(at, (size // NUMBERS, NUMBERS))
+        strides = wholes(array_word(mail, MAIL_STRIDES)[0], (4, 2))
+        columns, plan = wholes(*array_word(mail, MAIL_COLUMNS)), wholes(*array_word(mail, MAIL_PLAN))
+        fixed, tau = reals(*array_word(mail, MAIL_FIXED)), reals(*array_word(mail, MAIL_TAU))
+        q, qd = reals(*array_word(mail, MAIL_Q)), reals(*array_word(mail, MAIL_QD))
+        qdd, samples = reals(*array_word(mail, MAIL_QDD)), mail[MAIL_SAMPLES]
+        system, series = TorqueSystem(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
+        work, counter = reals(*array_word(mail, MAIL_WORK)), wholes(*array_word(mail, MAIL_COUNTER))
         mail[worker_pool.ANSWER] = _blocks(system, series, work, counter)
-        put(mail, STATE, DONE)
-    put(mail, worker_pool.SLEEPS, 1)
+        store(mail, worker_pool.STATE, worker_pool.DONE)
+    store(mail, worker_pool.SLEEPS, 1)
 
 
 @jit_lanes
@@ -209,7 +217,7 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     if plan[layout.LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
             begin(plan, fixed, work[i], min(samples, LANES))
-    system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
+    system, series = TorqueSystem(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
     for i in range(mails.shape[0]):
         _offer(mails[i], system, series, work[i + 1], counter)
     counter[1] += _blocks(system, series, work[0], counter)
@@ -222,7 +230,7 @@ def collect(plan, fixed, samples, work, counter, mails):
 
     Then blocks in doubt are counted, and it is said whether the motion is.
     """
-    if not settled(mails, address(counter), counter[1:]):
+    if not collected(mails, address(counter), counter[1:]):
         return False
     if plan[layout.LIMITS] > 0:
         for i in range((samples + LANES - np.uint64(1)) // LANES):

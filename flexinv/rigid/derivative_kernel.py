@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mat_at, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import EYE, add, apply, cross, dot, mat, mat_at, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
 
 
@@ -56,10 +56,9 @@ class CarriedBodies(NamedTuple):
 
 # Where numbers of an axis stand, S, psi', psi'' and psi' + S' (motions and forces are angular part first), and those of a body:
 # the sums m, h, p, f, J and A of itself and of all that it carries; its velocity and acceleration.
-AXIS, RATE, SECOND, SLOPE, AXIS_CELLS = 0, 6, 12, 18, 24
-MASS, FIRST, MOMENTUM, FORCE, INERTIA, COUPLING, SUMS = 0, 1, 4, 7, 13, 22, 31
+AXIS, AXIS_RATE, AXIS_SECOND, AXIS_SLOPE, AXIS_CELLS = 0, 6, 12, 18, 24
+MASS, FIRST_MOMENT, MOMENTUM, BODY_WRENCH, INERTIA, GYRATION, SUMS = 0, 1, 4, 7, 13, 22, 31
 VELOCITY, VELOCITY_RATE, BODY_CELLS = 31, 37, 43
-UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @jit_inner
@@ -98,14 +97,14 @@ def _along(m, f):
 @jit_inner
 def _times_inertia(body, m):
     """I m: angular momentum about c, and momentum."""
-    h = vec_at(body, FIRST)
+    h = vec_at(body, FIRST_MOMENT)
     return add(apply(mat_at(body, INERTIA), m[0]), cross(h, m[1])), sub(scale(body[MASS], m[1]), cross(h, m[0]))
 
 
 @jit_inner
 def _times_coupling(body, m):
     """2 B m."""
-    return apply(mat_at(body, COUPLING), m[0]), scale(-2.0, cross(vec_at(body, MOMENTUM), m[0]))
+    return apply(mat_at(body, GYRATION), m[0]), scale(-2.0, cross(vec_at(body, MOMENTUM), m[0]))
 
 
 @jit_inner
@@ -114,35 +113,35 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
     own = apply(rotation, moment)
     h = add(own, scale(mass, arm))
     # J = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T, h about the node
-    round_part = vec3.mscale(dot(arm, own) + dot(arm, h), UNIT)
+    round_part = vec3.mscale(dot(arm, own) + dot(arm, h), EYE)
     turned = vec3.madd(vec3.mul(vec3.mul(rotation, inertia), vec3.transpose(rotation)), round_part)
     about = vec3.madd(turned, vec3.mscale(-1.0, vec3.madd(vec3.outer(arm, own), vec3.outer(h, arm))))
     body[MASS] = mass
-    put(body, FIRST, h)
+    put(body, FIRST_MOMENT, h)
     for i in range(3):
         put(body, INERTIA + 3 * i, about[i])
     v = _pair(body, VELOCITY)
     (w, u), (n, p) = v, _times_inertia(body, v)
     put(body, MOMENTUM, p)
-    _put_pair(body, FORCE, _plus(_times_inertia(body, _pair(body, VELOCITY_RATE)), force_cross(v, (n, p))))
+    _put_pair(body, BODY_WRENCH, _plus(_times_inertia(body, _pair(body, VELOCITY_RATE)), force_cross(v, (n, p))))
     for k in range(3):
-        e = UNIT[k]
+        e = EYE[k]
         column = sub(cross(w, about[k]), apply(about, cross(w, e)))
         column = sub(column, vec3.sum3(cross(u, cross(h, e)), cross(h, cross(u, e)), cross(n, e)))
         for i in range(3):
-            body[COUPLING + 3 * i + k] = column[i]
+            body[GYRATION + 3 * i + k] = column[i]
 
 
 @jit_inner
 def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
-    s, rate = _pair(axes[j], AXIS), _pair(axes[j], RATE)
+    s, rate = _pair(axes[j], AXIS), _pair(axes[j], AXIS_RATE)
     inertial = _times_inertia(body, s)
-    by_place = _plus(_times_coupling(body, rate), _times_inertia(body, _pair(axes[j], SECOND)))
-    turned = _plus(by_place, force_cross(s, _pair(body, FORCE)))
-    by_rate = _plus(_times_coupling(body, s), _times_inertia(body, _pair(axes[j], SLOPE)))
+    by_place = _plus(_times_coupling(body, rate), _times_inertia(body, _pair(axes[j], AXIS_SECOND)))
+    turned = _plus(by_place, force_cross(s, _pair(body, BODY_WRENCH)))
+    by_rate = _plus(_times_coupling(body, s), _times_inertia(body, _pair(axes[j], AXIS_SLOPE)))
     # 2 B^T s, which has no linear part
-    back = add(tapply(mat_at(body, COUPLING), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
+    back = add(tapply(mat_at(body, GYRATION), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
     carrier = b
     while carrier > 0:
         for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):
@@ -151,8 +150,8 @@ def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
             by_qd[i, j] = _along(axis, by_rate)
             by_qdd[i, j] = _along(axis, inertial)
             if carrier != b:
-                by_q[j, i] = dot(vec_at(axes[i], RATE), back) + _along(_pair(axes[i], SECOND), inertial)
-                by_qd[j, i] = dot(axis[0], back) + _along(_pair(axes[i], SLOPE), inertial)
+                by_q[j, i] = dot(vec_at(axes[i], AXIS_RATE), back) + _along(_pair(axes[i], AXIS_SECOND), inertial)
+                by_qd[j, i] = dot(axis[0], back) + _along(_pair(axes[i], AXIS_SLOPE), inertial)
                 by_qdd[j, i] = by_qdd[i, j]
         carrier = carried.parent[carrier]
 
@@ -182,9 +181,9 @@ def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_q
                 axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
                 rate = motion_cross(up, axis)
                 _put_pair(own, AXIS, axis)
-                _put_pair(own, RATE, rate)
-                _put_pair(own, SECOND, _plus(motion_cross(up_rate, axis), motion_cross(up, rate)))
-                _put_pair(own, SLOPE, _plus(rate, motion_cross(_pair(body, VELOCITY), axis)))
+                _put_pair(own, AXIS_RATE, rate)
+                _put_pair(own, AXIS_SECOND, _plus(motion_cross(up_rate, axis), motion_cross(up, rate)))
+                _put_pair(own, AXIS_SLOPE, _plus(rate, motion_cross(_pair(body, VELOCITY), axis)))
         for back in range(1, len(carried.node)):
             b = len(carried.node) - back
             for j in range(carried.first[b], carried.first[b] + carried.freedoms[b]):

@@ -16,7 +16,7 @@ from flexinv.kernels.simd import ASTRAY
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import FLOATS, floats, of_kind, shown
+from flexinv.validation import FLOAT_TYPE, floats, of_kind, shown
 
 Order = Literal["samples", "coordinates"]
 LABELS = ("q", "qd", "qdd")
@@ -68,7 +68,7 @@ def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Ord
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
     found = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
-        own = type(given) is np.ndarray and given.dtype is FLOATS
+        own = type(given) is np.ndarray and given.dtype is FLOAT_TYPE
         a: Array = given if own else floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names

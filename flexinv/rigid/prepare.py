@@ -13,9 +13,9 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.allocation import ACCELERATION_OPEN, OPEN, RATE, GivenLoops
+from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, GivenLoops
 from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.reactions import closing
+from flexinv.constraints.reactions import closure_wrenches
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
 from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, joint_springs
 from flexinv.kernels.memory import LINE, cleared
@@ -41,7 +41,7 @@ THREADS = "1 or more, or None for one per processor"
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
 # 1 us) and of one that sleeps (within 30 us).
 WORTH_HELP, WORTH_WAKING = 2_000, 16_000
-NODAL_BLOCK = 512  # samples whose nodal motion is in memory at once, where springs and given forces act on nodes
+NODAL_SAMPLES = 512  # samples whose nodal motion is in memory at once, where springs and given forces act on nodes
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
@@ -167,7 +167,7 @@ class TorqueFunction:
         reaction: dict[str, Array] = {}
         if self.loops is not None:
             shares = self.loops.shares(q, qd, qdd, torque)
-            pushed, reaction = closing(mesh, motion, constraint_rows(mesh), shares.multipliers)
+            pushed, reaction = closure_wrenches(mesh, motion, constraint_rows(mesh), shares.multipliers)
             second = nodal_dynamics.inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
             torque = shares.tau
         wrench = {name: second.wrenches[node] for name, node in mesh.joint_node.items()}
@@ -230,8 +230,8 @@ class TorqueFunction:
         m = self.mechanism
         if not (m.springs or m.forces):
             return
-        for start in range(0, len(tau), NODAL_BLOCK):
-            part = slice(start, start + NODAL_BLOCK)
+        for start in range(0, len(tau), NODAL_SAMPLES):
+            part = slice(start, start + NODAL_SAMPLES)
             nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
             loads = applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
             if loads is not None:
@@ -290,7 +290,7 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
         return work.ravel()
 
     candidates = plain, bodies(mesh, passive, ends(mesh, rows))
-    return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION_OPEN), run) or (plain, NO_LOOPS)
+    return planned(mesh, candidates, rows, (OPEN, OPEN_RATE, OPEN_ACCELERATION), run) or (plain, NO_LOOPS)
 
 
 _CELLS, _MAILS, _NUMBERS, _TABLE = (types.Array(kind, n, "C") for kind in (types.uint64, types.float64) for n in (1, 2))

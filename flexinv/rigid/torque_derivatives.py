@@ -13,11 +13,9 @@ from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
-from flexinv.rigid.prepare import prepare
+from flexinv.rigid.prepare import NODAL_SAMPLES, prepare
 from flexinv.typing import Array
 from flexinv.validation import flag
-
-AT_ONCE = 512  # samples whose nodal motion is in memory
 
 
 @dataclass(frozen=True)
@@ -64,8 +62,8 @@ def torque_derivatives(
     at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
     carried = CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
     scratch = np.zeros((mechanism.nv, AXIS_CELLS)), np.zeros((len(carried.node), BODY_CELLS))
-    for start in range(0, samples if mechanism.nv else 0, AT_ONCE):
-        part = slice(start, start + AT_ONCE)
+    for start in range(0, samples if mechanism.nv else 0, NODAL_SAMPLES):
+        part = slice(start, start + NODAL_SAMPLES)
         motion = rigid_motion(mesh, *(state[part] for state in states)).frames
         derivative_samples(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
     own, law = np.arange(mechanism.nv), laws_of(mechanism)

@@ -34,7 +34,7 @@ INERTIAL_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
 # A column that is this part of the others' span short of independence is dependent: rounding leaves 1e-15 of it.
 DEPENDENT = 1e-9
 # Coefficients of dependent parameters below this are rounding, not printed.
-NOTHING = 1e-9
+UNPRINTED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class BaseParameters:
         for row in self.combination:
             terms = list[str]()
             for factor, name in zip(row, self.names, strict=True):
-                if abs(factor) > NOTHING:
-                    size = "" if abs(abs(factor) - 1) < NOTHING else f"{abs(factor):.6g} "
+                if abs(factor) > UNPRINTED:
+                    size = "" if abs(abs(factor) - 1) < UNPRINTED else f"{abs(factor):.6g} "
                     first, sign = ("-", "- ") if factor < 0 else ("", "+ ")
                     terms.append(f"{sign if terms else first}{size}{name}")
             out.append(" ".join(terms))
@@ -176,7 +176,7 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     combination[np.arange(len(own)), own] = 1.0
     by = scipy.linalg.solve_triangular(r, factor.T @ (y[:, rest] / size[rest]))
     combination[:, rest] = by * size[rest] / size[own][:, None]
-    combination[np.abs(combination) < NOTHING] = 0.0
+    combination[np.abs(combination) < UNPRINTED] = 0.0
     unseen = tuple(name for k, name in enumerate(regressor.names) if k not in set(seen.tolist()))
     return BaseParameters(own, combination, regressor.names, combination @ regressor.values, unseen)
 

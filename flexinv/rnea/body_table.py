@@ -30,7 +30,15 @@ def _following(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
     return tuple(first + row(k) for k in range(count))
 
 
-TURNING = (REVOLUTE, CONTINUOUS)
+# Columns of ``Bodies.numbers`` that belong together.
+_R, _P, _MOMENTS, _SECOND, _TILT, _ZERO, _CHILD, _STEP = (
+    slice(first, first + count)
+    for first, count in (
+        (recursion.BODY_R, 9), (recursion.BODY_P, 3), (recursion.BODY_MASS, 4), (recursion.BODY_SECOND, 6),
+        (recursion.BODY_TILT, 2), (recursion.BODY_ZERO, 2), (recursion.BODY_CHILD, 3), (recursion.BODY_STEP, 3),
+    )
+)  # fmt: skip
+TURNING_KINDS = (REVOLUTE, CONTINUOUS)
 _SCALAR, _QUATERNION = ((recursion.RATE,), (recursion.EFFORT,)), _following(recursion.QUATERNION, 4)
 # Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations.
 _ROWS: dict[int, tuple[tuple[np.uint64, ...], ...]] = {
@@ -39,8 +47,8 @@ _ROWS: dict[int, tuple[tuple[np.uint64, ...], ...]] = {
     SPHERICAL: (_QUATERNION, _following(recursion.RATES_TURNING, 3), _following(recursion.EFFORTS_TURNING, 3)),
     FREE: (
         (*_following(recursion.SHIFT, 3), *_QUATERNION),
-        _following(recursion.RATES, 6),
-        _following(recursion.EFFORTS, 6),
+        _following(recursion.RATES_FREE, 6),
+        _following(recursion.EFFORTS_FREE, 6),
     ),
 }
 
@@ -91,12 +99,16 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
     for i, (r, x) in enumerate(placed, start=1):
         _place(numbers[i], axes[parents[i]].T @ r @ axes[i], axes[parents[i]].T @ x, _is_on(kinds, parents, last, i))
     for parent, child in last.items():
-        numbers[parent, 31:34] = numbers[child, 9:12] if parent else 0.0
-    numbers[1:, 34:37] = numbers[1:, 9:12] - numbers[parents[1:], 31:34]
+        numbers[parent, _CHILD] = numbers[child, _P] if parent else 0.0
+    numbers[1:, _STEP] = numbers[1:, _P] - numbers[parents[1:], _CHILD]
     _add_masses(mesh, numbers, [number[int(c)] for c in carrier], axes, turn, place)
-    numbers[1:, 37] = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
+    numbers[1:, recursion.BODY_LEAD] = [
+        mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving
+    ]
     count = 5 if passive else 1  # of rotor inertia, damping, friction, stiffness and rest
-    numbers[1:, 22 : 22 + count] = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
+    numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = mesh.mechanism.drive_table[
+        :count, mesh.v_index[moving]
+    ].T
     tree, size = _layout(kinds, parents, last)
     return Bodies(tree, numbers, _columns(mesh, tree, moving), size, node, np.array(axes))
 
@@ -104,17 +116,17 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
 def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i: int) -> bool:
     """Return True if body i turns about an axis, is its parent's last child, and the parent's frame may be turned to it."""
     parent = parents[i]
-    suits = kinds[i] in TURNING and parent > 0 and kinds[parent] in (*TURNING, PRISMATIC, HELICAL)
+    suits = kinds[i] in TURNING_KINDS and parent > 0 and kinds[parent] in (*TURNING_KINDS, PRISMATIC, HELICAL)
     return bool(suits and last.get(parent) == i)
 
 
 def _place(row: Array, r: Array, p: Array, on: bool) -> None:
     """Write R_parent,body at the coordinate's zero, as R = Rx(tilt) Rz(zero) where the frames lie so, and p."""
-    row[9:12] = p
+    row[_P] = p
     tilt, zero = (r[2, 2], -r[1, 2]), (r[0, 0], -r[0, 1])
-    row[:9] = np.eye(3).ravel() if on else r.ravel()
-    row[27:29] = tilt / np.hypot(*tilt) if on else (1.0, 0.0)
-    row[29:31] = zero / np.hypot(*zero) if on else (1.0, 0.0)
+    row[_R] = np.eye(3).ravel() if on else r.ravel()
+    row[_TILT] = tilt / np.hypot(*tilt) if on else (1.0, 0.0)
+    row[_ZERO] = zero / np.hypot(*zero) if on else (1.0, 0.0)
 
 
 def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
@@ -164,8 +176,8 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         x, r = axes[i].T @ place[n], axes[i].T @ turn[n]
         own = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
         second = mesh.mass[n] * np.outer(x, x) + r @ own @ r.T
-        numbers[i, 12:16] += mesh.mass[n] * np.array([1.0, *x])
-        numbers[i, 16:22] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        numbers[i, _MOMENTS] += mesh.mass[n] * np.array([1.0, *x])
+        numbers[i, _SECOND] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
 def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:

@@ -35,13 +35,13 @@ LEAST_PIVOT = 1e-4
 LEAST_ENTRY = 1e-6
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
 # count it if it were above 1e-10.
-MOST_LEFT = 1e-11
+REDUNDANT_ROW = 1e-11
 # Rounding of how the ends of a closure accelerate, with all before it and less gravity, over that: some tens of sums.
-ROUNDED = 1e-14
+ACCELERATION_ROUNDING = 1e-14
 SOME = np.uint64(4)  # samples of a block whose sums |G| |qd| are taken
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0
-_ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint64(i) for i in range(6))
 _NONE, _THREE_ROWS, _SIX = (0.0, 0.0, 0.0), row(3), tuple(row(layout.SIX * i) for i in range(layout.SIX))
 
 
@@ -100,7 +100,7 @@ def _sums_of_sizes(plan, work, k, closure, e):
 
 @jit_lanes
 def _acceleration(state, k, length):
-    """About how large the accelerations of an end are that the recursion has found, gravity among them."""
+    """Estimate the size of an end's accelerations from the recursion, gravity among them."""
     w, al, a = state_of(state, k)
     return math.sqrt(dot(a, a)) + length * (math.sqrt(dot(al, al)) + dot(w, w))
 
@@ -151,13 +151,29 @@ def _pair(scratch, one, other, lanes):
         scratch[layout.CHANGED + k] = 1.0 if changed else 0.0
 
 
+@jit_lane
+def _combined(a, b, changed, factor):
+    """Another entry of both rows."""
+    pivot, rest = (b, a) if changed else (a, b)
+    return pivot + _NOTHING, rest - factor * pivot
+
+
 @jit_lanes
 def _combine(scratch, one, other, lanes):
     """Combine two other entries of these rows [any unit]."""
     for k in range(lanes):
-        a, b = one[k], other[k]
-        pivot, rest = (b, a) if scratch[layout.CHANGED + k] != 0.0 else (a, b)
-        one[k], other[k] = pivot + _NOTHING, rest - scratch[layout.FACTOR + k] * pivot
+        changed, factor = scratch[layout.CHANGED + k] != 0.0, scratch[layout.FACTOR + k]
+        one[k], other[k] = _combined(one[k], other[k], changed, factor)
+
+
+@jit_lanes
+def _combine_two(scratch, work, at, lanes):
+    """Combine the entries of two other columns at the places ``at`` [any unit]: factors are read once for both."""
+    one, other, third, fourth = work[at[0] :], work[at[1] :], work[at[2] :], work[at[3] :]
+    for k in range(lanes):
+        changed, factor = scratch[layout.CHANGED + k] != 0.0, scratch[layout.FACTOR + k]
+        one[k], other[k] = _combined(one[k], other[k], changed, factor)
+        third[k], fourth[k] = _combined(third[k], fourth[k], changed, factor)
 
 
 @jit_lanes
@@ -280,7 +296,7 @@ def allocate(plan, fixed, work, lanes):
                 doubts += 0 if (square >= part * other[k]) & (square >= least) else 1
         elif kind == layout.CHECK_EMPTY:
             for k in range(lanes):
-                doubts += 0 if one[k] * one[k] <= MOST_LEFT * MOST_LEFT * other[k] else 1
+                doubts += 0 if one[k] * one[k] <= REDUNDANT_ROW * REDUNDANT_ROW * other[k] else 1
         elif kind == layout.PROJECT:
             for k in range(lanes):  # the part along a row
                 scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
@@ -294,6 +310,9 @@ def allocate(plan, fixed, work, lanes):
             continue
         if kind != layout.TAKE:
             own = scratch[layout.SQUARE :] if kind == layout.NORM else scratch[:LANES]
+        while kind == layout.PAIR and count > _ONE:
+            _combine_two(scratch, work, plan[at : at + _FOUR], lanes)
+            at, count = at + _FOUR, count - _TWO
         for i in range(count):
             one, other = plan[at], plan[at + _ONE]
             at += _TWO
@@ -319,5 +338,9 @@ def unclear(plan, fixed, work, lanes):
         for k in range(lanes):
             a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
         largest = own[layout.LARGEST :]
-        speed, size, rounding = max(speed, largest[0]), max(size, largest[1]), max(rounding, ROUNDED * largest[2])
+        speed, size, rounding = (
+            max(speed, largest[0]),
+            max(size, largest[1]),
+            max(rounding, ACCELERATION_ROUNDING * largest[2]),
+        )
     return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)

@@ -78,15 +78,30 @@ def _turn(own, above, parent, rows, lanes, c):
         _put_turned(own, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
+@jit_lane
+def _tilted(axes, cosine, sine):
+    """The axes after a turn about x."""
+    x, y, z = axes
+    return x, plus(times(cosine, y), times(sine, z)), plus(times(cosine, z), times(-sine, y))
+
+
 @jit_lanes
 def _tilt(own, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
     cosine, sine, p = c[4], c[5], vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        x, y, z = axes
-        tilted = x, plus(times(cosine, y), times(sine, z)), plus(times(cosine, z), times(-sine, y))
-        _put_turned(own, k, rows, tilted, plus(vec_of(above, _VEC, k), into(axes, p)))
+        _put_turned(own, k, rows, _tilted(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p)))
+
+
+@jit_lanes
+def _two_turns(own, first, rows, lanes, c):
+    """A body on a universal joint that is fixed in the root, in one pass: nobody asks for x and y of the body between."""
+    (x, y, z), place, cosine, sine = mat_at(c, 0), vec_at(c, 9), c[12], c[13]
+    for k in range(lanes):
+        c1, s1 = first[COS + k], first[SIN + k]
+        axes = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x)), z
+        _put_turned(own, k, rows, _tilted(axes, cosine, sine), place)
 
 
 @jit_lanes
@@ -96,7 +111,7 @@ def _slide(own, above, parent, rows, lanes, c):
     for k in range(lanes):
         axes = axes_of(parent, k)
         d = into(axes, along)
-        put_vec(own, layout.DIRECTION, k, d)
+        put_vec(own, layout.SLIDING_AXIS, k, d)
         put_vec(own, layout.AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
 
 
@@ -156,6 +171,8 @@ def move(plan, fixed, work, first_body, count, lanes):
         c, origin = fixed[numbers:], work[place : place + layout.VECTOR]
         if kind == layout.ROOT_TURN:
             _root_turn(own, rows, lanes, c)
+        elif kind == layout.TWO_TURNS:
+            _two_turns(own, work[above : above + _JOINT], rows, lanes, c)
         elif kind == layout.TURN:
             _turn(own, origin, parent, rows, lanes, c)
         elif kind == layout.TILT:

@@ -16,16 +16,22 @@ from flexinv.kernels.simd import BLOCK, row
 from flexinv.typing import Array
 
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
-AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
+AXIS_Z, AT, AXES, AXIS_Y, SLIDING_AXIS = row(0), row(3), row(6), row(9), row(12)
 BODY_ROWS = 15
 # In the plane its motion, and its joint's acceleration, too.
-SPEED, SPIN, SPIN_RATE, PLANE_ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
+PLANE_SPEED, PLANE_SPIN, PLANE_SPIN_RATE, PLANE_ACCELERATION, KEPT_ACCELERATION = (
+    row(15),
+    row(17),
+    row(18),
+    row(19),
+    row(21),
+)
 PLANE_ROWS = 22
 # Rows of a closure: the point of B; d' of the gap; squares of phi, phi', phi''.
 POINT, GAP_RATE, SQUARES, SQUARES_TOO, SQUARES_LAST = row(0), row(3), row(6), row(7), row(8)
 # of some the gap d and d'', how its ends turn, or of a reduced one u, the force, and two sizes; then vectors e of rows.
 GAP, SECOND, SPIN_A, SPIN_B, TURNING_RATE = row(9), row(12), row(15), row(18), row(21)
-UNIT, FORCE, SIZE, SIZE_TOO, VECTORS = row(9), row(12), row(15), row(16), row(24)
+UNIT_FORCE, JOINT_FORCE, SIZE, SIZE_TOO, VECTORS = row(9), row(12), row(15), row(16), row(24)
 CLOSURE_ROWS = 24
 VECTOR = row(3)
 # A column: the square of its size, then its entries, row by row; first what a unit rate moves the point of B by.
@@ -41,7 +47,7 @@ FACTOR, CHANGED = LAMBDA, SQUARE
 # Six forces on a free body: their multipliers, and limits of the pivots in the last row.
 SIX, SIX_ROWS = 6, 7
 # The plan: a header of where its tables begin and how long they are, then the tables.
-LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
+LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURE_RECORDS, COLUMNS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 19, 20
 )  # fmt: skip
 
@@ -49,7 +55,7 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, STEPS, FILLS, 
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW = range(6)
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW, TWO_TURNS = range(7)
 
 
 class ClosureKind(IntEnum):
@@ -65,7 +71,7 @@ class Operation(IntEnum):
 
 
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW, TWO_TURNS = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
 PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = (int(kind) for kind in Operation)
 TURNING, SLIDING, FLOATING = range(3)  # joint of a column of G; FLOATING is of a whole joint
@@ -230,7 +236,7 @@ def _reader(record: type[Any], table: int) -> Any:
     return record_at
 
 
-body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURES)
+body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURE_RECORDS)
 column_at = _reader(ColumnRecord, COLUMNS)
 
 

@@ -29,7 +29,7 @@ from flexinv.rnea.loop_tables import CLEARLY, tables
 from flexinv.typing import Array
 
 # An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.
-ZERO = 1e-13
+ZERO_ENTRY = 1e-13
 PLACES = 4  # samples at which it is looked for
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
@@ -129,7 +129,7 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     for body in plan.bodies:
         r, p = plan.fixed[body.constants :][:9].reshape(3, 3).T, plan.fixed[body.constants + 9 :][:3]
         off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # out of the plane
-        if off > ZERO:
+        if off > ZERO_ENTRY:
             return False
         height[body.own] = height[body.above] + p[2]
     for c in plan.closures:
@@ -146,7 +146,7 @@ def _matrix(plan: LoopPlan, unit: Array, run: Callable[[LoopPlan], Array]) -> Ar
     work = run(plan)
     g = np.stack([np.where(plan.matrix > 0, work[plan.matrix + k], 0.0) for k in range(PLACES)])
     size = np.abs(g) * unit
-    return np.where(size > ZERO * size.max(initial=0.0), g, 0.0)
+    return np.where(size > ZERO_ENTRY * size.max(initial=0.0), g, 0.0)
 
 
 def anywhere(mechanism: Mechanism, count: int) -> Array:

@@ -31,8 +31,8 @@ def _pair(rows, first, k):
 def _put(own, k, heading, at, v, w, al, a):
     own[layout.AXES + k], own[layout.AXES + LANES + k] = heading
     own[layout.AT + k], own[layout.AT + LANES + k] = at
-    own[layout.SPEED + k], own[layout.SPEED + LANES + k] = v
-    own[layout.SPIN + k], own[layout.SPIN_RATE + k] = w, al
+    own[layout.PLANE_SPEED + k], own[layout.PLANE_SPEED + LANES + k] = v
+    own[layout.PLANE_SPIN + k], own[layout.PLANE_SPIN_RATE + k] = w, al
     own[layout.PLANE_ACCELERATION + k], own[layout.PLANE_ACCELERATION + LANES + k] = a
 
 
@@ -46,8 +46,8 @@ def _turned(c, s, v):
 def _moved(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
     c, s = _pair(body, layout.AXES, k)
-    (x, y), w, al = _turned(c, s, arm), body[layout.SPIN + k], body[layout.SPIN_RATE + k]
-    at, v, a = _pair(body, layout.AT, k), _pair(body, layout.SPEED, k), _pair(body, layout.PLANE_ACCELERATION, k)
+    (x, y), w, al = _turned(c, s, arm), body[layout.PLANE_SPIN + k], body[layout.PLANE_SPIN_RATE + k]
+    at, v, a = _pair(body, layout.AT, k), _pair(body, layout.PLANE_SPEED, k), _pair(body, layout.PLANE_ACCELERATION, k)
     at, v = (at[0] + x, at[1] + y), (v[0] - w * y, v[1] + w * x)
     return at, v, (a[0] - al * y - w * w * x, a[1] + al * x - w * w * y)
 
@@ -58,7 +58,7 @@ def _from_root(own, rows, lanes, c):
     zero, at = (c[0], c[1]), (c[9], c[10])
     for k in range(lanes):
         heading = _turned(rows[COS + k], rows[SIN + k], zero)
-        _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[layout.KEPT + k], (0.0, 0.0))
+        _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[layout.KEPT_ACCELERATION + k], (0.0, 0.0))
 
 
 @jit_lanes
@@ -69,7 +69,10 @@ def _turn(own, parent, rows, lanes, c):
         at, v, a = _moved(parent, k, arm)
         cosine, sine = _pair(parent, layout.AXES, k)
         heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
-        w, al = parent[layout.SPIN + k] + rows[RATE + k], parent[layout.SPIN_RATE + k] + own[layout.KEPT + k]
+        w, al = (
+            parent[layout.PLANE_SPIN + k] + rows[RATE + k],
+            parent[layout.PLANE_SPIN_RATE + k] + own[layout.KEPT_ACCELERATION + k],
+        )
         _put(own, k, heading, at, v, w, al, a)
 
 
@@ -78,14 +81,14 @@ def _slide(own, parent, rows, lanes, c):
     """A body that slides along a direction d of its parent, whose heading it has."""
     along, (px, py) = (c[6], c[7]), (c[9], c[10])
     for k in range(lanes):
-        q, rate, second = rows[PLACE + k], rows[RATE + k], own[layout.KEPT + k]
+        q, rate, second = rows[PLACE + k], rows[RATE + k], own[layout.KEPT_ACCELERATION + k]
         at, v, a = _moved(parent, k, (px + q * along[0], py + q * along[1]))
-        heading, w = _pair(parent, layout.AXES, k), parent[layout.SPIN + k]
+        heading, w = _pair(parent, layout.AXES, k), parent[layout.PLANE_SPIN + k]
         dx, dy = _turned(heading[0], heading[1], along)
         v = v[0] + rate * dx, v[1] + rate * dy
         a = a[0] + second * dx - 2.0 * w * rate * dy, a[1] + second * dy + 2.0 * w * rate * dx
-        _put(own, k, heading, at, v, w, parent[layout.SPIN_RATE + k], a)
-        own[layout.DIRECTION + k], own[layout.DIRECTION + LANES + k] = dx, dy
+        _put(own, k, heading, at, v, w, parent[layout.PLANE_SPIN_RATE + k], a)
+        own[layout.SLIDING_AXIS + k], own[layout.SLIDING_AXIS + LANES + k] = dx, dy
 
 
 @jit_lanes
@@ -126,7 +129,7 @@ def in_plane(plan, fixed, work, lanes, sums):
             _slide(own, parent, rows, lanes, c)
         else:
             _turn(own, parent, rows, lanes, c)
-    for i in range(plan[layout.CLOSURES + 1]):
+    for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
         own, c = work[closure.own :], fixed[closure.numbers :]
         if closure.kind == layout.COUPLED:

@@ -38,7 +38,7 @@ from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, coupled, hold
 from flexinv.rnea.loop_bodies import axes_of, components, move, square
-from flexinv.rnea.recursion import EFFORTS, EFFORTS_TURNING, RATES, RATES_TURNING, acceleration_at, state_of
+from flexinv.rnea.recursion import EFFORTS_FREE, EFFORTS_TURNING, RATES_FREE, RATES_TURNING, acceleration_at, state_of
 
 _NONE, _VEC, _THREE, _SIX = (0.0, 0.0, 0.0), np.uint64(0), np.uint64(3), np.uint64(6)
 _ONE, _FOUR = np.uint64(1), np.uint64(4)
@@ -126,7 +126,7 @@ def _position(e, own, lanes, scale):
         square(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
 
 
-def standing(count: int) -> Any:
+def to_ground(count: int) -> Any:
     """Return the kernel of a closure to the ground with so many directions: the point of B [m], e = w x u, the squares.
 
     e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
@@ -154,7 +154,7 @@ def standing(count: int) -> Any:
     return ends
 
 
-_from_ground = layout.one_of_four(standing, 0)
+_from_ground = layout.one_of_four(to_ground, 0)
 
 
 @jit_lanes
@@ -259,8 +259,8 @@ def _reduce(work, one, other, own, lanes, signs):
         doubts += 0 if (s * s >= LEAST_PIVOT * LEAST_PIVOT * square) & (s * s >= least) else 1
         w = plus(times(rates[k], z1), times(rates_too[k], z2))
         along, along_too, inverse = dot(z1, r), dot(z2, r), 1.0 / s
-        put_vec(own, layout.UNIT, k, times(inverse, r))
-        put_vec(own, layout.FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
+        put_vec(own, layout.UNIT_FORCE, k, times(inverse, r))
+        put_vec(own, layout.JOINT_FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
         put_vec(own, layout.GAP_RATE, k, times(length, cross(w, r)))
         own[layout.SIZE + k], own[layout.SIZE_TOO + k] = square - along * along, square - along_too * along_too
     for k in range(lanes):
@@ -275,8 +275,8 @@ def _single(work, column, own, lanes, signs):
     axis, at = work[column.axis :], work[column.joint :]
     for k in range(lanes):
         c = _motion(own, axis, at, k, signs)
-        to[k], entry[k] = dot(c, c), dot(vec_of(own, layout.UNIT, k), c)
-        effort[k] -= dot(vec_of(own, layout.FORCE, k), c)
+        to[k], entry[k] = dot(c, c), dot(vec_of(own, layout.UNIT_FORCE, k), c)
+        effort[k] -= dot(vec_of(own, layout.JOINT_FORCE, k), c)
         _add_rate(own, k, signs[3] * rates[k], c)
 
 
@@ -286,13 +286,13 @@ def _floating(entries, body, own, rows, lanes, c):
     scale, sign, r = c[0], c[0] * c[3], vec_at(c, 4)
     for k in range(lanes):
         axes = axes_of(body, k)
-        along = times(scale, components(axes, vec_of(own, layout.UNIT, k)))
-        pull = times(scale, components(axes, vec_of(own, layout.FORCE, k)))
+        along = times(scale, components(axes, vec_of(own, layout.UNIT_FORCE, k)))
+        pull = times(scale, components(axes, vec_of(own, layout.JOINT_FORCE, k)))
         put_vec(entries, _VEC, k, along)
         put_vec(entries, layout.VECTOR, k, cross(r, along))
-        put_vec(rows, EFFORTS, k, minus(vec_of(rows, EFFORTS, k), pull))
+        put_vec(rows, EFFORTS_FREE, k, minus(vec_of(rows, EFFORTS_FREE, k), pull))
         put_vec(rows, EFFORTS_TURNING, k, minus(vec_of(rows, EFFORTS_TURNING, k), cross(r, pull)))
-        _add_rate(own, k, sign, into(axes, plus_cross(vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k), r)))
+        _add_rate(own, k, sign, into(axes, plus_cross(vec_of(rows, RATES_FREE, k), vec_of(rows, RATES_TURNING, k), r)))
 
 
 @jit_lanes
@@ -325,7 +325,7 @@ def in_space(plan, fixed, work, lanes, sums):
     Closure after closure: rows of what is in one loop only are used again by the next.
     """
     doubts = 0
-    for i in range(plan[layout.CLOSURES + 1]):
+    for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
         c, own = fixed[closure.numbers :], work[closure.own :]
         move(plan, fixed, work, closure.first_body, closure.body_count, lanes)

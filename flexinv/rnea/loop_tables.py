@@ -15,8 +15,9 @@ from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.body_table import TURNING, Bodies, carriers
+from flexinv.rnea.body_table import TURNING_KINDS, Bodies, carriers
 from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, LoopPlan
+from flexinv.rnea.recursion import BODY_LEAD, BODY_P, BODY_R, BODY_TILT, TREE_KIND, TREE_PARENT, TREE_ROWS, TREE_STATE
 from flexinv.typing import Array
 
 # The limits of `allocation` over those of a closure's squares (rows of one that is open by as much as is allowed differ by less);
@@ -142,7 +143,7 @@ def tables(
             _closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
     lists: dict[int, Sequence[Sequence[int]]] = {
         layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
-        layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURES: t.closures,
+        layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURE_RECORDS: t.closures,
     }  # fmt: skip
     for at, records in lists.items():  # behind the header: where each begins, and how many records it has
         words[at : at + 2] = len(words), len(records)
@@ -167,8 +168,9 @@ def _seated(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
 def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
     """R_parent,body at the coordinate's zero but for the turn about z, and p."""
     n = bodies.numbers[i]
-    (c, s) = n[27:29]
-    return n[:9].reshape(3, 3) @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), n[9:12]
+    c, s = n[BODY_TILT : BODY_TILT + 2]
+    r, p = n[BODY_R : BODY_R + 9].reshape(3, 3), n[BODY_P : BODY_P + 3]
+    return r @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), p
 
 
 def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
@@ -180,7 +182,7 @@ def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
         turn = np.eye(3)
         for body in way[::-1]:
             turn = turn @ _seat(tables.bodies, body)[0]
-            axes.append((int(tables.bodies.tree[body, 0]) == PRISMATIC, turn[:, 2]))
+            axes.append((int(tables.bodies.tree[body, TREE_KIND]) == PRISMATIC, turn[:, 2]))
             if not axes[-1][0]:
                 break
     z = min(axes, key=lambda one: one[0])[1]
@@ -202,13 +204,29 @@ def _frame(tables: _Tables, root: int, body: int) -> _Frame:
     is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
     turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
     own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
+    alone, made = (root, parent) not in tables.shared, tables.moved[-1:]
+    if kind in TURNING_KINDS and turn == layout.TILT and not p.any() and alone and made[0].kind == layout.ROOT_TURN:
+        return _two_turns(tables, root, body, own)  # the parent was made just now
     known = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
-    how = turn if kind in TURNING else known[kind]
-    numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, 37])
+    how = turn if kind in TURNING_KINDS else known[kind]
+    numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
     tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     slides = how == layout.SLIDE
     axes, turned = above.axes if slides and not tables.plane else own, r if slides else np.eye(3)
-    tables.frames[root, body] = _Frame(axes, own + int(layout.AT), own + int(layout.DIRECTION), turned)
+    tables.frames[root, body] = _Frame(axes, own + int(layout.AT), own + int(layout.SLIDING_AXIS), turned)
+    return tables.frames[root, body]
+
+
+def _two_turns(tables: _Tables, root: int, body: int, own: int) -> _Frame:
+    """The frame of a body on a universal joint in the root; the axis and the place of its first turn are constant."""
+    parent, rows = (int(cell) for cell in tables.bodies.tree[body, [TREE_PARENT, TREE_ROWS]])
+    seat, place = (tables.frames[root, root].turned @ x for x in _seat(tables.bodies, parent))
+    first = tables.constant_rows(layout.BODY_ROWS, seat.T[2], place, seat.T[:2])
+    numbers = tables.numbers(seat.T, place, _seat(tables.bodies, body)[0][1:, 1])
+    above = int(tables.bodies.tree[parent, TREE_ROWS])
+    tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, above, rows, numbers, 0)
+    tables.frames[root, parent] = _Frame(first, first + int(layout.AT), 0, np.eye(3))
+    tables.frames[root, body] = _Frame(own, own + int(layout.AT), 0, np.eye(3))
     return tables.frames[root, body]
 
 
@@ -216,7 +234,7 @@ def _state(tables: _Tables, body: int) -> int:
     """Return the offset of a body's state (w, al, a); the world accelerates by -g."""
     if not body and not tables.world:
         tables.world = tables.constant_rows(12, np.zeros(6), -tables.mesh.mechanism.gravity, np.zeros(3))
-    return int(tables.bodies.tree[body, 3]) if body else tables.world
+    return int(tables.bodies.tree[body, TREE_STATE]) if body else tables.world
 
 
 def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
@@ -225,7 +243,7 @@ def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     to_world = [[end[0]] for end in ends]
     for way in to_world:
         while way[-1]:
-            way.append(int(bodies.tree[way[-1], 1]))
+            way.append(int(bodies.tree[way[-1], TREE_PARENT]))
     root = next(i for i in to_world[0] if i in to_world[1])
     way_a, way_b = (way[: way.index(root)] for way in to_world)
     return _Loop(ends, root, (way_a, way_b))
@@ -280,16 +298,16 @@ def _columns_of(tables: _Tables, root: int, body: int, sign: float) -> list[_Col
 
     Their accelerations are stored, in the plane for the kernels, in space for the sums.
     """
-    kind, own = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
+    kind, own = int(tables.bodies.tree[body, TREE_KIND]), tables.frames[root, body]
     m, length = tables.mesh.mechanism, tables.mesh.length
     slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
     several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
     out, first = [], int(tables.mesh.v_index[tables.bodies.node[body]])
     for v, (how, axis) in enumerate(several.get(kind, turns[2:]), start=first):
-        lead, about = (1.0, 0.0) if how == layout.SLIDING else (tables.bodies.numbers[body, 37], 1.0)
+        lead, about = (1.0, 0.0) if how == layout.SLIDING else (tables.bodies.numbers[body, BODY_LEAD], 1.0)
         signs = tables.numbers(sign * lead / length, sign * about / length, sign * about, length)
         rate, effort = (int(tables.bodies.columns[i + v]) for i in (m.nq, m.nq + m.nv))
-        kept = own.place - int(layout.AT) + int(layout.KEPT) if tables.plane else tables.rows(1)
+        kept = own.place - int(layout.AT) + int(layout.KEPT_ACCELERATION) if tables.plane else tables.rows(1)
         (tables.keeps if tables.plane else tables.summed).append((effort, kept))
         out.append(_Column(v, body, ColumnRecord(how, axis, own.place, 0, rate, kept, signs, effort, 0)))
     return out
@@ -325,7 +343,7 @@ def _row_that_is_left(
         column = next(c for c in columns if c.v == v)
         _enter(tables, column, [], to=own + int(at))
     body, (x, y, z) = end
-    free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, 0]) == FREE else []
+    free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, TREE_KIND]) == FREE else []
     for column in (c for c in columns if c.v not in pair and c not in free):
         _enter(tables, column, [row], to=tables.rows(1), entry=tables.rows(1))
     if free:
@@ -339,7 +357,7 @@ def _row_that_is_left(
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
         signs = tables.numbers(*tables.fixed[record.signs : record.signs + 4], end[1])
-        axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
+        axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, TREE_ROWS])
         free[0] = free[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
         for j, (column, size) in enumerate(zip(free, sizes, strict=True)):
             _enter(tables, column, [row], to=size, entry=entry + j * BLOCK)

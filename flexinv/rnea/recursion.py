@@ -30,7 +30,10 @@ from flexinv.kernels.simd import LANES, into, plus, plus_cross, plus_out_of, put
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
-TREE, NUMBERS = np.uint64(6), np.uint64(38)  # columns of the tables of bodies: see `body_table.Bodies`
+# Columns of the tables of bodies, and how many there are: see `body_table.Bodies`.
+TREE_KIND, TREE_PARENT, TREE_ROWS, TREE_STATE, TREE_BEGINS, TREE_SOURCE, TREE = *range(6), np.uint64(6)
+BODY_R, BODY_P, BODY_MASS, BODY_MOMENT, BODY_SECOND, BODY_OFF_SECOND = 0, 9, 12, 13, 16, 19
+BODY_LAW, BODY_TILT, BODY_ZERO, BODY_CHILD, BODY_STEP, BODY_LEAD, NUMBERS = 22, 27, 29, 31, 34, 37, np.uint64(38)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
 FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
 # of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
@@ -39,7 +42,7 @@ SCALAR_ROWS = 11
 # of a spherical or free one: R_j (its quaternion, before), position, rates v, w, accelerations, which become the efforts
 TURN_OF, TURN_Y, TURN_Z, SHIFT = row(6), row(9), row(12), row(15)
 QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
-RATES, RATES_TURNING, EFFORTS, EFFORTS_TURNING = row(18), row(21), row(24), row(27)
+RATES_FREE, RATES_TURNING, EFFORTS_FREE, EFFORTS_TURNING = row(18), row(21), row(24), row(27)
 FREE_ROWS = 30
 SPIN, SPIN_RATE, ACCELERATION_ROW, STATE_ROWS = row(0), row(3), row(6), 9  # rows of a state
 _NONE = (0.0, 0.0, 0.0)
@@ -55,12 +58,24 @@ def _sign(x):
 @jit_lanes
 def _leaving(body):
     """m, h, Sigma: (xx, yy, zz), (xy, xz, yz), and p of the last child's joint, of a body as `body_table.Bodies` has it."""
-    return body[12], vec_at(body, 13), vec_at(body, 16), vec_at(body, 19), vec_at(body, 31)
+    h, child = vec_at(body, BODY_MOMENT), vec_at(body, BODY_CHILD)
+    return body[BODY_MASS], h, vec_at(body, BODY_SECOND), vec_at(body, BODY_OFF_SECOND), child
 
 
 @jit_lanes
 def _law(body):
-    return JointLaw(body[22], body[23], body[24], body[25], body[26])
+    a = BODY_LAW
+    return JointLaw(body[a], body[a + 1], body[a + 2], body[a + 3], body[a + 4])
+
+
+@jit_lanes
+def _tilt(body):
+    return body[BODY_TILT], body[BODY_TILT + 1]
+
+
+@jit_lanes
+def _zero(body):
+    return body[BODY_ZERO], body[BODY_ZERO + 1]
 
 
 @jit_lanes
@@ -104,7 +119,7 @@ def _angles(rows, lanes):
     for k in range(lanes):
         angle = rows[PLACE + k]
         rows[COS + k], rows[SIN + k] = simd.cos_sin(angle)
-        far += 1 if abs(angle) > simd.FAR else 0
+        far += 1 if abs(angle) > simd.FAR_ANGLE else 0
     if far:
         for k in range(lanes):
             rows[COS + k], rows[SIN + k] = math.cos(rows[PLACE + k]), math.sin(rows[PLACE + k])
@@ -113,7 +128,7 @@ def _angles(rows, lanes):
 @jit_pass
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
-    ct, st, c0, s0, leaving, law = body[27], body[28], body[29], body[30], _leaving(body), _law(body)
+    (ct, st), (c0, s0), leaving, law = _tilt(body), _zero(body), _leaving(body), _law(body)
     for k in range(lanes):
         w, al, a = state_of(state, k)
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
@@ -150,7 +165,7 @@ def _slide_outboard(state, rows, lanes, body):
 @jit_lanes
 def _advance(state, rows, lanes, body):
     """The advance of a screw along z, before it turns: the slide h q of a massless body, h = pitch / (2 pi)."""
-    lead = body[37]
+    lead = body[BODY_LEAD]
     for k in range(lanes):
         a = _along_z(*state_of(state, k), lead * rows[PLACE + k], lead * rows[RATE + k], lead * rows[EFFORT + k])
         put_vec(state, ACCELERATION_ROW, k, a)
@@ -170,8 +185,8 @@ def _orientations(rows, lanes, floats):
     if not floats:
         for k in range(lanes):
             put_vec(rows, SHIFT, k, _NONE)
-            put_vec(rows, RATES, k, _NONE)
-            put_vec(rows, EFFORTS, k, _NONE)
+            put_vec(rows, RATES_FREE, k, _NONE)
+            put_vec(rows, EFFORTS_FREE, k, _NONE)
 
 
 @jit_lanes
@@ -186,8 +201,8 @@ def _float_outboard(state, rows, lanes, body):
     leaving, law = _leaving(body), _law(body)
     for k in range(lanes):
         rj = orientation(rows, k)
-        v, wj = vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k)
-        dv, alj = vec_of(rows, EFFORTS, k), vec_of(rows, EFFORTS_TURNING, k)
+        v, wj = vec_of(rows, RATES_FREE, k), vec_of(rows, RATES_TURNING, k)
+        dv, alj = vec_of(rows, EFFORTS_FREE, k), vec_of(rows, EFFORTS_TURNING, k)
         w, al, a = state_of(state, k)
         a = acceleration_at(w, al, a, vec_of(rows, SHIFT, k))
         c = into(rj, w)
@@ -195,7 +210,7 @@ def _float_outboard(state, rows, lanes, body):
         a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
         _leave(state, rows, k, plus(c, wj), al, a, leaving)
     for j in range(6):
-        rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
+        rate, effort = RATES_FREE + np.uint64(j) * LANES, EFFORTS_FREE + np.uint64(j) * LANES
         for k in range(lanes):
             v = rows[rate + k]
             rows[effort + k] = own_effort(law, law.rest, v, rows[effort + k], _sign(v))
@@ -211,7 +226,7 @@ def _add(above, k, p, force, moment):
 @jit_pass
 def _turn_inboard(rows, lanes, body):
     """The effort, and the wrench in the frame before the joint."""
-    ct, st = body[27], body[28]
+    ct, st = _tilt(body)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -222,7 +237,7 @@ def _turn_inboard(rows, lanes, body):
 @jit_pass
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
-    ct, st, p = body[27], body[28], vec_at(body, 9)
+    (ct, st), p = _tilt(body), vec_at(body, BODY_P)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -244,7 +259,7 @@ def _float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
         force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), orientation(rows, k)
-        put_vec(rows, EFFORTS, k, plus(vec_of(rows, EFFORTS, k), force))
+        put_vec(rows, EFFORTS_FREE, k, plus(vec_of(rows, EFFORTS_FREE, k), force))
         put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
         force, moment = plus_out_of(_NONE, rj, force), plus_out_of(_NONE, rj, moment)
         put_vec(rows, FORCE, k, force)
@@ -254,7 +269,7 @@ def _float_inboard(rows, lanes):
 @jit_pass
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
-    r, p = mat_at(body, 0), vec_at(body, 9)
+    r, p = mat_at(body, BODY_R), vec_at(body, BODY_P)
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
@@ -263,7 +278,7 @@ def _branch_inboard(rows, above, lanes, body):
 @jit_lanes
 def _resist(rows, lanes, kind, body):
     """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
-    c0, s0, law = body[29], body[30], _law(body)
+    (c0, s0), law = _zero(body), _law(body)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]  # of zero + q: a joint that turns without end has no other coordinate
         place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
@@ -284,7 +299,7 @@ def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
     if how == ON:
         return
-    r, d = mat_at(body, 0), vec_at(body, 34)
+    r, d = mat_at(body, BODY_R), vec_at(body, BODY_STEP)
     if how == FROM_WORLD:
         a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
@@ -309,7 +324,8 @@ def outboard(tree, numbers, work, lanes):
     """
     g, lost = vec_at(numbers[0], 0), 0
     for i in range(1, tree.shape[0]):
-        kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
+        kind, first, at = tree[i, TREE_KIND], tree[i, TREE_ROWS], tree[i, TREE_STATE]
+        how, source = tree[i, TREE_BEGINS], tree[i, TREE_SOURCE]
         state, rows, body = work[at:], work[first:], numbers[i]
         _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
@@ -325,14 +341,14 @@ def outboard(tree, numbers, work, lanes):
         else:
             _orientations(rows, lanes, kind == FREE)
             _float_outboard(state, rows, lanes, body)
-        if kind not in (SPHERICAL, FREE) and (body[24] != 0.0 or body[25] != 0.0):
+        if kind not in (SPHERICAL, FREE) and (body[BODY_LAW + 2] != 0.0 or body[BODY_LAW + 3] != 0.0):
             _resist(rows, lanes, kind, body)
     return lost
 
 
 @jit_lanes
 def _spoilt(rows, lanes):
-    """In how many lanes a wrench is not finite: 0 x infinity is NaN, and nothing ends one."""
+    """Count the lanes in which a wrench is not finite: 0 x infinity is NaN, and nothing ends one."""
     count = 0
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
@@ -351,8 +367,9 @@ def inboard(tree, numbers, work, lanes):
     spoilt = 0
     for back in range(1, tree.shape[0]):
         i = tree.shape[0] - back
-        kind, parent, first, how = tree[i, 0], tree[i, 1], tree[i, 2], tree[i, 4]
-        rows, above, body = work[first:], work[tree[parent, 2] :], numbers[i]
+        kind, parent = tree[i, TREE_KIND], tree[i, TREE_PARENT]
+        first, how = tree[i, TREE_ROWS], tree[i, TREE_BEGINS]
+        rows, above, body = work[first:], work[tree[parent, TREE_ROWS] :], numbers[i]
         if how == ON:
             _turn_on_inboard(rows, above, lanes, body)
             continue
@@ -361,7 +378,7 @@ def inboard(tree, numbers, work, lanes):
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             _turn_inboard(rows, lanes, body)
             if kind == HELICAL:
-                _advance_inboard(rows, lanes, body[37])
+                _advance_inboard(rows, lanes, body[BODY_LEAD])
         else:
             _float_inboard(rows, lanes)
         if how == FROM_WORLD:

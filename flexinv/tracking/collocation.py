@@ -43,7 +43,7 @@ CHUNK = 128
 
 
 @by_address
-class Motion(NamedTuple):
+class FreeMotion(NamedTuple):
     """Motion of a mechanism whose joints are all free, as `dynamics.system.State` has it, and the loads.
 
     x : (samples, nodes, 3), r : (samples, nodes, 3, 3), place, u, du : (samples, unknowns); table : (samples, loads, 6)
@@ -127,7 +127,7 @@ class Placed:
     turn: Array
 
 
-class Layout:
+class FreeLayout:
     """Layout of the unknowns of a mechanism whose joints are all free.
 
     triple : (rotations, 3) unknowns that are a rotation; node : (rotations,) whose it is
@@ -236,7 +236,7 @@ class Horizon:
     way : what follows what; reach : of the rigid mechanism, whose joints move so where the path leaves the drives free
     """
 
-    layout: Layout
+    layout: FreeLayout
     way: RigidWay
     reach: Reach
     time: Array
@@ -270,7 +270,7 @@ class Horizon:
             tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
             now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own)
             free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
-            motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
+            motion = FreeMotion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
             instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
             if instant_ >= 0:
                 raise TurnedTooMuch(f"t = {self.time[first + instant_]:g} s, element {element}")

@@ -33,7 +33,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
-from flexinv.tracking.collocation import Horizon, Layout, Placed, TurnedTooMuch
+from flexinv.tracking.collocation import FreeLayout, Horizon, Placed, TurnedTooMuch
 from flexinv.tracking.frame_path import Path
 from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, drive_columns, frame_of
 from flexinv.typing import Array
@@ -49,11 +49,11 @@ MOST_INSTANTS = 20_000
 INCREMENT, MOST_ITERATIONS = 1e-8, 20
 # An increment this large, in lengths of the mechanism or radians, means that Newton is lost.
 LOST = 30.0
-# Continuation begins this many times as stiff, and gives up where the factor has to fall by less than SMALLEST in one go.
-STIFF, SMALLEST = 1000.0, 1.02
+# Continuation begins this many times as stiff, and gives up where the factor has to fall by less than SMALLEST_FACTOR in one go.
+STIFF, SMALLEST_FACTOR = 1000.0, 1.02
 # An eigenvalue this many times the largest that the mesh resolves in a path belongs to a freedom without inertia.
 ENDLESS = 1e10
-RIGID, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
+RIGID_BODY, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Following:
     @property
     def feed_forwards(self) -> dict[str, Solution]:
         """The three by name, from the simplest on [N m], [N]."""
-        return {RIGID: self.rigid, JOINT_SPACE: self.joint_space, INVERSION: self.solution}
+        return {RIGID_BODY: self.rigid, JOINT_SPACE: self.joint_space, INVERSION: self.solution}
 
     def distance(self, solution: Solution) -> Array:
         """Return the distance of a solution's frame from its prescribed position, (samples,) [m]."""
@@ -100,7 +100,7 @@ class Following:
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
-        ways = {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
+        ways = {RIGID_BODY: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
         choice("name", name, ways)
         torque, q = self.feed_forwards[name].torque, self.solution.q[0]
         m, step = self.solution.mechanism, float(self.time[1] - self.time[0])
@@ -155,7 +155,7 @@ def follow(
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
         way = way_of(meshed)
-        horizon = Horizon(Layout(way.mesh), way, way.reach(steps), steps, own.step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, own.step)
         first, left = _inverted(horizon)
         runs[:] = [(horizon, left)]
         if asked is None:
@@ -181,7 +181,7 @@ def follow(
 def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     """The first step [m, rad, s, N] of a mechanism that bends, and what moves at both ends of the window [-]."""
     mesh, time, q = horizon.way.mesh, horizon.time, horizon.reach.q.copy()
-    trajectory, moves = invert(horizon), {joint.name for joint in mesh.mechanism.joints if joint.nv}
+    trajectory, moves = stable_inversion(horizon), {joint.name for joint in mesh.mechanism.joints if joint.nv}
     qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
     applied = applied_forces(mesh, trajectory.motion, time)
@@ -207,7 +207,7 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
     if step > move / 4:
         raise InputError(f"step = {step:g} s is too long for a path of {move:g} s: write step = {move / 200:g}")
     if before is None or after is None:
-        horizon = Horizon(Layout(way.mesh), way, way.reach(ends), ends, step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(ends), ends, step)
         waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, move + last]) / step * (1 - 1e-9))
@@ -254,7 +254,7 @@ def _settings(step: float) -> Settings:
     return Settings(float(step), spectral_radius=1.0, initial="static", tolerance=None)
 
 
-def invert(horizon: Horizon) -> Trajectory:
+def stable_inversion(horizon: Horizon) -> Trajectory:
     """Return the bounded motion [m, rad, s, N] of a frame on its path, from the rigid mechanism's as the first guess.
 
     r(y_k, u_k, u'_k) - S tau_k = 0,  c(y_k) = 0  at all instants k, at rest at the first and the last.
@@ -267,7 +267,7 @@ def invert(horizon: Horizon) -> Trajectory:
         target = max(1.0, stiffness / factor)
         if (softer := _newton(horizon, found[0], target)) is not None:
             found, stiffness = softer, target
-        elif (factor := np.sqrt(factor)) < SMALLEST:
+        elif (factor := np.sqrt(factor)) < SMALLEST_FACTOR:
             break
     if found is not None and stiffness == 1.0:
         return found[1]

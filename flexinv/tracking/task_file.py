@@ -12,7 +12,7 @@ import scipy  # its parts are loaded when they are asked for
 from pydantic import Field
 
 from flexinv.errors import InputError
-from flexinv.files.case_schema import MeshTable, read_cases
+from flexinv.files.case_schema import CaseMeshTable, read_cases
 from flexinv.files.load_cases import read_places
 from flexinv.files.toml_tables import Location, Table, check_names, key, optional, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
@@ -21,7 +21,7 @@ from flexinv.tracking.frame_path import Path
 from flexinv.typing import Array
 from flexinv.validation import nearest, of_kind
 
-SHAPES = ("line", "arc", "points_m")
+PATH_SHAPES = ("line", "arc", "points_m")
 
 
 class LineTable(Table):
@@ -67,14 +67,14 @@ class TaskTable(Table):
     turn_rpy_deg: Annotated[list[Vector], Field(min_length=2, max_length=2)] | None = optional(
         "roll, pitch, yaw of the frame at start and end, free without [deg]", "[[0, 0, 0], [0, 0, 90]]"
     )
-    mesh: MeshTable | None = optional("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
+    mesh: CaseMeshTable | None = optional("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
     start: dict[str, Any] = key(
         "a table per joint: a guess of where it is when the path begins", "start.elbow = { deg = 60 }", default={}
     )
 
 
 @dataclass(frozen=True)
-class Task:
+class PathTask:
     """A path for a frame, as `follow` takes them: step, before, after [s], start [rad], [m]; mesh : (elements, order) or None."""
 
     name: str
@@ -92,7 +92,7 @@ class Task:
         return mechanism if self.mesh is None else mechanism.with_mesh(*self.mesh)
 
 
-def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, Task]:
+def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, PathTask]:
     """Load the tasks of a mechanism by name, none where there are none [m], [s], [rad].
 
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
@@ -104,7 +104,7 @@ def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, Task]:
     return {name: _task(data, name, mechanism, Location(file, f"tasks.{name}")) for name, data in table.tasks.items()}
 
 
-def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
+def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> PathTask:
     table = validate(TaskTable, data, where)
     if table.frame not in mechanism.link_of:
         near = nearest(table.frame, list(mechanism.link_of))
@@ -123,15 +123,15 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
         point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
         frame = Attachment(table.frame, Placement(point), table.station)
     times = table.step_s, table.before_s, table.after_s
-    return Task(name, table.title, frame, _path(table, where), *times, start, mesh)
+    return PathTask(name, table.title, frame, _path(table, where), *times, start, mesh)
 
 
 def _path(table: TaskTable, where: Location) -> Path:
-    stated = [shape for shape in SHAPES if getattr(table, shape) is not None]
+    stated = [shape for shape in PATH_SHAPES if getattr(table, shape) is not None]
     shape = stated[0] if len(stated) == 1 else "line"
     write = str((TaskTable.model_fields[shape].examples or [""])[0])
     if len(stated) != 1:
-        raise where.wrong("", " and ".join(stated) or "no path", f"one of {', '.join(SHAPES)}", write)
+        raise where.wrong("", " and ".join(stated) or "no path", f"one of {', '.join(PATH_SHAPES)}", write)
     time: dict[str, Any] = {"duration": table.duration_s, "law": table.law}
     try:
         if table.line is not None:

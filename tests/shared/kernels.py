@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexinv.dynamics.generalized_alpha import advance, predict, update_rates
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.elements.beam import relative, relative_rates
-from flexinv.elements.beam_element import damped_tangent, element_gradient, element_tangent, nodal_forces
+from flexinv.elements.beam_element import damped_tangent, element_forces, element_gradient, element_tangent
 from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
@@ -40,7 +40,7 @@ def element(k, count, e, z, internal, tangent):
     """Evaluate one element whose poses stand in z; return its energy."""
     relative(count, z)
     energy, _ = element_gradient(k, count, e, z, None, internal, True)
-    nodal_forces(count, z)
+    element_forces(count, z)
     element_tangent(count, z, tangent)
     return energy
 
@@ -51,7 +51,7 @@ def damped_element(k, count, e, z, y, nodes, d, internal, tangent):
     relative(count, z)
     relative_rates(count, z, y)
     stored, gone = element_gradient(k, count, e, z, y, internal, True)
-    nodal_forces(count, z)
+    element_forces(count, z)
     damped_tangent(count, z, y, nodes, d, tangent)
     return stored, gone
 

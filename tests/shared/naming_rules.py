@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 
 from house_rules import parsed, walked
 
@@ -83,23 +83,27 @@ def homeless(homes: Mapping[str, str], known: Iterable[str] = ()) -> list[str]:
     ]
 
 
-def homonyms(sources: Mapping[str, str], words: Iterable[str], twins: Iterable[tuple[str, str]] = ()) -> list[str]:
-    """Words that two modules define: each of ``words`` has one meaning (dotted module -> source).
+def homonyms(
+    sources: Mapping[str, str],
+    twins: Iterable[tuple[str, str]] = (),
+    known: Container[str] = (),
+    private: Container[str] = (),
+) -> list[str]:
+    """Names that two modules define (dotted module -> source): each has one meaning; with _ only those of ``private``.
 
-    twins : pairs of packages that do the same in two forms, where the same name says so; commands are called as their verbs
+    twins : pairs of packages, or modules, that do the same in two forms, where the same name says so
+    known : names that mean the same wherever they are defined; commands are called as their verbs
     """
-    places: dict[str, list[str]] = {word: [] for word in words}
-    met: set[tuple[str, str]] = set()
+    places: dict[str, list[str]] = {}
     second = {two: one for one, two in twins}
     for module, source in sources.items():
         package = module.rpartition(".")[0]
-        for name in _defined(source) & places.keys():
-            if package in second or package in second.values():
-                if (name, second.get(package, package)) in met:
-                    continue
-                met.add((name, second.get(package, package)))
-            places[name].append(module)
-    return [f"{word} is defined in {', '.join(found)}" for word, found in places.items() if len(found) > 1]
+        form = second.get(module, second.get(package, package if package in second.values() else module))
+        for name in _defined(source):
+            open_ = not name.startswith("_") or name in private
+            if open_ and name not in known and form not in places.setdefault(name, []):
+                places[name].append(form)
+    return [f"{word} is defined in {', '.join(found)}" for word, found in sorted(places.items()) if len(found) > 1]
 
 
 def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], known: Mapping[str, str]) -> list[str]:
@@ -123,13 +127,14 @@ def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], kno
 
 
 def _defined(source: str) -> set[str]:
-    """Functions and constants of a module."""
+    """Functions, classes and constants of a module."""
     names = set()
     for node in parsed(source).body:
-        if isinstance(node, ast.FunctionDef) and not _is_command(node):
+        if isinstance(node, ast.ClassDef) or (isinstance(node, ast.FunctionDef) and not _is_command(node)):
             names.add(node.name)
-        elif isinstance(node, ast.Assign):
-            names |= {x.id for target in node.targets for x in ast.walk(target) if isinstance(x, ast.Name)}
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)}
     return names
 
 

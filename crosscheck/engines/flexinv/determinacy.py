@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import ranks
 from flexinv.constraints.closures import Phase, Rows, constraint_rows, measures, phases
-from flexinv.constraints.reactions import closing
+from flexinv.constraints.reactions import closure_wrenches
 from flexinv.inverse.inverse_dynamics import NodalForces, joint_wrenches, own_wrenches, project
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -53,7 +53,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
     for phase in phases(m, time):
         some, scale = _some(motion, phase), rows.scale
         acting = np.flatnonzero(phase.active[rows.closure])
-        units = [closing(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
+        units = [closure_wrenches(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
         for _, wrenches in units:
             _raise(firm, wrenches, arms)
         felt = np.stack([_felt(mesh, some, forces) for forces, _ in units], axis=1) if units else np.zeros((1, 0, 1))
@@ -62,7 +62,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
             null[:, acting] = _null(felt, k)
             if not null.any():
                 continue
-            forces, wrenches = closing(mesh, some, rows, null / scale)
+            forces, wrenches = closure_wrenches(mesh, some, rows, null / scale)
             own = own_wrenches(mesh, some, forces)
             _raise(loose, wrenches, arms)
             _raise(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)

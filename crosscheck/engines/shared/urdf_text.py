@@ -22,7 +22,7 @@ from defusedxml.ElementTree import parse
 
 from crosscheck.engines.shared.export_files import NotExported, check_rigid
 from crosscheck.engines.shared.urdf_source import read_source
-from flexinv.model.mechanism import COUPLED, WORLD, Body, Closure, Joint, Limits, Mechanism, Placement
+from flexinv.model.mechanism import GEARED, WORLD, Body, Closure, Joint, Limits, Mechanism, Placement
 
 KINDS = {
     "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed", "free": "floating",
@@ -84,7 +84,7 @@ def _mimicking(mechanism: Mechanism, name: str) -> Iterator[Closure]:
     for closure in mechanism.closures:
         if closure.kind != "coupling" or len(closure.factors) != 2 or closure.active:
             continue
-        if closure.factors[0][0] == name and {kinds[n] for n, _ in closure.factors} <= {*COUPLED} - {"helical"}:
+        if closure.factors[0][0] == name and {kinds[n] for n, _ in closure.factors} <= {*GEARED} - {"helical"}:
             yield closure
             return
 

@@ -8,7 +8,7 @@ Who uses it: `rigid.blocks` (one call of a prepared function), `analysis.solve_m
 3.  An offer goes through one *mail* (`worker_pool`): FREE, CLAIMED, OFFERED, TAKEN, DONE, FREE.  Only the caller that has
     claimed a mail writes its words; only the helper that has taken it reads them.  A caller collects or withdraws all its offers
     before it returns, also when it is interrupted: no helper works on memory that is given back.
-4.  A mail holds addresses of the caller's arrays, so these live until the offer is settled (`worker_pool.settled`).
+4.  A mail holds addresses of the caller's arrays, so these live until the offer is settled (`worker_pool.collected`).
 5.  What a thread wrote before it `put` or `swap` a cell is seen by every thread that then finds the new value by `look` or
     `swap`.
 6.  A helper watches its mail for `worker_pool.WATCH` after its last work, then sleeps; it leaves its caller's processor

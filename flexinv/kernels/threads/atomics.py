@@ -62,7 +62,7 @@ def look(typing_context: Any, cells: Any, at: Any) -> Any:
 
 
 @_instruction()
-def put(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
+def store(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
     """Set cells[at], after everything that this thread wrote before."""
     writer = _writer(lambda builder, place, value: builder.store_atomic(value, place, "release", _CELL_BYTES))
     return types.none(cells, at, value), writer

@@ -5,11 +5,11 @@ sleeps, and waking it takes some ten times as long.  On the processor of the cal
 caller stands still.  Offers of work go through memory that both watch: a helper begins some hundred nanoseconds later.
 A *mail* is a row of cells (`atomics`).  Its state goes round:
 
-    FREE  -> CLAIMED   a caller is writing an offer
+    EMPTY  -> CLAIMED   a caller is writing an offer
           -> OFFERED   ... which a helper may take, or the caller withdraw
           -> TAKEN     a helper works on it
           -> DONE      ... and has left its answer, which the caller collects
-          -> FREE
+          -> EMPTY
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.threads.affinity import leave, limit, processor_now
-from flexinv.kernels.threads.atomics import address, look, pause, put, swap
+from flexinv.kernels.threads.atomics import address, look, pause, store, swap
 
-FREE, CLAIMED, OFFERED, TAKEN, DONE = range(5)
+EMPTY, CLAIMED, OFFERED, TAKEN, DONE = range(5)
 # Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.
 STATE, OWNER, SLEEPS, ANSWER, WORDS = 0, 8, 16, 24, 32
 CELLS = 64
@@ -42,16 +42,22 @@ Attend = Callable[[NDArray[np.uint64], int], None]
 @jit_lanes
 def claimed(mail, owner):
     """Claim a mail; return True [-] if it was free: its new owner then writes the words of an offer and makes it."""
-    if look(mail, STATE) != FREE or not swap(mail, STATE, FREE, CLAIMED):
+    if look(mail, STATE) != EMPTY or not swap(mail, STATE, EMPTY, CLAIMED):
         return False
     mail[OWNER] = owner
     return True
 
 
 @jit_lanes
-def write(mail, number, array):
+def write_array(mail, number, array):
     """Write where an array begins and how long it is [-], as word ``number`` of an offer."""
     mail[WORDS + 2 * number], mail[WORDS + 2 * number + 1] = address(array), array.size
+
+
+@jit_lanes
+def array_word(mail, number):
+    """Read word ``number`` of an offer: the address of an array and its shape (length,) [-]."""
+    return mail[WORDS + 2 * number], (mail[WORDS + 2 * number + 1],)
 
 
 @jit_lanes
@@ -65,7 +71,7 @@ def awaited(mail, patience):
 
 
 @jit_lanes
-def settled(mails, owner, total):
+def collected(mails, owner, total):
     """Add the answers to the owner's offers to total[0] and withdraw what nobody took [-]; return whether all are settled.
 
     False where a helper still works after `LOOKS`: ask again.
@@ -83,7 +89,7 @@ def settled(mails, owner, total):
                     return False
             total[0] += mail[ANSWER]
         mail[OWNER] = 0
-        put(mail, STATE, FREE)
+        store(mail, STATE, EMPTY)
     return True
 
 

@@ -14,7 +14,7 @@ from crosscheck.engines.shared.replay import Drive
 from crosscheck.studies import feedforward
 from crosscheck.studies.feedforward import BETTER, REACHED
 from flexinv import load_mechanism
-from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID
+from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID_BODY
 from flexinv.tracking.task_file import load_tasks
 
 
@@ -39,7 +39,7 @@ def test_tips_of_the_papers_arms_stay_on_their_arcs_in_exudyn(root: Path, model:
     assert {engine for engine, _ in rows} == {"flexinv", "exudyn-ge"}
     assert all(row["verdict"] == "within" for row in rows.values()), rows
     for engine in ("flexinv", "exudyn-ge"):
-        best, others = rows[engine, INVERSION]["error"], [rows[engine, n]["error"] for n in (RIGID, JOINT_SPACE)]
+        best, others = rows[engine, INVERSION]["error"], [rows[engine, n]["error"] for n in (RIGID_BODY, JOINT_SPACE)]
         assert best <= REACHED
         assert min(others) >= BETTER * best
 
@@ -58,16 +58,16 @@ def test_a_wrong_torque_is_seen(root: Path, engine: object) -> None:
 
 def test_rows_judge() -> None:
     """What is off by more than its bound, and what is not so much worse than stable inversion, deviates."""
-    errors = {RIGID: 3e-2, JOINT_SPACE: 5e-2, INVERSION: 9e-4}
+    errors = {RIGID_BODY: 3e-2, JOINT_SPACE: 5e-2, INVERSION: 9e-4}
     verdicts = [feedforward.row("arm", "arc", "engine", name, errors)["verdict"] for name in errors]
     assert verdicts == ["within", "within", "within"]
     worse = feedforward.row("arm", "arc", "engine", INVERSION, errors | {INVERSION: 1.1e-3})
     assert worse["verdict"] == "deviation"
     assert "more than 0.001" in worse["message"]
-    near = feedforward.row("arm", "arc", "engine", RIGID, errors | {RIGID: 2e-2})
+    near = feedforward.row("arm", "arc", "engine", RIGID_BODY, errors | {RIGID_BODY: 2e-2})
     assert near["verdict"] == "deviation"
     assert "less than 30 times" in near["message"]
-    nan = feedforward.row("arm", "arc", "engine", RIGID, {RIGID: float("nan")})
+    nan = feedforward.row("arm", "arc", "engine", RIGID_BODY, {RIGID_BODY: float("nan")})
     assert nan["verdict"] == "deviation"
 
 

@@ -15,7 +15,7 @@ import flexinv
 from flexinv.kernels.memory import shared_pieces, together
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism
 from flexinv.model.motion import motion_at
-from flexinv.planar.solver import PlanarMarch, _left
+from flexinv.planar.solver import PlanarMarch, _released
 from flexinv.typing import Array
 
 STEP = 2e-3
@@ -160,11 +160,11 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
     """Arrays that hold the end of another motion give, bit for bit, what new ones give."""
     mechanism, motion, options = (CLOSED_CASES | PAPER_CASES)[name]()
     with monkeypatch.context() as new:
-        new.setattr(PlanarMarch, "ready", PlanarMarch.of)
+        new.setattr(PlanarMarch, "acquire", PlanarMarch.of)
         fresh = flexinv.solve(mechanism, motion, STEP, **options)
     flexinv.solve(mechanism, motion, STEP / 3, end=motion.duration / 2, **options)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    (left,) = _left(fresh.mesh, frozenset(passive))
+    (left,) = _released(fresh.mesh, frozenset(passive))
     assert np.abs(left.system.state.u).max() > 0
     again = flexinv.solve(mechanism, motion, STEP, **options)
     for one, two in ((fresh.nodes, again.nodes), (fresh.balance, again.balance)):

@@ -86,7 +86,7 @@ def gripped(base: Mechanism) -> Mechanism:
 def test_a_fixed_closure_that_lets_go(in_plane: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its hub bends the arm by 0.02 rad; then the tip is free."""
     if not in_plane:
-        monkeypatch.setattr("flexinv.analysis.trajectory.in_plane", lambda *_: None)
+        monkeypatch.setattr("flexinv.analysis.trajectory.planar_march_of", lambda *_: None)
     motion = flexinv.Motion.point_to_point([0.0], [0.02], 0.01, hold=0.02)
     coarse, fine = (flexinv.solve(gripped(damped()), motion, step=step) for step in (5e-4, 2.5e-5))
     assert furthest_off(coarse, fine) < RIGHT
@@ -194,7 +194,7 @@ def test_rounding_is_no_sudden_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     motion = flexinv.Motion.point_to_point([2.5], [4.5], 0.2)
     flat = flexinv.solve(arm(), motion, step=1e-3).torque
-    monkeypatch.setattr(trajectory, "in_plane", lambda *_: None)
+    monkeypatch.setattr(trajectory, "planar_march_of", lambda *_: None)
     space = flexinv.solve(arm(), motion, step=1e-3).torque
     # two forms of the same equations: rounding of strains, 1e-16, times axial stiffness over torque, 1e6, and some steps of it
     np.testing.assert_allclose(space, flat, rtol=0, atol=1e-10 * np.ptp(flat))

@@ -10,7 +10,7 @@ import pytest
 from four_bar_example import START, TURN, four_bar
 
 import flexinv
-from flexinv.constraints.allocation import ACCELERATION_OPEN, OPEN, RATE
+from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -49,8 +49,8 @@ def closed() -> tuple[Mechanism, list[np.ndarray]]:
     ("which", "most", "words"),
     [
         (0, OPEN, r": q violates closure 'C' at sample 30: \|phi\| .*expected at most 1e-06"),
-        (1, RATE, r": qd violates closure 'C' at sample 30: \|G qd\| / "),
-        (2, ACCELERATION_OPEN, r": qdd violates closure 'C' at sample 30: \|G qdd \+ G' qd\| / "),
+        (1, OPEN_RATE, r": qd violates closure 'C' at sample 30: \|G qd\| / "),
+        (2, OPEN_ACCELERATION, r": qdd violates closure 'C' at sample 30: \|G qdd \+ G' qd\| / "),
     ],
 )
 def test_a_motion_that_the_closures_do_not_allow_is_named(which: int, most: float, words: str) -> None:

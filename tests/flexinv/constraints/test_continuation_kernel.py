@@ -14,7 +14,7 @@ from crosscheck.studies.robot_sweep import random_states
 from flexinv.analysis.solve import solve
 from flexinv.constraints import continuation as loops
 from flexinv.constraints.closures import Rows, constraint_jacobian
-from flexinv.constraints.continuation_kernel import Problem, factor
+from flexinv.constraints.continuation_kernel import Continuation, factor
 from flexinv.constraints.equations import closure_residuals, closure_rows
 from flexinv.kernels import sparse_qr
 from flexinv.kernels.fronts import fronts_of
@@ -152,10 +152,10 @@ def test_equations_of_every_kind() -> None:
     assert abs(constraint_jacobian(mesh, motion, rows)[0] - g).max() < ROUNDING * abs(g).max()
 
 
-def problem(a: Array, y: Array) -> Problem:
+def problem(a: Array, y: Array) -> Continuation:
     (rows, columns), fronts = a.shape, fronts_of(a != 0.0)
     none, x, sign = np.zeros(columns), *np.zeros((2, columns, 1))
-    return Problem(
+    return Continuation(
         np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts, FrontFactors.of(fronts),
         y[:, None].copy(), x, sign, none.copy(), none, none,
     )  # fmt: skip

@@ -127,6 +127,6 @@ def test_static_start_carries_springs() -> None:
     pull = rope()
     stay = flexinv.Motion.point_to_point({"A": 0.3}, {"A": 0.3}, 0.05)
     s = flexinv.solve(replace(m, springs=(pull,)), stay, step=1e-3, start=START, initial="static")
-    # Newton at rest ends at an increment of 1e-8 and gains four digits at a time there (`dynamics.stepper.HELD`)
+    # Newton at rest ends at an increment of 1e-8 and gains four digits at a time there (`dynamics.stepper.HELD_STIFFNESS`)
     assert abs(s.qd).max() < 1e-6
     assert np.ptp(s.torque) < 1e-6 * abs(s.torque).max()

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from flexinv.analysis.statics import Load, statics
 from flexinv.errors import InputError
-from flexinv.files.joints import TABLES, rotation_from_rpy
+from flexinv.files.joints import JOINT_TABLES, rotation_from_rpy
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.schema import impossible
 from flexinv.files.sections import rectangle_torsion
@@ -262,7 +262,7 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", list(COORDINATES))
 def test_every_kind_of_joint(tmp_path: Path, kind: str) -> None:
-    assert set(KINDS) == set(TABLES) == set(COORDINATES)
+    assert set(KINDS) == set(JOINT_TABLES) == set(COORDINATES)
     link = '[links.link]\nkind = "rigid"\nmassless = true\n'
     joint = load(tmp_path, HEAD + link + BASE.replace("fixed", kind) + KINDS[kind]).joints[0]
     assert joint.kind == kind

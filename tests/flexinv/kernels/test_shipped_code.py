@@ -28,7 +28,7 @@ Load = Callable[[], Any]
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder of machine code for this processor, with the kernel `thrice`, that the package seems to bring along."""
-    monkeypatch.setattr(shipped_code, "FOLDER", tmp_path / "machine_code")
+    monkeypatch.setattr(shipped_code, "MACHINE_CODE", tmp_path / "machine_code")
     monkeypatch.setattr(shipped_code, "_told", [])
     (level, *_) = levels()
     kernel = loaded(tmp_path / "made", monkeypatch)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexinv.kernels.jit import jit_blocks
-from flexinv.kernels.simd import FAR, cos_sin
+from flexinv.kernels.simd import FAR_ANGLE, cos_sin
 
 # One unit in the last place of a number just below 1 is 1.1e-16; two of them (polynomial, reduced angle) are promised.
 PROMISED = 2.2e-16
@@ -14,7 +14,7 @@ PROMISED = 2.2e-16
 ANGLES = {
     "first quarter": np.linspace(-np.pi / 4, np.pi / 4, 100_001),
     "some turns": np.random.default_rng(0).uniform(-20, 20, 100_000),
-    "as far as it goes": np.random.default_rng(1).uniform(-FAR, FAR, 100_000),
+    "as far as it goes": np.random.default_rng(1).uniform(-FAR_ANGLE, FAR_ANGLE, 100_000),
     "near quarter turns": np.arange(-600_000, 600_000, 11) * (np.pi / 2),
     "next to quarter turns": np.nextafter(np.arange(-600_000, 600_000, 11) * (np.pi / 2), np.inf),
     "tiny": 10.0 ** np.arange(-300, 0),

@@ -13,7 +13,7 @@ from flexinv.kernels.sparse_qr import (
     FrontFactors,
     clear,
     condition_estimate,
-    factorise,
+    factorise_qr,
     set_entry,
     solve_upper,
     turn_beside,
@@ -31,7 +31,7 @@ def factored(fronts, qr, a):
     for e in range(fronts.entry.shape[0]):
         for k in range(a.shape[0]):
             set_entry(fronts, qr, e, k, a[k, fronts.entry[e, 0], fronts.entry[e, 1]])
-    return factorise(fronts, qr)
+    return factorise_qr(fronts, qr)
 
 
 @jit

@@ -10,7 +10,7 @@ from complaints import Planted, check_complaint
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.model.attachments import GasLaw, Law, TableLaw
+from flexinv.model.attachments import GasLaw, SpringLaw, TableLaw
 from flexinv.model.mechanism import Attachment, Body, Inertia, Joint, Link, Mechanism, Placement, Spring
 
 X = np.array([1.0, 0.0, 0.0])
@@ -20,7 +20,7 @@ HOLD = flexinv.Motion.point_to_point({"hold": 0.0}, {"hold": 0.0}, 0.1)
 
 
 @pytest.mark.parametrize("law", [GAS, TABLE, GasLaw(-40.0, -0.8, 1.3)], ids=["gas", "table", "strut"])
-def test_the_slope_is_that_of_the_pull(law: Law) -> None:
+def test_the_slope_is_that_of_the_pull(law: SpringLaw) -> None:
     """Central differences of 1e-6 m: 1e-12 of third derivatives, and rounding of 1e-16 over 1e-6; rows of the table left out."""
     length = np.linspace(0.26, 0.95, 29)
     found = (law.pull(length + 1e-6, 0.5) - law.pull(length - 1e-6, 0.5)) / 2e-6
@@ -39,7 +39,7 @@ def test_a_table_is_monotone_and_goes_through_its_rows() -> None:
     assert (np.diff(TABLE.pull(np.linspace(0.1, 1.2, 500), 0.0)) > 0).all()
 
 
-def slider(law: Law | None, stiffness: float = 0.0) -> Mechanism:
+def slider(law: SpringLaw | None, stiffness: float = 0.0) -> Mechanism:
     """Return 2 kg on a spring along x from the world, rest length 0.5 m, beside a joint that is held."""
 
     def body(name: str) -> Link:
@@ -54,7 +54,7 @@ def slider(law: Law | None, stiffness: float = 0.0) -> Mechanism:
 
 
 @pytest.mark.parametrize("law", [GAS, TABLE], ids=["gas", "table"])
-def test_the_march_has_the_same_law_as_the_inverse_dynamics(law: Law) -> None:
+def test_the_march_has_the_same_law_as_the_inverse_dynamics(law: SpringLaw) -> None:
     """The accelerations of the march are -pull / m with the pull of the formulas, to Newton's tolerance."""
     solution = flexinv.solve(slider(law), HOLD, step=1e-3, start={"slide": 0.45})
     pull = law.pull(solution.q[:, 1] + 0.2, 0.5)

@@ -17,7 +17,7 @@ from rigid_trees import chain, tree
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.kernels.threads.worker_pool import CELLS, DONE, FREE, OWNER, STATE, TAKEN
+from flexinv.kernels.threads.worker_pool import CELLS, DONE, EMPTY, OWNER, STATE, TAKEN
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.blocks import HELPERS
 from flexinv.rigid.prepare import WORTH_HELP, prepare
@@ -104,7 +104,7 @@ def test_ctrl_c_waits_for_a_helper_that_writes(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(KeyboardInterrupt):
         f.torques(*state)
     assert seen == [TAKEN]
-    assert mails[0, STATE] == FREE  # it was waited for
+    assert mails[0, STATE] == EMPTY  # it was waited for
 
 
 # ----------------------------------------------------------------------------------------------------- other processes

@@ -129,7 +129,7 @@ def test_one_sample_may_be_a_vector_and_blocks_do_not_matter(monkeypatch: pytest
     mechanism = trees.tree()
     state = random_states(mechanism, 5, seed=8)
     whole = torque_derivatives(mechanism, *state)
-    monkeypatch.setattr(module, "AT_ONCE", 2)
+    monkeypatch.setattr(module, "NODAL_SAMPLES", 2)
     one = torque_derivatives(mechanism, *(part[3] for part in state))
     for ours, theirs in ((torque_derivatives(mechanism, *state).q, whole.q), (one.qd[0], whole.qd[3])):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())

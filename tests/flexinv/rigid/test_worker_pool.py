@@ -18,7 +18,7 @@ from rigid_trees import tree
 
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
-from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN, Helpers
+from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, EMPTY, OFFERED, OWNER, STATE, TAKEN, Helpers
 from flexinv.rigid.blocks import HELPERS, collect, torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.loop_plan import NO_LOOPS
@@ -161,7 +161,7 @@ def test_a_helper_that_has_not_begun_is_not_waited_for() -> None:
     tau, counter = call(f, state, mails)
     assert np.array_equal(tau, alone)
     assert counter[1] == 0
-    assert (mails[0, STATE], mails[0, OWNER]) == (FREE, 0)  # the offer was withdrawn
+    assert (mails[0, STATE], mails[0, OWNER]) == (EMPTY, 0)  # the offer was withdrawn
 
 
 @pytest.mark.parametrize("state_of", [OFFERED, TAKEN, DONE])
@@ -185,7 +185,7 @@ def test_a_helper_that_is_held_up_is_asked_again() -> None:
     mails[0, STATE], mails[0, ANSWER] = DONE, 3
     assert collect(*whole)
     assert counter[1] == 5
-    assert (mails[0, STATE], mails[0, OWNER]) == (FREE, 0)
+    assert (mails[0, STATE], mails[0, OWNER]) == (EMPTY, 0)
 
 
 PROGRAM = """

@@ -31,8 +31,8 @@ CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_space.moving(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
     loop_space.moving(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
     loop_space._moved: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS, types.float64),
-    loop_space.standing(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_space.standing(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_space.to_ground(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_space.to_ground(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_allocation.six_forces: (ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 6)),
     loop_allocation.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }

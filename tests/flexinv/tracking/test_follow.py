@@ -15,7 +15,7 @@ from flexinv import Mechanism, Path, follow
 from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Link
-from flexinv.tracking.collocation import Horizon, Layout
+from flexinv.tracking.collocation import FreeLayout, Horizon
 from flexinv.tracking.follow import internal_rates
 from flexinv.tracking.inverse_kinematics import RigidWay, frame_of
 
@@ -46,7 +46,7 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
     way = RigidWay(mesh, frame_of(mesh, link), path, start)
-    return Horizon(Layout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
+    return Horizon(FreeLayout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
 
 
 # -------------------------------------------------------------------------------------------------------- the equations
