@@ -45,6 +45,7 @@ TWINS = (
 SAME = (
     "INCREMENT", "MOST_HALVINGS", "MOST_ITERATIONS", "MOST_STEPS",  # where an iteration ends
     "LARGEST_FILE",  # that is read, of its kind
+    "MeshTable",  # the mesh, in the file of a mechanism and in that of its cases
     "LINE",  # of the cache: signed for Python, unsigned for kernels
     "T",  # any type
 )  # fmt: skip

@@ -159,7 +159,7 @@ class LimitTable(Table):
     expires: datetime.date | None = optional("the day after which the limit must be looked at again", "2027-01-31")
 
 
-class CaseMeshTable(Table):
+class MeshTable(Table):
     """The mesh that flexinv takes for every beam in one case."""
 
     elements: Count = key("number of elements of each beam, >= 1 [-]", "2")
@@ -184,7 +184,7 @@ class CaseTable(Table):
     initial: Literal["consistent", "static"] = key(
         '"consistent" (undeformed) or "static" (equilibrium under gravity first)', '"static"', "consistent"
     )
-    mesh: CaseMeshTable | None = optional(
+    mesh: MeshTable | None = optional(
         "flexinv's mesh in this case, where the mechanism's own is too coarse for it", "{ elements = 2, order = 8 }"
     )
     start: dict[str, Any] = key(

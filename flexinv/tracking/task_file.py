@@ -12,7 +12,7 @@ import scipy  # its parts are loaded when they are asked for
 from pydantic import Field
 
 from flexinv.errors import InputError
-from flexinv.files.case_schema import CaseMeshTable, read_cases
+from flexinv.files.case_schema import MeshTable, read_cases
 from flexinv.files.load_cases import read_places
 from flexinv.files.toml_tables import Location, Table, check_names, key, optional, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
@@ -67,7 +67,7 @@ class TaskTable(Table):
     turn_rpy_deg: Annotated[list[Vector], Field(min_length=2, max_length=2)] | None = optional(
         "roll, pitch, yaw of the frame at start and end, free without [deg]", "[[0, 0, 0], [0, 0, 90]]"
     )
-    mesh: CaseMeshTable | None = optional("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
+    mesh: MeshTable | None = optional("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
     start: dict[str, Any] = key(
         "a table per joint: a guess of where it is when the path begins", "start.elbow = { deg = 60 }", default={}
     )
