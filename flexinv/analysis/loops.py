@@ -58,7 +58,7 @@ def rigid_loops(task: Task) -> FirstStep:
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
         shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
     pulls = forces.force, *(wrench[:, :3] for wrench in wrenches.values())
-    largest = max(*(np.abs(pull).max(initial=0.0) * mesh.length for pull in pulls), np.abs(tree).max(initial=0.0))
+    largest = max(*(mesh.length * _largest(pull) for pull in pulls), _largest(tree))
     check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
     applied = pushed + acting
@@ -67,6 +67,11 @@ def rigid_loops(task: Task) -> FirstStep:
         loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)),
         geared=shares.multipliers @ stretches[0].rows.gear,
     )  # fmt: skip
+
+
+def _largest(values: Array) -> float:
+    """The largest absolute value, without an array of them."""
+    return float(max(values.max(initial=0.0), -values.min(initial=0.0)))
 
 
 def _phased_motion(

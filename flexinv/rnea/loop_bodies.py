@@ -45,13 +45,13 @@ def square(own, k, phi, rate, second):
 
 
 @jit_lane
-def _put_turned(own, k, rows, axes, place):
+def _put_turned(own, first, k, rows, axes, place):
     """The place, and the axes of a body that turns about the third one, from those where its coordinate is zero."""
     cosine, sine, (x, y, z) = rows[COS + k], rows[SIN + k], axes
-    put_vec(own, layout.AXIS_Z, k, z)
-    put_vec(own, layout.AT, k, place)
-    put_vec(own, layout.AXES, k, plus(times(cosine, x), times(sine, y)))
-    put_vec(own, layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
+    put_vec(own, first + layout.AXIS_Z, k, z)
+    put_vec(own, first + layout.AT, k, place)
+    put_vec(own, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
+    put_vec(own, first + layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
 
 
 @jit_lane
@@ -66,7 +66,7 @@ def _root_turn(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
     axes, place = mat_at(c, 0), vec_at(c, 9)
     for k in range(lanes):
-        _put_turned(own, k, rows, axes, place)
+        _put_turned(own, _VEC, k, rows, axes, place)
 
 
 @jit_lanes
@@ -75,7 +75,7 @@ def _turn(own, above, parent, rows, lanes, c):
     p = vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        _put_turned(own, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
+        _put_turned(own, _VEC, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lane
@@ -91,7 +91,16 @@ def _tilt(own, above, parent, rows, lanes, c):
     cosine, sine, p = c[4], c[5], vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        _put_turned(own, k, rows, _tilted(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p)))
+        _put_turned(own, _VEC, k, rows, _tilted(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p)))
+
+
+@jit_lanes
+def _chain(both, rows, lanes, c):
+    """The same where nobody else asks for x and y of the parent, in whose place the rows begin: fewer are in the cache."""
+    cosine, sine, p = c[4], c[5], vec_at(c, 9)
+    for k in range(lanes):
+        axes, above = axes_of(both, k), vec_of(both, layout.AT, k)
+        _put_turned(both, layout.CHAINED, k, rows, _tilted(axes, cosine, sine), plus(above, into(axes, p)))
 
 
 @jit_lanes
@@ -101,7 +110,7 @@ def _two_turns(own, first, rows, lanes, c):
     for k in range(lanes):
         c1, s1 = first[COS + k], first[SIN + k]
         axes = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x)), z
-        _put_turned(own, k, rows, _tilted(axes, cosine, sine), place)
+        _put_turned(own, _VEC, k, rows, _tilted(axes, cosine, sine), place)
 
 
 @jit_lanes
@@ -171,6 +180,8 @@ def move(plan, fixed, work, first_body, count, lanes):
         c, origin = fixed[numbers:], work[place : place + layout.VECTOR]
         if kind == layout.ROOT_TURN:
             _root_turn(own, rows, lanes, c)
+        elif kind == layout.CHAIN:
+            _chain(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
         elif kind == layout.TWO_TURNS:
             _two_turns(own, work[above : above + _JOINT], rows, lanes, c)
         elif kind == layout.TURN:

@@ -18,6 +18,7 @@ from flexinv.typing import Array
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
 AXIS_Z, AT, AXES, AXIS_Y, SLIDING_AXIS = row(0), row(3), row(6), row(9), row(12)
 BODY_ROWS = 15
+CHAINED = AXES  # where rows of a body in a chain begin among those of its parent
 # In the plane its motion, and its joint's acceleration, too.
 PLANE_SPEED, PLANE_SPIN, PLANE_SPIN_RATE, PLANE_ACCELERATION, KEPT_ACCELERATION = (
     row(15),
@@ -55,7 +56,7 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURE_RECORDS, COLUMNS, STEPS, 
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW, TWO_TURNS = range(7)
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW, TWO_TURNS, CHAIN = range(8)
 
 
 class ClosureKind(IntEnum):
@@ -71,7 +72,7 @@ class Operation(IntEnum):
 
 
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW, TWO_TURNS = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, SCREW, TWO_TURNS, CHAIN = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
 PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = (int(kind) for kind in Operation)
 TURNING, SLIDING, FLOATING = range(3)  # joint of a column of G; FLOATING is of a whole joint

@@ -33,7 +33,8 @@ ZERO_ENTRY = 1e-13
 PLACES = 4  # samples at which it is looked for
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
-FLAT = (layout.ROOT_TURN, layout.TURN, layout.TILT, layout.SLIDE)  # bodies that the formulas of the plane may know
+# Bodies of joints that turn about one axis or slide: the formulas of the plane may know them.
+FLAT = (layout.ROOT_TURN, layout.TURN, layout.TILT, layout.CHAIN, layout.TWO_TURNS, layout.SLIDE)
 
 NO_LOOPS = LoopPlan(np.zeros(layout.HEADER, dtype=np.uint64), np.zeros(4), 0, np.zeros((0, 0), dtype=np.int64), {})
 Run = Callable[[Bodies, LoopPlan], Array]

@@ -203,10 +203,16 @@ def _frame(tables: _Tables, root: int, body: int) -> _Frame:
     r, p = (above.turned @ x for x in _seat(tables.bodies, body))
     is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
     turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
-    own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
-    alone, made = (root, parent) not in tables.shared, tables.moved[-1:]
-    if kind in TURNING_KINDS and turn == layout.TILT and not p.any() and alone and made[0].kind == layout.ROOT_TURN:
-        return _two_turns(tables, root, body, own)  # the parent was made just now
+    alone = (root, body) not in tables.shared
+    goes_on = turn == layout.TILT and kind in TURNING_KINDS and (root, parent) not in tables.shared
+    before = tables.moved[-1].kind if goes_on else None  # of the parent, made just now
+    if before == layout.ROOT_TURN and not p.any():
+        return _two_turns(tables, root, body, tables.rows(layout.BODY_ROWS, alone))
+    if before in (layout.ROOT_TURN, layout.CHAIN) and alone:
+        turn, own = layout.CHAIN, above.axes + int(layout.CHAINED)
+        tables.rows(int(layout.CHAINED) // BLOCK, True)
+    else:
+        own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
     known = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
     how = turn if kind in TURNING_KINDS else known[kind]
     numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
