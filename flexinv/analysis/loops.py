@@ -9,7 +9,7 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
-from flexinv.constraints.allocation import GivenLoops, check_carried, share_out
+from flexinv.constraints.allocation import LEFT_OVER, GivenLoops, check_carried, share_out
 from flexinv.constraints.allocation_kernel import Shares
 from flexinv.constraints.closures import Phase, Stretch, captured, constraint_jacobian, constraint_rows, phases
 from flexinv.constraints.continuation import closed_motion, closed_start
@@ -57,8 +57,10 @@ def rigid_loops(task: Task) -> FirstStep:
         missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
         shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
-    pulls = forces.force, *(wrench[:, :3] for wrench in wrenches.values())
-    largest = max(*(mesh.length * _largest(pull) for pull in pulls), _largest(tree))
+    largest = _largest(tree)
+    if _largest(shares.left) > LEFT_OVER * largest:  # it may be rounding of forces that are large beside the efforts
+        pulls = forces.force, *(wrench[:, :3] for wrench in wrenches.values())
+        largest = max(largest, *(mesh.length * _largest(pull) for pull in pulls))
     check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
     applied = pushed + acting
