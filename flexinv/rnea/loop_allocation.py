@@ -41,7 +41,7 @@ ACCELERATION_ROUNDING = 1e-14
 SOME = np.uint64(4)  # samples of a block whose sums |G| |qd| are taken
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint64(i) for i in range(6))
+_ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
 _NONE, _THREE_ROWS, _SIX = (0.0, 0.0, 0.0), row(3), tuple(row(layout.SIX * i) for i in range(layout.SIX))
 
 
@@ -151,29 +151,13 @@ def _pair(scratch, one, other, lanes):
         scratch[layout.CHANGED + k] = 1.0 if changed else 0.0
 
 
-@jit_lane
-def _combined(a, b, changed, factor):
-    """Another entry of both rows."""
-    pivot, rest = (b, a) if changed else (a, b)
-    return pivot + _NOTHING, rest - factor * pivot
-
-
 @jit_lanes
 def _combine(scratch, one, other, lanes):
     """Combine two other entries of these rows [any unit]."""
     for k in range(lanes):
-        changed, factor = scratch[layout.CHANGED + k] != 0.0, scratch[layout.FACTOR + k]
-        one[k], other[k] = _combined(one[k], other[k], changed, factor)
-
-
-@jit_lanes
-def _combine_two(scratch, work, at, lanes):
-    """Combine the entries of two other columns at the places ``at`` [any unit]: factors are read once for both."""
-    one, other, third, fourth = work[at[0] :], work[at[1] :], work[at[2] :], work[at[3] :]
-    for k in range(lanes):
-        changed, factor = scratch[layout.CHANGED + k] != 0.0, scratch[layout.FACTOR + k]
-        one[k], other[k] = _combined(one[k], other[k], changed, factor)
-        third[k], fourth[k] = _combined(third[k], fourth[k], changed, factor)
+        a, b = one[k], other[k]
+        pivot, rest = (b, a) if scratch[layout.CHANGED + k] != 0.0 else (a, b)
+        one[k], other[k] = pivot + _NOTHING, rest - scratch[layout.FACTOR + k] * pivot
 
 
 @jit_lanes
@@ -310,9 +294,6 @@ def allocate(plan, fixed, work, lanes):
             continue
         if kind != layout.TAKE:
             own = scratch[layout.SQUARE :] if kind == layout.NORM else scratch[:LANES]
-        while kind == layout.PAIR and count > _ONE:
-            _combine_two(scratch, work, plan[at : at + _FOUR], lanes)
-            at, count = at + _FOUR, count - _TWO
         for i in range(count):
             one, other = plan[at], plan[at + _ONE]
             at += _TWO

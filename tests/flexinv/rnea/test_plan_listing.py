@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import loop_examples
+import numpy as np
 import pytest
 from four_bar_example import four_bar
 from loop_examples import Example
@@ -10,6 +14,7 @@ from loop_examples import Example
 import flexinv
 from flexinv.rnea.loop_layout import FILLS, STEPS, LoopPlan, Operation
 
+MODELS = Path(__file__).resolve().parents[3] / "models"
 FOUR_BAR = """\
 plane, work space of 181 rows
 bodies: root turn, turn, root turn
@@ -35,6 +40,24 @@ def test_the_steps_are_all_words_of_the_plan(name: str) -> None:
     assert len(plan.steps) == int(plan.plan[STEPS + 1]) == len(str(plan).splitlines()) - 3
     assert [word for step in plan.steps for word in step.words] == plan.plan[first:end].tolist()
     assert {step.operation for step in plan.steps} & {Operation.SOLVE, Operation.ALL_SIX}
+
+
+def test_bodies_of_one_loop_alone_share_rows() -> None:
+    """Axes that nobody else asks for are not kept; a second closure that needs them keeps them, with the same efforts."""
+    bricard, platform = (flexinv.load_mechanism(MODELS / name) for name in ("bricard", "stewart_platform"))
+    (closure,) = bricard.closures
+    twice = replace(bricard, closures=(closure, replace(closure, name="again")))
+    one, both = (flexinv.prepare(m, threads=1) for m in (bricard, twice))
+    assert "bodies: root turn, chain, chain, chain, chain\n" in str(one.plan)
+    assert "bodies: root turn, tilt, tilt, tilt, tilt\n" in str(both.plan)
+    assert "bodies: two turns, slide, float, two turns, slide," in str(flexinv.prepare(platform, threads=1).plan)
+    case = flexinv.load_cases(MODELS / "bricard", bricard)["fold"]
+    found = flexinv.solve(bricard, case.motion, case.end / 150, start=case.start)
+    state = found.q, found.qd, found.qdd
+    tau = one.torques(*state)
+    np.testing.assert_allclose(
+        both.torques(*state), tau, atol=1e-11 * np.abs(tau).max()
+    )  # rounding over pivots of 1e-3
 
 
 def test_redundant_drives_are_projected() -> None:
