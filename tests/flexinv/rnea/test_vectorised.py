@@ -36,7 +36,6 @@ CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_space.to_ground(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_space.to_ground(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_allocation.six_forces: (ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 6)),
-    loop_allocation._combine: (ROWS, ROWS, ROWS, LANES),
     loop_allocation.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }
 
