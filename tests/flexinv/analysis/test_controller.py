@@ -128,20 +128,21 @@ def test_an_allocation_is_seen(root: Path) -> None:
 OFTEN, SMALLEST = 500, 32  # steps; the size of a number of Python's, of which not one a step may stay [bytes]
 # Python's own numbers and tuples and the headers of views: nothing that grows with the mechanism [bytes].
 TRANSIENT = 2048
+TIMES = 32
 
 
 def grown(step: Callable[[], object]) -> tuple[int, int]:
-    """What ``OFTEN`` steps leave behind, and the most that they held meanwhile [bytes], the least of eight times.
+    """What ``OFTEN`` steps leave behind, and the most that they held meanwhile [bytes], the least of ``TIMES``.
 
-    Python's lists of free tuples, which ``gc.collect`` empties, fill up again now and then; what a step itself leaves behind
-    is there every time.
+    Python's lists of free tuples, which ``gc.collect`` empties, fill up again now and then, and in two of three times the
+    interpreter holds some 2.5 kB of small numbers for a moment; what a step itself leaves behind or holds is there every time.
     """
     gc.collect()
     gc.disable()
     tracemalloc.start()
     found = []
     try:
-        for _ in range(8):
+        for _ in range(TIMES):
             before, _ = tracemalloc.get_traced_memory()
             tracemalloc.reset_peak()
             for _ in range(OFTEN):
