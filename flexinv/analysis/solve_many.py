@@ -328,10 +328,8 @@ def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays
     """Series of all scenarios, one after the other in memory."""
     mesh, samples = first.mesh, len(first.time)
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
-    stacks, large = (
-        [(scenarios, *shape) for shape in shapes],
-        len(shapes) - len(SecondStepArrays._fields) + 2,
-    )  # two of nodes
+    stacks = [(scenarios, *shape) for shape in shapes]
+    large = len(shapes) - len(SecondStepArrays._fields) + 2  # of the second step two are of all nodes
     *motion, wrench, internal, energy = (made := together(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0

@@ -33,7 +33,7 @@ from flexinv.kernels.shipped_code import shipped
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
 UNREADABLE = AttributeError, ImportError, EOFError, UnpicklingError
-PACKAGE = Path(__file__).resolve().parents[1]  # of the package
+PACKAGE = Path(__file__).resolve().parents[1]
 # The kernels that Python calls, in the order of their definition.
 KERNELS: list[Any] = []
 # What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.

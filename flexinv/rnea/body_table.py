@@ -102,13 +102,11 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
         numbers[parent, _CHILD] = numbers[child, _P] if parent else 0.0
     numbers[1:, _STEP] = numbers[1:, _P] - numbers[parents[1:], _CHILD]
     _add_masses(mesh, numbers, [number[int(c)] for c in carrier], axes, turn, place)
-    numbers[1:, recursion.BODY_LEAD] = [
-        mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving
-    ]
+    leads = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
+    numbers[1:, recursion.BODY_LEAD] = leads
     count = 5 if passive else 1  # of rotor inertia, damping, friction, stiffness and rest
-    numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = mesh.mechanism.drive_table[
-        :count, mesh.v_index[moving]
-    ].T
+    laws = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
+    numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = laws
     tree, size = _layout(kinds, parents, last)
     return Bodies(tree, numbers, _columns(mesh, tree, moving), size, node, np.array(axes))
 

@@ -319,9 +319,6 @@ def unclear(plan, fixed, work, lanes):
         for k in range(lanes):
             a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
         largest = own[layout.LARGEST :]
-        speed, size, rounding = (
-            max(speed, largest[0]),
-            max(size, largest[1]),
-            max(rounding, ACCELERATION_ROUNDING * largest[2]),
-        )
+        speed, size = max(speed, largest[0]), max(size, largest[1])
+        rounding = max(rounding, ACCELERATION_ROUNDING * largest[2])
     return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)

@@ -20,13 +20,8 @@ AXIS_Z, AT, AXES, AXIS_Y, SLIDING_AXIS = row(0), row(3), row(6), row(9), row(12)
 BODY_ROWS = 15
 CHAINED = AXES  # where rows of a body in a chain begin among those of its parent
 # In the plane its motion, and its joint's acceleration, too.
-PLANE_SPEED, PLANE_SPIN, PLANE_SPIN_RATE, PLANE_ACCELERATION, KEPT_ACCELERATION = (
-    row(15),
-    row(17),
-    row(18),
-    row(19),
-    row(21),
-)
+PLANE_SPEED, PLANE_SPIN, PLANE_SPIN_RATE = row(15), row(17), row(18)
+PLANE_ACCELERATION, KEPT_ACCELERATION = row(19), row(21)
 PLANE_ROWS = 22
 # Rows of a closure: the point of B; d' of the gap; squares of phi, phi', phi''.
 POINT, GAP_RATE, SQUARES, SQUARES_TOO, SQUARES_LAST = row(0), row(3), row(6), row(7), row(8)

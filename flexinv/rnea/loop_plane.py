@@ -69,10 +69,8 @@ def _turn(own, parent, rows, lanes, c):
         at, v, a = _moved(parent, k, arm)
         cosine, sine = _pair(parent, layout.AXES, k)
         heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
-        w, al = (
-            parent[layout.PLANE_SPIN + k] + rows[RATE + k],
-            parent[layout.PLANE_SPIN_RATE + k] + own[layout.KEPT_ACCELERATION + k],
-        )
+        w = parent[layout.PLANE_SPIN + k] + rows[RATE + k]
+        al = parent[layout.PLANE_SPIN_RATE + k] + own[layout.KEPT_ACCELERATION + k]
         _put(own, k, heading, at, v, w, al, a)
 
 

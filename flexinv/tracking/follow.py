@@ -146,9 +146,8 @@ def follow(
     if step is None:  # the coarsest one: steps divide the path's time
         step = path.duration / FEWEST_IN_STRETCH
     settings = _settings(seconds("step", step, "a positive number of seconds, for example step=1e-3"))
-    runs: list[
-        tuple[Horizon, tuple[float, float]]
-    ] = []  # of the last: equations, and what moves at both ends of the window
+    # Of the last run: its equations, and what moves at both ends of the window.
+    runs: list[tuple[Horizon, tuple[float, float]]] = []
 
     def way_of(meshed: Mechanism) -> RigidWay:
         return RigidWay(mesh := build(meshed), frame_of(mesh, frame), path, start)

@@ -5,7 +5,7 @@ sleeps, and waking it takes some ten times as long.  On the processor of the cal
 caller stands still.  Offers of work go through memory that both watch: a helper begins some hundred nanoseconds later.
 A *mail* is a row of cells (`atomics`).  Its state goes round:
 
-    EMPTY  -> CLAIMED   a caller is writing an offer
+    EMPTY -> CLAIMED   a caller is writing an offer
           -> OFFERED   ... which a helper may take, or the caller withdraw
           -> TAKEN     a helper works on it
           -> DONE      ... and has left its answer, which the caller collects
