@@ -1,4 +1,4 @@
-"""Protocol of an adapter: four functions, and six more that it may have.  One adapter may offer several engines."""
+"""Protocol of an adapter: four functions, and seven more that it may have.  One adapter may offer several engines."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from flexinv.model.mechanism import Mechanism
 if TYPE_CHECKING:
     from crosscheck.engines.shared.replay import Drive
     from crosscheck.lifting.description import Description
+    from crosscheck.lifting.reader_dynamics import ReaderDynamics
 
 Array = NDArray[np.float64]
 Options = Mapping[str, Any]
@@ -74,13 +75,23 @@ class FullAdapter(Adapter, Protocol):
         """Return the module, or object, with the calls whose time `crosscheck bench` takes."""
 
     def lift(self, source: Any) -> Description:
-        """Return the description of a file as the engine's own reader has it, or of a model in memory.  Raises InputError."""
+        """Return the description of a file as the engine's own reader has it, or of a model in memory.  Raises InputError.
+
+        Its ``dynamics`` are those of the compiled model: without them `crosscheck compare` calls the description not proven.
+        What the model does and a mechanism cannot say is one of its ``features``.
+        """
 
     def lifts(self, source: Any) -> bool:
         """Return True if something in memory is a model of this engine."""
 
+    def dynamics(self, path: Path, mechanism: Mechanism) -> ReaderDynamics:
+        """Return the engine's own model of a file, in the coordinates of a mechanism that another reader made of it.
 
-MEMBERS = ("certify", "export", "replay", "bench", "lift", "lifts")
+        Joints are found by name.  Raises InputError where the engine refuses the file, or has other joints.
+        """
+
+
+MEMBERS = ("certify", "export", "replay", "bench", "lift", "lifts", "dynamics")
 
 
 def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:

@@ -6,7 +6,7 @@ v_B = Ad(T)^-1 v_A, and efforts by the dual:  tau_A = sign tau_B,  tau_A = Ad(T)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from flexinv.rigid.joint_torques import joint_torques
 
 RANDOM, ALONG, SEED = 60, 100, 20
 REACH = {"revolute": np.pi, "helical": np.pi, "prismatic": 0.5}
+Law = Callable[[Mechanism, Array, Array, Array], Array]
 PERIOD, WAVES = 10.0, 4  # [s], harmonics of the exciting motion
 
 
@@ -97,8 +98,13 @@ def _poses(member: Member, rng: np.random.Generator, count: int) -> list[Placeme
     return found
 
 
-def efforts(mechanism: Mechanism, states: States, joints: Mapping[str, str] | None = None) -> dict[str, Array]:
-    """Return by joint of the states the efforts (samples, nv) [N m], [N]; joints : names there, others stand at zero."""
+def efforts(
+    mechanism: Mechanism, states: States, joints: Mapping[str, str] | None = None, law: Law = joint_torques
+) -> dict[str, Array]:
+    """Return by joint of the states the efforts (samples, nv) [N m], [N]; joints : names there, others stand at zero.
+
+    law : efforts (samples, nv) of the mechanism at q, qd, qdd, in its order; flexinv's, or those of a reader's own model
+    """
     if not states.qd:
         return {}  # nothing moves
     names = joints if joints is not None else {name: name for name in states.qd}
@@ -116,7 +122,7 @@ def efforts(mechanism: Mechanism, states: States, joints: Mapping[str, str] | No
                 at, vat = slice(at.start + k, at.start + k + 1), slice(vat.start + k, vat.start + k + 1)
             q[:, at], qd[:, vat], qdd[:, vat] = _configuration(joint.kind, states, own), states.qd[own], states.qdd[own]
             columns[own] = vat
-    torque = joint_torques(mechanism, q, qd, qdd)
+    torque = law(mechanism, q, qd, qdd)
     return {name: torque[:, vat] for name, vat in columns.items()}
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from crosscheck.lifting.reader_dynamics import Feature, ReaderDynamics
 from flexinv.model.mechanism import Mechanism
 
 FORMATS = ("urdf", "mjcf", "sdf", "toml", "kit", "usd", "live")
@@ -25,6 +26,9 @@ class Description:
     printed : by (element, quantity) half of the last printed digit [unit of the quantity]: what rounding explains
     precision : relative rounding of the reader's own numbers [-]
     root_stated, gravity_stated : False where the source does not say whether its root is held, or what pulls it, as a URDF
+    features : what the source says, an engine does, and no mechanism can say: compared by name, and by what ``dynamics`` feels
+    dynamics : the reader's own compiled model, in the coordinates of ``mechanism`` as it was lifted
+    unproven : why there is no such model, "" where there is one, or where the mechanism is the source itself
     """
 
     label: str
@@ -38,3 +42,6 @@ class Description:
     file: Path | None = None
     root_stated: bool = True
     gravity_stated: bool = True
+    features: tuple[Feature, ...] = ()
+    dynamics: ReaderDynamics | None = None
+    unproven: str = ""

@@ -49,6 +49,7 @@ export = beside("crosscheck.engines.mujoco.export", "export")
 replay = beside("crosscheck.engines.mujoco.replay", "replay")
 bench = module_beside("crosscheck.engines.mujoco.bench")
 lift, lifts = beside("crosscheck.engines.mujoco.lift", "lift"), beside("crosscheck.engines.mujoco.lift", "lifts")
+dynamics = beside("crosscheck.engines.mujoco.own_dynamics", "dynamics")
 
 
 def version() -> str:

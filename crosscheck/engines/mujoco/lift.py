@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.effort_limits import ON_JOINT, effort_limits
+from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_mjcf
 from flexinv.errors import InputError
@@ -74,6 +75,11 @@ def lift(source: Any, label: str = "") -> Description:
     printed = printed_of_mjcf(root) if kind == "mjcf" else {}
     stated = kind != "urdf"
     return replace(found, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
+
+
+def compiled(path: Path) -> Any:
+    """Return the model that MuJoCo's compiler makes of a file.  Raises InputError with its words."""
+    return _read(path)[0]
 
 
 def _read(path: Path) -> tuple[Any, tuple[str, ...]]:
@@ -137,7 +143,11 @@ def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> D
         closures=tuple(closures),
     )
     gears = dict(_gears(model))
-    return Description(label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_others(model)))
+    joint_names = {k: _name(model, OBJECT.mjOBJ_JOINT, k, "joint") for k in range(model.njnt)}
+    own = OwnDynamics(model, mechanism, built_of(model, joint_names))
+    return Description(
+        label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_others(model)), dynamics=own
+    )
 
 
 def _name(model: Any, kind: Any, index: int, default: str) -> str:

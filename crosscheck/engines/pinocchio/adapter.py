@@ -51,6 +51,7 @@ export = beside("crosscheck.engines.pinocchio.export", "export")
 replay = beside("crosscheck.engines.pinocchio.replay", "replay")
 bench = module_beside("crosscheck.engines.pinocchio.bench")
 lift, lifts = beside("crosscheck.engines.pinocchio.lift", "lift"), beside("crosscheck.engines.pinocchio.lift", "lifts")
+dynamics = beside("crosscheck.engines.pinocchio.own_dynamics", "dynamics")
 
 
 def version() -> str:

@@ -7,12 +7,14 @@ damping and friction of ``dynamics``.  Source: pinocchio 4.1, joint-*.hpp.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from crosscheck.engines.pinocchio.own_dynamics import dynamics_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -81,7 +83,11 @@ def _described(model: Any, label: str, kind: str, path: Path | None) -> Descript
         closures=tuple(closures),
     )
     stated = kind != "urdf"
-    return Description(label, mechanism, kind, "pinocchio", file=path, root_stated=stated, gravity_stated=stated)
+    found = Description(label, mechanism, kind, "pinocchio", file=path, root_stated=stated, gravity_stated=stated)
+    try:
+        return replace(found, dynamics=dynamics_of(model, mechanism, label))
+    except InputError as error:
+        return replace(found, unproven=str(error))
 
 
 def _bodies(model: Any) -> list[str]:
