@@ -1,6 +1,7 @@
 """Largest efforts of joints as MuJoCo's actuators and joints state them: forcerange, ctrlrange of motors, actuatorfrcrange.
 
-    actuator      its force, within forcerange and, of a motor, gain times ctrlrange, times its gear
+    actuator      its force, within forcerange and, of a motor, gain times ctrlrange, times its gear; a motor's control is its
+                  force: that of a plugin, or of an actuator with feedback or states, is a setpoint, whose range bounds no effort
     joint         the sum of its actuators, within actuatorfrcrange; bounded only where all of them are
 
 A mechanism has one number for both directions: the larger; where they differ, that is said.  Source: mujoco 4.0.0, mjmodel.h.
@@ -14,9 +15,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from crosscheck.engines.mujoco.names import actuators_on, gear_of, joint_name
+
 Range = tuple[float, float]
 FREE: Range = (-np.inf, np.inf)
-ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 SAME = 1e-9  # relative
 
@@ -33,9 +35,9 @@ def effort_limits(model: Any) -> tuple[dict[int, float], list[str]]:
             continue
         found[joint] = largest = max(abs(low), abs(high))
         if abs(low + high) > SAME * largest:
-            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f"joint{joint}"
             words.append(
-                f"effort of joint {name}: {low:.6g} to {high:.6g}; a mechanism has one limit for both directions"
+                f"effort of joint {joint_name(model, joint)}: {low:.6g} to {high:.6g}; "
+                "a mechanism has one limit for both directions"
             )
     return found, words
 
@@ -52,10 +54,9 @@ def _range(model: Any, joint: int) -> Range:
 
 def _acting(model: Any, joint: int) -> Iterator[Range]:
     """Yield the range of effort of every actuator that drives one joint alone."""
-    for k in range(model.nu):
-        if mujoco.mjtTrn(int(model.actuator_trntype[k])) not in ON_JOINT or int(model.actuator_trnid[k][0]) != joint:
-            continue
-        gear, (low, high) = float(model.actuator_gear[k][0]), _force(model, k)
+    for k in actuators_on(model, joint):
+        gear = gear_of(model, k)
+        low, high = _force(model, k)
         ends = sorted((gear * low, gear * high)) if gear else [0.0, 0.0]
         yield ends[0], ends[1]
 
@@ -68,9 +69,13 @@ def _force(model: Any, k: int) -> Range:
         model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
         and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE
+        and model.actuator_plugin[k] < 0
+        and model.actuator_ctrlnum[k] == 1
     )
-    if motor and model.actuator_ctrllimited[k]:
+    control = int(model.actuator_ctrladr[k])
+    clamped = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+    if motor and clamped and model.actuator_ctrllimited[control]:
         gain = float(np.ravel(model.actuator_gainprm[k])[0])
-        ends = sorted(gain * float(x) for x in model.actuator_ctrlrange[k])
+        ends = sorted(gain * float(x) for x in model.actuator_ctrlrange[control])
         low, high = max(low, ends[0]), min(high, ends[1])
     return low, high

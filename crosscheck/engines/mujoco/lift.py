@@ -5,8 +5,11 @@
     ref           a joint's coordinate is ``ref`` where the file draws it: the placement is turned back by it
     inertia       about the centre of mass, R diag(I) R^T with R of ``iquat``
     effort        the largest that actuators and joint allow (`effort_limits`)
-    equality      joint: a coupling (its linear part), connect: a spherical closure, two of them between the same bodies: a
-                  revolute one, weld: a fixed one; between bodies or sites
+    actuators     armature and damping of those on a joint, times gear^2, are the joint's
+    equality      joint: a coupling (its linear part), of fixed tendons: a coupling of their joints, connect: a spherical closure,
+                  two of them between the same bodies: a revolute one, weld: a fixed one; between bodies or sites
+    flags         what they disable is not there: gravity, springs, dampers, dry friction, limits, equalities
+    the rest      features (`mujoco.features`), and what no effort feels, in words
 
 Defaults, ``fusestatic``, ``inertiafromgeom`` and classes are the compiler's.  Source: mujoco 4.0.0, mjmodel.h.
 """
@@ -21,7 +24,20 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.effort_limits import ON_JOINT, effort_limits
+from crosscheck.engines.mujoco.effort_limits import effort_limits
+from crosscheck.engines.mujoco.features import (
+    DAMPER_OFF,
+    FRICTION_OFF,
+    GRAVITY_OFF,
+    LIMIT_OFF,
+    SPRING_OFF,
+    active,
+    find_features,
+    linear_law,
+    off,
+    switch_off,
+)
+from crosscheck.engines.mujoco.names import OBJECT, actuators_on, gear_of, joint_name, joint_names, name_of
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_mjcf
@@ -41,7 +57,7 @@ from flexinv.model.mechanism import (
     Placement,
 )
 
-OBJECT, JOINT_KIND, EQUALITY = mujoco.mjtObj, mujoco.mjtJoint, mujoco.mjtEq
+JOINT_KIND, EQUALITY = mujoco.mjtJoint, mujoco.mjtEq
 KINDS = {
     JOINT_KIND.mjJNT_FREE: "free",
     JOINT_KIND.mjJNT_BALL: "spherical",
@@ -132,26 +148,22 @@ def _without_files(spec: Any, path: Path) -> None:
 def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
     links, joints = _tree(model)
     efforts, uneven = effort_limits(model)
-    names = {_name(model, OBJECT.mjOBJ_JOINT, index, "joint"): effort for index, effort in efforts.items()}
+    names = {name_of(model, OBJECT.mjOBJ_JOINT, index, "joint"): effort for index, effort in efforts.items()}
     joints = [replace(j, limits=replace(j.limits, effort=names.get(j.name, np.inf))) for j in joints]
     closures, lost = _closures(model, {joint.name: joint for joint in joints})
     mechanism = Mechanism(
         name=label,
         links=tuple(links),
         joints=tuple(joints),
-        gravity=np.array(model.opt.gravity),
+        gravity=np.zeros(3) if off(model, GRAVITY_OFF) else np.array(model.opt.gravity),
         closures=tuple(closures),
     )
     gears = dict(_gears(model))
-    joint_names = {k: _name(model, OBJECT.mjOBJ_JOINT, k, "joint") for k in range(model.njnt)}
-    own = OwnDynamics(model, mechanism, built_of(model, joint_names))
+    own = OwnDynamics(model, mechanism, built_of(model, joint_names(model)), switch_off)
     return Description(
-        label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_others(model)), dynamics=own
-    )
-
-
-def _name(model: Any, kind: Any, index: int, default: str) -> str:
-    return mujoco.mj_id2name(model, kind, index) or f"{default}{index}"
+        label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_others(model)),
+        features=find_features(model), dynamics=own,
+    )  # fmt: skip
 
 
 def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
@@ -160,7 +172,7 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
     joints: list[Joint] = []
     names, anchors = {0: WORLD}, {0: np.zeros(3)}
     for body in range(1, model.nbody):
-        name = names[body] = _name(model, OBJECT.mjOBJ_BODY, body, "body")
+        name = names[body] = name_of(model, OBJECT.mjOBJ_BODY, body, "body")
         parent = int(model.body_parentid[body])
         frame = Placement(model.body_pos[body] - anchors[parent], _rotation(model.body_quat[body]))
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
@@ -189,32 +201,41 @@ def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
-    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], _name(model, OBJECT.mjOBJ_JOINT, index, "joint")
-    dof, start = int(model.jnt_dofadr[index]), int(model.jnt_qposadr[index])
+    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], name_of(model, OBJECT.mjOBJ_JOINT, index, "joint")
+    start = int(model.jnt_qposadr[index])
     axis = np.array(model.jnt_axis[index])
     if kind not in ("revolute", "prismatic"):
-        return Joint(name, kind, parent, child, at, actuated=kind != "free", **_passive(model, dof))
-    ref, limited = float(model.qpos0[start]), bool(model.jnt_limited[index])
+        return Joint(name, kind, parent, child, at, actuated=kind != "free", **_passive(model, index))
+    ref = float(model.qpos0[start])
+    limited = bool(model.jnt_limited[index]) and not off(model, LIMIT_OFF)
     back = at.rotation @ (_about(axis, -ref) if kind == "revolute" else np.eye(3))
     place = at.position - (at.rotation @ axis * ref if kind == "prismatic" else 0.0)
     limits = (
         Limits(lower=float(model.jnt_range[index][0]), upper=float(model.jnt_range[index][1])) if limited else Limits()
     )
-    stiffness = _scalar(model.jnt_stiffness[index])
+    stiffness = 0.0 if off(model, SPRING_OFF) else float(model.jnt_stiffness[index])
     spring: dict[str, Any] = {"stiffness": stiffness, "rest": float(model.qpos_spring[start])} if stiffness else {}
     return Joint(
-        name, kind, parent, child, Placement(place, back), axis=axis, limits=limits, **spring, **_passive(model, dof)
+        name, kind, parent, child, Placement(place, back), axis=axis, limits=limits, **spring, **_passive(model, index)
     )  # fmt: skip
 
 
-def _passive(model: Any, dof: int) -> dict[str, Any]:
-    rows = {"rotor_inertia": model.dof_armature, "damping": model.dof_damping, "friction": model.dof_frictionloss}
-    return {name: _scalar(row[dof]) for name, row in rows.items()}
-
-
-def _scalar(value: Any) -> float:
-    """The first of a law's coefficients: MuJoCo 4 has polynomials where it had numbers."""
-    return float(np.ravel(value)[0])
+def _passive(model: Any, index: int) -> dict[str, float]:
+    """Numbers of a joint's drive [kg m^2], [N m s], [N m]; what of a free one acts along world axes is a feature."""
+    dof = int(model.jnt_dofadr[index])
+    rotor, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
+    for k in actuators_on(model, index):
+        rotor += gear_of(model, k) ** 2 * float(model.actuator_armature[k])
+        damping += gear_of(model, k) ** 2 * float(model.actuator_damping[k])
+    numbers = {
+        "rotor_inertia": rotor,
+        "damping": 0.0 if off(model, DAMPER_OFF) else damping,
+        "friction": 0.0 if off(model, FRICTION_OFF) else float(model.dof_frictionloss[dof]),
+    }
+    if model.jnt_type[index] == JOINT_KIND.mjJNT_FREE:
+        numbers["rotor_inertia"] = 0.0
+        numbers["friction"] = 0.0
+    return numbers
 
 
 def _rotation(quaternion: Any) -> Array:
@@ -231,30 +252,27 @@ def _about(axis: Array, angle: float) -> Array:
 
 def _gears(model: Any) -> Iterator[tuple[str, float]]:
     """Yield joint and gear [-] of every actuator that drives one joint."""
-    for k in range(model.nu):
-        if mujoco.mjtTrn(int(model.actuator_trntype[k])) in ON_JOINT:
-            yield (
-                _name(model, OBJECT.mjOBJ_JOINT, int(model.actuator_trnid[k][0]), "joint"),
-                float(model.actuator_gear[k][0]),
-            )
+    for index in range(model.njnt):
+        for k in actuators_on(model, index):
+            yield joint_name(model, index), gear_of(model, k)
 
 
 def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list[str]]:
     made: list[Closure] = []
     dropped: list[str] = []
     for k in range(model.neq):
-        name, kind = _name(model, OBJECT.mjOBJ_EQUALITY, k, "equality"), EQUALITY(int(model.eq_type[k]))
-        if not model.eq_active0[k]:
-            dropped.append(f"equality {name!r}: it is not active at the beginning")
+        name, kind = name_of(model, OBJECT.mjOBJ_EQUALITY, k, "equality"), EQUALITY(int(model.eq_type[k]))
+        if not active(model, k):
+            dropped.append(f"equality {name!r}: it is not active at the beginning, or a flag disables it")
         elif kind == EQUALITY.mjEQ_JOINT:
             made.append(_coupling(model, k, name))
-            if np.any(model.eq_data[k][2:5]):
-                dropped.append(f"equality {name!r}: of its polynomial the linear part is read")
+        elif kind == EQUALITY.mjEQ_TENDON and (law := linear_law(model, k)) is not None:
+            factors, offset = law
+            here = Attachment(WORLD)
+            made.append(Closure(name, "coupling", here, here, factors=tuple(factors.items()), offset=offset))
         elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD):
             tie = _tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _tie_of_sites
             made.append(tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
-        else:
-            dropped.append(f"equality {name!r}: {kind.name.removeprefix('mjEQ_').lower()} is not part of a mechanism")
     return _hinges(made), dropped
 
 
@@ -300,7 +318,7 @@ def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
     for site in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):
         body, point, turn = int(model.site_bodyid[site]), model.site_pos[site], _rotation(model.site_quat[site])
         link, anchor = (
-            (_name(model, OBJECT.mjOBJ_BODY, body, "body"), _anchor(model, body)) if body else (WORLD, np.zeros(3))
+            (name_of(model, OBJECT.mjOBJ_BODY, body, "body"), _anchor(model, body)) if body else (WORLD, np.zeros(3))
         )
         ends.append(Attachment(link, Placement(point - anchor, turn)))
     return Closure(name, "fixed" if weld else "spherical", ends[0], ends[1])
@@ -311,10 +329,10 @@ def _coupling(model: Any, k: int, name: str) -> Closure:
     here, (first, second) = Attachment(WORLD), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
     start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
     offset = start + float(model.qpos0[model.jnt_qposadr[first]])
-    factors = [(_name(model, OBJECT.mjOBJ_JOINT, first, "joint"), 1.0)]
+    factors = [(name_of(model, OBJECT.mjOBJ_JOINT, first, "joint"), 1.0)]
     if second >= 0:
         offset -= slope * float(model.qpos0[model.jnt_qposadr[second]])
-        factors.append((_name(model, OBJECT.mjOBJ_JOINT, second, "joint"), -slope))
+        factors.append((name_of(model, OBJECT.mjOBJ_JOINT, second, "joint"), -slope))
     return Closure(name, "coupling", here, here, factors=tuple(factors), offset=offset)
 
 
@@ -323,7 +341,7 @@ def _tie(model: Any, k: int, name: str, weld: bool) -> Closure:
     points = (model.eq_data[k][3:6], model.eq_data[k][:3]) if weld else (model.eq_data[k][:3], model.eq_data[k][3:6])
     turns = (_rotation(model.eq_data[k][6:10]), np.eye(3)) if weld else (np.eye(3), np.eye(3))
     first, second = (
-        Attachment(_name(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - _anchor(model, body), turn))
+        Attachment(name_of(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - _anchor(model, body), turn))
         if body
         else Attachment(WORLD, Placement(np.array(point), turn))
         for body, point, turn in zip(ends, points, turns, strict=True)
@@ -339,12 +357,9 @@ def _anchor(model: Any, body: int) -> Array:
 
 
 def _others(model: Any) -> Iterator[str]:
-    """Yield what a mechanism has no word for."""
+    """Yield what a mechanism has no word for, and no effort feels."""
     for attribute, word in PARTS:
         if count := int(getattr(model, attribute, 0)):
             yield f"{count} {word}{'s' * (count > 1)}: no part of a mechanism"
     if np.any(model.actuator_biastype):
         yield "actuators with feedback of position or velocity: their gains are no part of a mechanism"
-    if np.any(model.body_gravcomp):
-        names = [_name(model, OBJECT.mjOBJ_BODY, int(k), "body") for k in np.flatnonzero(model.body_gravcomp)]
-        yield f"gravity compensation of {', '.join(names[:5])}: no part of a mechanism"

@@ -1,7 +1,7 @@
 """MuJoCo's own inverse dynamics of a compiled model, in the coordinates of the mechanism that was lifted from it.
 
-    efforts       qfrc_inverse of mj_inverse on a copy of the model; contacts, limits and equality constraints are switched off, and
-                  every enabling flag is (mj_inverse of discrete time is about an integrator)
+    efforts       qfrc_inverse of mj_inverse on a copy of the model; contacts, limits and equality constraints are switched off,
+                  and every enabling flag is (mj_inverse of discrete time is about an integrator)
     dry friction  a constraint: made as stiff as `mujoco.joints.STIFF_FRICTION`, it is sign(v) frictionloss of every moving joint
     features      each is switched off in the copy by what its name stands for (`mujoco.features`)
     ties          efc_pos and efc_J of the rows that are equalities, at rest
@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.joints import STIFF_FRICTION, Built, effort_from_engine, to_engine
+from crosscheck.engines.mujoco.names import joint_names
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
@@ -123,7 +124,7 @@ def dynamics(path: Path, mechanism: Mechanism) -> OwnDynamics:
     from crosscheck.engines.mujoco.lift import compiled  # which needs this module
 
     model = compiled(path)
-    names = {k: mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, k) or f"joint{k}" for k in range(model.njnt)}
+    names = joint_names(model)
     wanted = {joint.name for joint in mechanism.joints if joint.nv}
     if set(names.values()) != wanted:
         odd = sorted(set(names.values()) ^ wanted)

@@ -1,7 +1,7 @@
 """Pinocchio's own inverse dynamics of a model, in the coordinates of the mechanism that was lifted from it.
 
-    efforts       rnea, whose armature is the model's, and beside it damping v + friction sign(v) of the model's own numbers, which
-                  rnea leaves out
+    efforts       rnea, whose armature is the model's, and beside it damping v + friction sign(v) of the model's own numbers,
+                  which rnea leaves out
     joints        by name; each kind has the mechanism's coordinates in the same order
 
 Source: pinocchio 4.1, algorithm/rnea.hxx.
@@ -25,8 +25,7 @@ from flexinv.model.mechanism import Array, Mechanism
 class OwnDynamics:
     """`crosscheck.lifting.reader_dynamics.ReaderDynamics` of a model of Pinocchio.
 
-    q_order, v_order : the mechanism's coordinate k is the model's coordinate order[k]
-    circles : (nq,) of the mechanism's coordinates, True where a (cos, sin) of it is an angle of the model; rotor : (nv,) [kg m^2]
+    mechanism : lifted from it; rotor : (nv,) [kg m^2] in the mechanism's order, of rotors that only the mechanism knows
     """
 
     model: Any
