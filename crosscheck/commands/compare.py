@@ -34,6 +34,10 @@ from flexinv.errors import InputError
 )
 @click.option("--judge", default=",".join(JUDGED), show_default=True, help="What counts for the exit code.")
 @click.option("--strict", is_flag=True, help="Count what no torque can tell, and rounding of printed digits, too.")
+@click.option(
+    "--ignore", "ignored", multiple=True, metavar="NAME", help="Leave out what engines do beside: gravcomp, fluid, ..."
+)
+@click.option("--unproven", is_flag=True, help="Exit 0 also where no reader's own model could be asked.")
 @click.option("--readers", help="'all', or engines by comma: what their own readers make of A.")
 @click.option("--out", type=FOLDER, help="Folder for a page, results.json, junit.xml and summary.md.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -45,6 +49,8 @@ def command(
     stated: tuple[str, ...],
     judge: str,
     strict: bool,
+    ignored: tuple[str, ...],
+    unproven: bool,
     readers: str | None,
     out: Path | None,
     as_json: bool,
@@ -62,18 +68,18 @@ def command(
       crosscheck compare arm.urdf --readers all
 
     \b
-    Exit codes: 0 the same, 1 different, 2 cannot be compared
+    Exit codes: 0 the same, 1 different, 2 cannot be compared, not comparable in what is named, or not proven
     """
     try:
         if readers is not None:
             if b is not None or stated:
                 raise Failure("--readers compares the readers of one file: leave out B and --match")
-            rows = by_readers(a, readers, Measure(tolerance, _families(judge), strict))
+            rows = by_readers(a, readers, Measure(tolerance, _families(judge), strict, ignored, unproven))
             _tell_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
             sys.exit(_code(rows))
         if b is None:
             raise Failure("one description is given: write a second one, or --readers all")
-        found = compare(a, b, tolerance, _matches(stated), _families(judge), strict)
+        found = compare(a, b, tolerance, _matches(stated), _families(judge), strict, ignored, unproven)
         if out is not None:
             write(found, out)
     except InputError as error:
@@ -85,7 +91,7 @@ def command(
         click.echo(json.dumps(found.plain, indent=1) if as_json else markdown(found))
     else:
         _show(Console(), found, out)
-    sys.exit(0 if found.equal else 1)
+    sys.exit(found.code)
 
 
 def _matches(stated: tuple[str, ...]) -> dict[str, str]:
@@ -101,7 +107,7 @@ def _families(text: str) -> tuple[str, ...]:
 
 
 def _show(console: Console, found: Comparison, out: Path | None) -> None:
-    colour = "green" if found.equal else "red"
+    colour = {0: "green", 1: "red"}.get(found.code, "yellow")
     console.print(f"A  {escape(found.first)}\nB  {escape(found.second)}", highlight=False, soft_wrap=True)
     for name, title in GROUPS:
         if group := getattr(found.judged, name):
@@ -114,6 +120,8 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
         console.print(f"[bold]{escape(place)}[/]", highlight=False, soft_wrap=True)
         for line in lines:
             console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
+    for line in found.grounds:
+        console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
     for note in found.notes:
         console.print(f"[dim]{escape(note)}[/]", highlight=False, soft_wrap=True)
     for side, lines in found.dropped:
@@ -168,9 +176,8 @@ def _add_summary(words: str) -> None:
 
 
 def _code(rows: list[Loaded]) -> int:
-    if any(row.found is None for row in rows):
-        return 2
-    return 0 if all(row.found is not None and row.found.equal for row in rows) else 1
+    """The worst of all rows: 2 where one cannot be compared or is not proven, 1 where one differs."""
+    return max(2 if row.found is None else row.found.code for row in rows)
 
 
 def _readers_table(file: str, rows: list[Loaded]) -> Table:

@@ -19,6 +19,7 @@ from crosscheck.equivalence.couplings import with_couplings
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.digits import Digits, Sheet
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
+from crosscheck.equivalence.feature_differences import Ground, ignored_words, starts_of, with_features
 from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, one_body, scaled
 from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
 from crosscheck.equivalence.loops import loop_differences
@@ -26,6 +27,8 @@ from crosscheck.equivalence.matching.match import Match, match
 from crosscheck.equivalence.matching.roots import rooted_alike
 from crosscheck.equivalence.members import START, Pair, body_differences, drive_differences, joint_differences
 from crosscheck.equivalence.output.advice import Sides, advice
+from crosscheck.equivalence.proof import SAMPLES, SEED, prove
+from crosscheck.equivalence.provers import with_dynamics
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import describe_pair
@@ -45,20 +48,24 @@ def compare(
     match: Mapping[str, str] | None = None,
     judge: Iterable[str] = JUDGED,
     strict: bool = False,
+    ignore: Iterable[str] = (),
+    unproven: bool = False,
 ) -> Comparison:
     """Compare two descriptions of a machine: the same or not, and what differs.
 
     a, b : files (``arm.urdf``, ``arm.xml``, ``arm.urdf@mujoco``, a folder of a mechanism or of a case kit), models in memory,
         mechanisms or `Description`s
     tolerance : of efforts, relative to their range [-]; match : joints of a by which joint of b they are
-    judge : families of differences that count: "rigid", "drive", "convention", "limits"; strict : count what no torque can
-        tell and rounding of printed digits, too
+    judge : families of differences that count: "rigid", "beam", "drive", "feature", "convention", "limits"
+    strict : count what no torque can tell and rounding of printed digits, too
+    ignore : names of features that are left out, as "gravcomp"
+    unproven : call equal what no reader's own model could be held against
     Raises InputError for what cannot be read, matched or compared.
     """
     begun = clock.perf_counter()
     families = checked(tolerance, judge)
     first, second = describe_pair(a, b)
-    found = compared(first, second, tolerance, match or {})
+    found = replace(compared(first, second, tolerance, match or {}, tuple(ignore)), unproven=unproven)
     return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
 
 
@@ -81,8 +88,20 @@ class Found:
     differences: list[Difference]
 
 
-def compared(first: Description, second: Description, tolerance: float, stated: Mapping[str, str]) -> Comparison:
-    """Return the comparison of two descriptions; tolerance : relative to the range of an effort [-]."""
+def compared(
+    first: Description,
+    second: Description,
+    tolerance: float,
+    stated: Mapping[str, str],
+    ignored: tuple[str, ...] = (),
+) -> Comparison:
+    """Return the comparison of two descriptions; tolerance : relative to the range of an effort [-].
+
+    stated : joints of the second by those of the first; ignored : names of features that are left out
+    """
+    first, second = with_dynamics(first), with_dynamics(second)
+    lifted = first, second
+    proofs = prove(first), prove(second)
     rooted = rooted_alike(first.mechanism, second.mechanism, stated)
     second = replace(second, mechanism=rooted.mechanism)
     flexible = first.mechanism, second.mechanism
@@ -111,6 +130,11 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
         wanted = mapped_back(theirs, trees.first, moving)
     bound = max(tolerance, SINGLE * max(first.precision, second.precision))
     judged = _with_beams(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
+    if any(side.features or side.dynamics is not None for side in lifted):
+        silent = trees.first.changed(c for d in every if not d.cause for c in d.changes)
+        places = states_of(trees.first, SEED, (SAMPLES, 0))
+        ground = Ground(trees.first, places, moving, names, starts_of(trees.first, silent), not rooted.links)
+        judged = with_features(judged, lifted, ground, ignored, bound)
     sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links)
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
@@ -118,6 +142,8 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
         notes=(*_notes(one, two, pairs, found), *beams.meshes(), *bent.notes),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
         advice=advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
+        proofs=tuple((side.label, proof) for side, proof in zip(lifted, proofs, strict=True)),
+        ignored=tuple(ignored_words(lifted, ignored)), featured=any(side.features for side in lifted),
     )  # fmt: skip
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from flexinv.model.mechanism import Placement
 
-# What is judged apart: rigid bodies and how they hang together, links that bend, what drives add, how coordinates count, limits.
-FAMILIES = ("rigid", "beam", "drive", "convention", "limits")
+# What is judged apart: rigid bodies and how they hang together, links that bend, what drives add, what engines do beside, how
+# coordinates count, limits.
+FAMILIES = ("rigid", "beam", "drive", "feature", "convention", "limits")
 Change = tuple[int, str, Any]
 
 

@@ -51,7 +51,7 @@ class Proof:
     """What came of holding a description against its reader's own model.
 
     state : ``PROVEN``, ``SOURCE``, ``UNPROVEN`` or ``LOST``; reader : what answered
-    lost : joints that the mechanism does not reproduce; worst : largest difference of an effort that is not tiny over its range [-]
+    lost : joints that the mechanism does not reproduce; worst : largest difference over the range [-], tiny ones left out
     reason : why there is no proof
     """
 

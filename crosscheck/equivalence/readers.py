@@ -46,11 +46,16 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Measure:
-    """Settings of a comparison of readers: tolerance of efforts relative to their range [-], families that count, strictness."""
+    """Settings of a comparison of readers: tolerance of efforts relative to their range [-], families that count, strictness.
+
+    ignored : names of features that are left out; unproven : none needs to be held against a reader's own model
+    """
 
     tolerance: float = TOLERANCE
     families: tuple[str, ...] = JUDGED
     strict: bool = False
+    ignored: tuple[str, ...] = ()
+    unproven: bool = False
 
 
 def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -> list[Loaded]:
@@ -82,13 +87,12 @@ def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -
 def _row(file: str, first: str, name: str, measure: Measure) -> Loaded:
     try:
         one, two = describe_pair(f"{file}@{first}", f"{file}@{name}")
-        found = compared(one, two, measure.tolerance, {})
+        found = compared(one, two, measure.tolerance, {}, measure.ignored)
     except InputError as error:
         return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
-    found = replace(found, families=measure.families, strict=measure.strict)
+    found = replace(found, families=measure.families, strict=measure.strict, unproven=measure.unproven)
     moving = [joint for joint in two.mechanism.joints if joint.nv]
     mass = sum(body.inertia.mass for link in two.mechanism.links for body in link.bodies)
-    words = "; ".join(d.words for d in found.differences[:6]) or "; ".join(found.notes[:2])
-    return Loaded(
-        name, str(len(moving)), f"{mass:.6g}", "equal" if found.equal else "different", words, found, two.dropped
-    )
+    told = [*found.doubts, *(d.words for d in found.differences[:6])]
+    words = "; ".join(told) or "; ".join(found.notes[:2])
+    return Loaded(name, str(len(moving)), f"{mass:.6g}", found.state, words, found, two.dropped)

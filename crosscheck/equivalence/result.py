@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from crosscheck.equivalence.difference import FAMILIES, Difference
 from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.proof import LOST, UNPROVEN, Proof
 from crosscheck.measures.certificate import Check
 
 if TYPE_CHECKING:
@@ -17,9 +18,12 @@ WORDS = {
     "rigid": "rigid bodies",
     "beam": "links that bend",
     "drive": "drive data",
+    "feature": "engines' own features",
     "convention": "conventions",
     "limits": "limits",
 }
+EQUAL, DIFFERENT, INCOMPARABLE, NOT_PROVEN = "equal", "different", "not comparable", "not proven"
+CODES = {EQUAL: 0, DIFFERENT: 1, INCOMPARABLE: 2, NOT_PROVEN: 2}
 REPAIRED = 1e-9  # of range: what a repair may leave
 
 
@@ -31,6 +35,8 @@ class Comparison:
     judged : the differences, sorted; certificate : line by line, B against A; notes : conventions that change no coordinate,
     and what was dropped when the files were lifted, by side
     tolerance : relative to the range of an effort [-]; families : of differences that count; bends : one of them has beams
+    proofs : by label, what came of holding each mechanism against its reader's own model; unproven : none is needed
+    ignored : what of the features is left out, in words; featured : one of them has features
     """
 
     first: str
@@ -46,6 +52,10 @@ class Comparison:
     strict: bool = False
     elapsed: float = 0.0
     bends: bool = False
+    proofs: tuple[tuple[str, Proof], ...] = ()
+    unproven: bool = False
+    ignored: tuple[str, ...] = ()
+    featured: bool = False
 
     @property
     def differences(self) -> tuple[Difference, ...]:
@@ -56,9 +66,37 @@ class Comparison:
         return tuple(d for d in found if d.family in self.families)
 
     @property
+    def state(self) -> str:
+        """Return "equal", "different", "not comparable" or "not proven" [-].
+
+        What a mechanism does not reproduce of its reader's own model comes first: no list of differences is whole then.
+        """
+        if any(proof.state == LOST for _, proof in self.proofs):
+            return INCOMPARABLE
+        if self.differences or self.unexplained:
+            return DIFFERENT
+        return NOT_PROVEN if self.doubts and not self.unproven else EQUAL
+
+    @property
+    def code(self) -> int:
+        """Return the exit code [-]: 0 the same, 1 different, 2 not comparable or not proven."""
+        return CODES[self.state]
+
+    @property
     def equal(self) -> bool:
-        """Return True if nothing that counts differs, and efforts agree within the tolerance."""
-        return not self.differences and not self.unexplained
+        """Return True if nothing that counts differs, efforts agree within the tolerance, and both mechanisms are proven."""
+        return self.state == EQUAL
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return what is not reproduced or not proven of either description, in words."""
+        return tuple(f"{label}: {proof.words}" for label, proof in self.proofs if proof.state in (LOST, UNPROVEN))
+
+    @property
+    def grounds(self) -> tuple[str, ...]:
+        """Return what each mechanism was held against, and what is left out, in words."""
+        held = tuple(f"{label}: {proof.words}" for label, proof in self.proofs)
+        return (*held, *self.ignored)
 
     @property
     def unexplained(self) -> bool:
@@ -68,7 +106,9 @@ class Comparison:
     @property
     def told(self) -> tuple[str, ...]:
         """Return the families of which there is something to tell: links that bend only where there are any."""
-        return tuple(family for family in JUDGED if family != "beam" or self.bends)
+        absent = {"beam"} if not self.bends else set()
+        absent |= {"feature"} if not self.featured else set()
+        return tuple(family for family in JUDGED if family not in absent)
 
     def verdict(self, family: str) -> str:
         """Return "equal" or "different" for one family of differences."""
@@ -79,10 +119,14 @@ class Comparison:
     def sentence(self) -> str:
         """Return the result in a sentence."""
         parts = [f"{WORDS[family]} {self.verdict(family)}" for family in self.told]
-        head = "The same machine" if self.equal else "Different"
         if self.unexplained:
             parts.append(f"{self.judged.after:.2g} of the range of an effort is not explained")
-        return f"{head}: " + ", ".join(parts) + "."
+        parts += self.ignored
+        head = {EQUAL: "The same machine", DIFFERENT: "Different", NOT_PROVEN: "Not proven to be the same machine"}
+        if self.state == INCOMPARABLE:
+            return f"Not comparable in {'; '.join(self.doubts)}. As lifted: {', '.join(parts)}."
+        doubts = f" {'; '.join(self.doubts)}." if self.doubts else ""
+        return f"{head[self.state]}: " + ", ".join(parts) + "." + doubts
 
     @property
     def suspects(self) -> str:
@@ -107,7 +151,9 @@ class Comparison:
         """Return the result as JSON values."""
         groups = ("causes", "conventions", "limits", "rounding", "unseen")
         return {
-            "format": "crosscheck-compare/1", "a": self.first, "b": self.second, "equal": self.equal, "tolerance": self.tolerance,
+            "format": "crosscheck-compare/1", "a": self.first, "b": self.second, "equal": self.equal, "state": self.state,
+            "tolerance": self.tolerance, "doubts": list(self.doubts), "ignored": list(self.ignored), "unproven": self.unproven,
+            "proofs": {label: {"state": proof.state, "words": proof.words} for label, proof in self.proofs},
             "verdicts": {family: self.verdict(family) for family in self.told}, "matched": self.matched,
             "effort_before": self.judged.before, "effort_after": self.judged.after,
             "rounding_effort": self.judged.rounding_effort,

@@ -64,6 +64,8 @@ KINDS = {
     JOINT_KIND.mjJNT_SLIDE: "prismatic",
     JOINT_KIND.mjJNT_HINGE: "revolute",
 }
+# Inertial frames that MuJoCo takes along the body's axes: what it finds to be less than about 1e-8 is zero for it.
+ALONG_BODY = (mujoco.mjtSameFrame.mjSAMEFRAME_BODY, mujoco.mjtSameFrame.mjSAMEFRAME_BODYROT)
 PARTS = (("ntendon", "tendon"), ("nflex", "flexible body"), ("nplugin", "plugin"), ("npair", "contact pair"))
 
 
@@ -194,10 +196,12 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
 
 
 def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
-    mass, turn = float(model.body_mass[body]), _rotation(model.body_iquat[body])
+    mass, same = float(model.body_mass[body]), mujoco.mjtSameFrame(int(model.body_sameframe[body]))
+    turn = np.eye(3) if same in ALONG_BODY else _rotation(model.body_iquat[body])
+    com = np.zeros(3) if same == mujoco.mjtSameFrame.mjSAMEFRAME_BODY else np.array(model.body_ipos[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
     if mass or tensor.any():
-        yield Body(name, Inertia(mass, model.body_ipos[body] - anchor, (tensor + tensor.T) / 2))
+        yield Body(name, Inertia(mass, com - anchor, (tensor + tensor.T) / 2))
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:

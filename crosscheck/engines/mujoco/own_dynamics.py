@@ -105,6 +105,7 @@ class OwnDynamics:
             model.dof_solref[:] = STIFF_FRICTION
             model.tendon_solref_fri[:] = STIFF_FRICTION
             self.switch_off(model, without)
+            mujoco.mj_setConst(model, mujoco.MjData(model))  # what it has computed of armatures and masses
             self._models[without] = model
         return self._models[without]
 

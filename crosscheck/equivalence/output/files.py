@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import GROUPS, line, markdown, repaired, rounding
-from crosscheck.equivalence.result import WORDS, Comparison
+from crosscheck.equivalence.result import INCOMPARABLE, NOT_PROVEN, WORDS, Comparison
 from crosscheck.report.html import environment, style, write_page
 from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import versions
@@ -40,12 +40,19 @@ def junit(found: Comparison) -> bytes:
     suite = ET.SubElement(root, "testsuite", name=_clean(f"{found.first} and {found.second}"))
     cases = [(WORDS[f], [line(d) for d in counted if d.family == f]) for f in found.families if f in found.told]
     cases.append(("efforts", [repaired(found)] if found.unexplained else []))
+    if found.proofs:
+        doubted = found.state in (INCOMPARABLE, NOT_PROVEN)
+        proof = ET.SubElement(suite, "testcase", classname="compare", name="held against the readers' own models")
+        if doubted:
+            ET.SubElement(proof, "error", message=_clean(found.doubts[0])).text = _clean("\n".join(found.doubts))
+        ET.SubElement(proof, "system-out").text = _clean("\n".join(found.grounds))
     for name, lines in cases:
         case = ET.SubElement(suite, "testcase", classname="compare", name=name)
         if lines:
             ET.SubElement(case, "failure", message=_clean(lines[0])).text = _clean("\n".join(lines))
-    suite.set("tests", str(len(cases)))
-    suite.set("failures", str(sum(1 for _, lines in cases if lines)))
+    suite.set("tests", str(len(suite)))
+    suite.set("failures", str(len(suite.findall("testcase/failure"))))
+    suite.set("errors", str(len(suite.findall("testcase/error"))))
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return text

@@ -38,8 +38,11 @@ def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
 
 def sentence(rows: Sequence[Loaded]) -> str:
     """Return the number of readers that make the same machine of the file as the first, in a sentence."""
-    counts = {word: [row.reader for row in rows[1:] if row.result == word] for word in ("equal", "different", "cannot")}
-    words = {"equal": "the same machine", "different": "another one", "cannot": "nothing: it cannot read it"}
+    words = {
+        "equal": "the same machine", "different": "another one", "cannot": "nothing: it cannot read it",
+        "not comparable": "not comparable, for a mechanism does not reproduce it", "not proven": "no difference, not proven",
+    }  # fmt: skip
+    counts = {word: [row.reader for row in rows[1:] if row.result == word] for word in words}
     parts = [f"{', '.join(names)}: {words[word]}" for word, names in counts.items() if names]
     return f"Against the reader {rows[0].reader}, {'; '.join(parts)}." if parts else f"Read by {rows[0].reader} alone."
 
@@ -69,11 +72,11 @@ def _junit(file: str, rows: Sequence[Loaded]) -> bytes:
     root = ET.Element("testsuites", name="crosscheck compare --readers")
     suite = ET.SubElement(root, "testsuite", name=_clean(file), tests=str(len(rows)))
     suite.set("failures", str(sum(row.result == "different" for row in rows)))
-    suite.set("errors", str(sum(row.result == "cannot" for row in rows)))
+    suite.set("errors", str(sum(row.result not in ("equal", "different") for row in rows)))
     for row in rows:
         case = ET.SubElement(suite, "testcase", classname="readers", name=row.reader)
         if row.result != "equal":
-            ET.SubElement(case, "error" if row.found is None else "failure", message=_clean(row.words))
+            ET.SubElement(case, "failure" if row.result == "different" else "error", message=_clean(row.words))
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return text

@@ -27,7 +27,7 @@ def text(found: Comparison) -> str:
     lines += [found.suspects] if found.suspects else []
     for place, written in found.advice:
         lines += [f"{place}:", *(f"  {w}" for w in written)]
-    lines += [f"note: {note}" for note in found.notes]
+    lines += [*found.grounds, *(f"note: {note}" for note in found.notes)]
     return "\n".join(lines)
 
 
@@ -53,8 +53,10 @@ def rounding(found: Comparison) -> list[str]:
 def repaired(found: Comparison) -> str:
     """Return the difference of efforts before and after repair, in words."""
     judged = found.judged
-    if judged.before <= found.tolerance and not judged.causes:
-        return f"efforts agree to {short(judged.before)} of their ranges"
+    added = [d for d in judged.causes if d.family == "feature"]
+    if judged.before <= found.tolerance and len(judged.causes) == len(added):
+        whose = "efforts of the mechanisms" if added else "efforts"
+        return f"{whose} agree to {short(judged.before)} of their ranges"
     where = f" at joint {judged.worst_joint}" if judged.worst_joint else ""
     before = (
         f"efforts differ by up to {short(judged.before_effort)} N m or N{where}, {short(judged.before)} times its range"
@@ -84,6 +86,7 @@ def _markdown(found: Comparison) -> Iterator[str]:
     for place, written in found.advice:
         yield f"* {cell(place)}"
         yield from (f"  * {_code(words)}" for words in written)
+    yield from (f"* {cell(words)}" for words in found.grounds)
     yield from (f"* note: {cell(note)}" for note in found.notes)
     for side, lines in found.dropped:
         yield f"\n<details><summary>what was not compared of {cell(side)}, and what was taken for it</summary>\n"

@@ -1,0 +1,243 @@
+"""Differences of features: what engines do that no mechanism can say, compared by name and by the readers' own efforts.
+
+    added         delta = tau of the reader's own model - tau of the lifted mechanism, in A's coordinates, for A and for B
+    of a name     what its features add: tau with all of them - tau without those of that name
+    tables        of features that no effort feels, or where a reader cannot be asked: their numbers, with A's names of joints
+
+Features of one name that add the same efforts and have the same numbers are no difference; with other numbers they are one that
+no torque can tell.  What the readers add beyond all named features has to be the same, too.  Where other numbers of the machines
+differ, what equal features add differs as well: then their tables decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from crosscheck.equivalence.align import Aligned
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back
+from crosscheck.equivalence.judge import Judged, Share, share_of
+from crosscheck.equivalence.proof import named, own_efforts, without_ties
+from crosscheck.equivalence.tree import Tree
+from crosscheck.lifting.description import Description
+from crosscheck.lifting.reader_dynamics import Feature, Parameter
+from crosscheck.lifting.rigid import inverse, on
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Array, Placement
+
+FAMILY = "feature"
+CLOSE = 1e-9  # relative: numbers of two features that are the same
+Efforts = dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What two descriptions are compared on: A's reduced tree, states, alignment by joint of A.
+
+    names : of B's joints by those of A
+    starts : pose of A's floating joints at zero over that which A states, where B's stand elsewhere [m]
+    common : both readers may be asked: the coordinates of both are those of their files
+    """
+
+    tree: Tree
+    states: States
+    seats: Mapping[str, Aligned]
+    names: Mapping[str, str]
+    starts: Mapping[str, Placement] = field(default_factory=dict)
+    common: bool = True
+
+
+@dataclass(frozen=True)
+class Added:
+    """What features of one side add to efforts, in A's coordinates: all together, and by name [N m], [N]."""
+
+    whole: Efforts
+    by_name: Mapping[str, Efforts]
+    scale: Efforts
+
+
+def with_features(
+    judged: Judged, sides: tuple[Description, Description], ground: Ground, ignored: Collection[str], tolerance: float
+) -> Judged:
+    """Return the judgement with the differences of features; ignored : names that are left out.
+
+    tolerance : relative to the range of an effort [-]
+    """
+    names = sorted({name for side in sides for name in named(side)} - set(ignored))
+    exact = not (judged.causes or judged.rounding)
+    added = [_added(side, ground, names, ignored, n) for n, side in enumerate(sides)] if ground.common else [None, None]
+    causes: list[Difference] = []
+    unseen: list[Difference] = []
+    for name in names:
+        found = _of_name(name, sides, ground.names, added, tolerance, exact)
+        if found is not None:
+            seen = not exact or found.share is None or found.share > tolerance
+            (causes if seen else unseen).append(found)
+    judged = replace(judged, causes=(*judged.causes, *causes), unseen=(*judged.unseen, *unseen))
+    one, two = added
+    if one is None or two is None or causes or not exact:
+        return judged
+    share, effort, joint = _share(one.whole, two.whole, one, two)
+    if share <= tolerance or share <= judged.after:
+        return judged
+    return replace(
+        judged,
+        after=share,
+        before=max(judged.before, share),
+        before_effort=max(judged.before_effort, effort),
+        worst_joint=joint,
+    )
+
+
+def _added(
+    side: Description, ground: Ground, names: Iterable[str], ignored: Collection[str], number: int
+) -> Added | None:
+    """What a side's reader adds to its mechanism; nothing where the mechanism is the source, None where it cannot be asked."""
+    states = ground.states if number else _started(ground.states, ground.starts)
+    if number:
+        states = mapped(states, ground.tree, ground.seats)
+    joints = dict(ground.names) if number else {name: name for name in ground.states.qd}
+    bare = efforts(without_ties(side.mechanism), states, joints)
+    if side.dynamics is None:
+        if side.unproven:
+            return None
+        return _seen_by_first(Added({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
+    try:
+        whole = own_efforts(side, states, joints, ignored)
+        without = {name: own_efforts(side, states, joints, {*ignored, name}) for name in names if name in named(side)}
+    except InputError:
+        return None
+    by_name = {name: _minus(whole, less) for name, less in without.items()}
+    return _seen_by_first(Added(_minus(whole, bare), by_name, whole), ground, number)
+
+
+def _seen_by_first(added: Added, ground: Ground, number: int) -> Added:
+    """Efforts of B as efforts of A's coordinates."""
+    if not number:
+        return added
+
+    def back(found: Efforts) -> Efforts:
+        return mapped_back(found, ground.tree, ground.seats)
+
+    return Added(back(added.whole), {name: back(own) for name, own in added.by_name.items()}, back(added.scale))
+
+
+def _started(states: States, starts: Mapping[str, Placement]) -> States:
+    """States whose floating joints count from another pose."""
+    poses = {
+        joint: [on(starts[joint], one) for one in own] if joint in starts else own
+        for joint, own in states.poses.items()
+    }
+    return replace(states, poses=poses)
+
+
+def starts_of(tree: Tree, changed: Tree) -> dict[str, Placement]:
+    """Return by floating joint how its pose at zero in a changed tree stands in that of the tree [m]."""
+    return {
+        joint: on(inverse(tree.members[k].placement), changed.members[k].placement)
+        for joint, k in tree.moving.items()
+        if tree.members[k].kind == "free"
+    }
+
+
+def _minus(one: Efforts, other: Efforts) -> Efforts:
+    return {name: one[name] - other[name] for name in one}
+
+
+def _share(one: Efforts, two: Efforts, first: Added, second: Added) -> Share:
+    scale = {k: np.maximum(np.abs(first.scale[k]), np.abs(second.scale[k])) for k in first.scale}
+    return share_of(one, two, scale)
+
+
+def _of_name(
+    name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[Added | None], tolerance: float,
+    exact: bool,
+) -> Difference | None:  # fmt: skip
+    """The difference of the features of one name, None where there is none."""
+    ours = [feature for feature in sides[0].features if feature.name == name]
+    theirs = [feature for feature in sides[1].features if feature.name == name]
+    alike = _tables_agree(ours, theirs, joints)
+    felt = any(feature.felt for feature in [*ours, *theirs])
+    one, two = added
+    if alike and not (felt and exact):
+        return None
+    share: float | None = None
+    effort: float | None = None
+    if felt and one is not None and two is not None:
+        none = {key: np.zeros_like(rows) for key, rows in one.scale.items()}
+        share, effort, _ = _share(one.by_name.get(name, none), two.by_name.get(name, none), one, two)
+        if share <= tolerance and alike:
+            return None
+    elif alike:
+        return None
+    places = list(dict.fromkeys(feature.place for feature in ours or theirs))
+    shown = [_shown(some) for some in (ours, theirs)]
+    cause = name if ours and theirs else f"{name} that only {'A' if ours else 'B'} has"
+    return Difference(
+        FAMILY, cause, "; ".join(places[:SHOWN]), 1.0, "-", shown[0], shown[1], effect=effort, share=share
+    )  # fmt: skip
+
+
+SHOWN = 4
+
+
+def _shown(features: list[Feature]) -> str:
+    words = list(dict.fromkeys(feature.words for feature in features))
+    more = f" and {len(words) - SHOWN} more" if len(words) > SHOWN else ""
+    return "; ".join(words[:SHOWN]) + more if features else "none"
+
+
+def _tables_agree(ours: list[Feature], theirs: list[Feature], names: Mapping[str, str]) -> bool:
+    """Compare the numbers of features, those of B with A's names of joints, in any order."""
+    back = {b: a for a, b in names.items()}
+    waiting = [_row(feature, back) for feature in theirs]
+    for feature in ours:
+        row = _row(feature, {})
+        like = next((other for other in waiting if _close(row, other)), None)
+        if like is None:
+            return False
+        waiting.remove(like)
+    return not waiting
+
+
+Row = tuple[tuple[str, ...], dict[str, Parameter]]
+
+
+def _row(feature: Feature, names: Mapping[str, str]) -> Row:
+    joints = tuple(names.get(name, name) for name in feature.joints)
+    numbers = {_renamed(key, feature.joints, names): value for key, value in feature.parameters.items()}
+    return joints, numbers
+
+
+def _renamed(key: str, joints: Iterable[str], names: Mapping[str, str]) -> str:
+    for name in joints:
+        if key.endswith(f"of {name}"):
+            return key.removesuffix(name) + names.get(name, name)
+    return key
+
+
+def _close(one: Row, other: Row) -> bool:
+    if one[0] != other[0] or set(one[1]) != set(other[1]):
+        return False
+    return all(_equal(value, other[1][key]) for key, value in one[1].items())
+
+
+def _equal(one: Parameter, other: Parameter) -> bool:
+    if isinstance(one, str) or isinstance(other, str):
+        return one == other
+    a, b = np.atleast_1d(np.asarray(one)), np.atleast_1d(np.asarray(other))
+    return a.shape == b.shape and bool(np.all(np.abs(a - b) <= CLOSE * np.maximum(np.abs(a), np.abs(b))))
+
+
+def ignored_words(sides: tuple[Description, Description], ignored: Iterable[str]) -> Iterator[str]:
+    """Yield in words what is left out of a comparison, and names that neither description has."""
+    for name in ignored:
+        having = [label for label, side in zip("AB", sides, strict=True) if name in named(side)]
+        known = sorted(named(sides[0]) | named(sides[1]))
+        if having:
+            yield f"left out: {name}, of {' and '.join(having)}"
+        else:
+            yield f"left out: {name}, which neither has; what they have is {', '.join(known) or 'nothing of the kind'}"
