@@ -2,6 +2,7 @@
 
     efforts       of the mechanism by `flexinv.rigid.joint_torques`, of the model by `ReaderDynamics.efforts`, with contacts,
                   limits and equality constraints switched off; springs, dampers, armature and dry friction are in both
+    closures      `equivalence/proof_of_ties`
     features      what no mechanism can say is switched off in the model by its name: what is named may differ, and nothing else
     bound         HELD times the range of the joint's effort, SINGLE for models in single precision, and ROUNDING of the largest
 
@@ -16,6 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.efforts import States, efforts, states_of
+from crosscheck.equivalence.proof_of_ties import LOST as TIES_LOST
+from crosscheck.equivalence.proof_of_ties import UNJUDGED, prove_ties
 from crosscheck.equivalence.tree import tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
@@ -65,7 +68,8 @@ class Proof:
     def words(self) -> str:
         """Return the proof in a sentence."""
         if self.state == PROVEN:
-            return f"held against {self.reader}: efforts agree to {self.worst:.1g} of their ranges"
+            but = f"; {self.reason}" if self.reason else ""
+            return f"held against {self.reader}: efforts agree to {self.worst:.1g} of their ranges{but}"
         if self.state == SOURCE:
             return "the mechanism is the source itself"
         if self.state == UNPROVEN:
@@ -86,14 +90,19 @@ def prove(description: Description) -> Proof:
     tree = tree_of(description.mechanism, {})
     if not tree.moving:
         return Proof(PROVEN, reader)
+    off = named(description)
     states = states_of(tree, SEED, (SAMPLES, 0))
     ours = efforts(without_ties(description.mechanism), states)
     try:
-        theirs = own_efforts(description, states, without=named(description))
+        theirs = own_efforts(description, states, without=off)
+        ties = prove_ties(description.mechanism, description.dynamics, off)
     except InputError as error:
         return Proof(UNPROVEN, reader, reason=f"{reader}: {error}")
     held = SINGLE if max(description.precision, description.dynamics.precision) > 0.0 else HELD
-    return _judged(reader, ours, theirs, held)
+    found = _judged(reader, ours, theirs, held)
+    if ties.state == UNJUDGED:
+        return replace(found, reason=ties.words)
+    return replace(found, state=LOST, reason=ties.words) if ties.state == TIES_LOST else found
 
 
 def named(description: Description) -> frozenset[str]:

@@ -75,8 +75,15 @@ class ReaderDynamics(Protocol):
         without : names of features that are switched off
         """
 
-    def closing(self, q: Array) -> tuple[Array, Array] | None:
-        """Return residual (rows,) [m], [rad] and Jacobian (rows, nv) of what ties the tree at q (nq,); None: nothing."""
+    @property
+    def start(self) -> Array | None:
+        """Return the reader's own reference configuration (nq,) [rad], [m], near which loops close; None: all joints at zero."""
+
+    def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
+        """Return residual (rows,) [m], [rad] and Jacobian (rows, nv) of what ties the tree at q (nq,).
+
+        without : names of features that are left out.  None: the model has no equations of the kind.
+        """
 
 
 @dataclass(frozen=True)
@@ -84,13 +91,15 @@ class Answers:
     """`ReaderDynamics` made of functions, for readers that need no class of their own.
 
     inverse : of q, qd, qdd (one sample each), gravity (3,) or None, names that are switched off; the efforts (nv,) [N m], [N]
-    ties : of q, residual and Jacobian of what closes loops
+    ties : of q and names that are left out, residual and Jacobian of what closes loops
+    start : the reader's own reference configuration (nq,) [rad], [m]
     """
 
     reader: str
     inverse: Callable[[Array, Array, Array, Array | None, Collection[str]], Array]
     precision: float = 0.0
-    ties: Callable[[Array], tuple[Array, Array]] | None = None
+    ties: Callable[[Array, Collection[str]], tuple[Array, Array]] | None = None
+    start: Array | None = None
 
     def efforts(
         self, q: Array, qd: Array, qdd: Array, gravity: Array | None = None, without: Collection[str] = ()
@@ -99,6 +108,6 @@ class Answers:
         rows = [self.inverse(one, rate, push, gravity, without) for one, rate, push in zip(q, qd, qdd, strict=True)]
         return np.array(rows, dtype=np.float64).reshape(qd.shape)
 
-    def closing(self, q: Array) -> tuple[Array, Array] | None:
+    def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
         """Return residual (rows,) [m], [rad] and Jacobian (rows, nv); None where nothing ties the tree."""
-        return self.ties(q) if self.ties is not None else None
+        return self.ties(q, without) if self.ties is not None else None

@@ -11,6 +11,7 @@ Source: exudyn 1.13.6, kinematicTree.py, robotics/roboticsCore.py, ObjectKinemat
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -20,6 +21,7 @@ from exudyn.kinematicTree import KinematicTree66
 from exudyn.rigidBodyUtilities import T66toHT
 from exudyn.robotics import Robot
 
+from crosscheck.engines.exudyn.own_dynamics import dynamics_of
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import inverse, moved, on
@@ -52,7 +54,7 @@ def lift(source: Any, label: str = "") -> Description:
         raise InputError(
             f"{source}: Exudyn reads no files of robots; give a kinematic tree, a Robot or a MainSystem in Python"
         )
-    parts, gravity = _parts(source)
+    parts, gravity, told = _parts(source)
     name = label or type(source).__name__
     joints = [
         Between(
@@ -62,16 +64,22 @@ def lift(source: Any, label: str = "") -> Description:
         for k, one in enumerate(parts)
     ]  # fmt: skip
     bodies = {f"link {k}": one.inertia for k, one in enumerate(parts)}
-    return Description(name, assembled(name, bodies, joints, np.array(gravity, dtype=float), {}), "live", "exudyn")
+    mechanism = assembled(name, bodies, joints, np.array(gravity, dtype=float), {})
+    found = Description(name, mechanism, "live", "exudyn")
+    try:
+        return replace(found, dynamics=dynamics_of(source, told, mechanism))
+    except InputError as error:
+        return replace(found, unproven=str(error))
 
 
-def _parts(source: Any) -> tuple[list[Part], Any]:
+def _parts(source: Any) -> tuple[list[Part], Any, dict[str, Any] | None]:
+    """Parts, gravity [m/s^2], and the dictionary of an object of a system."""
     if isinstance(source, KinematicTree66):
-        return list(_of_tree66(source)), source.gravity
+        return list(_of_tree66(source)), source.gravity, None
     if isinstance(source, Robot):
-        return list(_of_robot(source)), source.gravity
-    told = _of_system(source) if isinstance(source, exu.MainSystem) else vars(source)
-    return list(_of_item(told)), told["gravity"]
+        return list(_of_robot(source)), source.gravity, None
+    told = _of_system(source) if isinstance(source, exu.MainSystem) else source.GetDictionary()
+    return list(_of_item(told)), told["gravity"], told
 
 
 def _of_tree66(tree: Any) -> Iterator[Part]:

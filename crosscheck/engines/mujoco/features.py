@@ -40,6 +40,11 @@ from crosscheck.engines.mujoco.names import (
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 
 DISABLE, JOINT, EQUALITY = mujoco.mjtDisableBit, mujoco.mjtJoint, mujoco.mjtEq
+OTHERS = tuple(
+    kind
+    for kind in EQUALITY.__members__.values()
+    if kind.name not in ("mjEQ_JOINT", "mjEQ_TENDON", "mjEQ_CONNECT", "mjEQ_WELD")
+)
 SCALAR = (JOINT.mjJNT_HINGE, JOINT.mjJNT_SLIDE)
 SPRING_OFF, DAMPER_OFF = int(DISABLE.mjDSBL_SPRING), int(DISABLE.mjDSBL_DAMPER)
 CONSTRAINT_OFF = int(DISABLE.mjDSBL_CONSTRAINT)
@@ -312,10 +317,9 @@ def _find_tendon_equalities(model: Any) -> Iterator[Feature]:
 
 
 def _find_other_equalities(model: Any) -> Iterator[Feature]:
-    known = (EQUALITY.mjEQ_JOINT, EQUALITY.mjEQ_TENDON, EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD)
     for k in range(model.neq):
         kind = EQUALITY(int(model.eq_type[k]))
-        if kind not in known and active(model, k):
+        if kind in OTHERS and active(model, k):
             word = kind.name.removeprefix("mjEQ_").lower()
             name = name_of(model, mujoco.mjtObj.mjOBJ_EQUALITY, k, "equality")
             yield Feature("equality", f"equality {name}", {"kind": word}, felt=False)
@@ -362,8 +366,27 @@ def linear_law(model: Any, k: int) -> tuple[dict[str, float], float] | None:
     return factors, offset
 
 
+def _linear_couplings(model: Any) -> None:
+    """Leave the linear part of equalities of joints."""
+    for k in range(model.neq):
+        if EQUALITY(int(model.eq_type[k])) == EQUALITY.mjEQ_JOINT:
+            model.eq_data[k][2:5] = 0.0
+
+
+def _no_equalities(*kinds: Any, linear: bool = False) -> Callable[[Any], None]:
+    """What takes equalities of some kinds out; linear : those of tendons stay that are linear laws of joints."""
+
+    def switch(model: Any) -> None:
+        for k in range(model.neq):
+            law = linear and linear_law(model, k) is not None
+            if EQUALITY(int(model.eq_type[k])) in kinds and not law:
+                model.eq_active0[k] = 0
+
+    return switch
+
+
 def _nothing(model: Any) -> None:
-    """What ties joints is switched off as all equalities are."""
+    """What cannot be switched off, or what neither efforts nor equations feel."""
 
 
 KINDS = (
@@ -397,8 +420,8 @@ KINDS = (
     ),
     Kind("flex", _find_flex, _set(**dict.fromkeys(FLEX, 0.0))),
     Kind("plugin", _find_plugins, _nothing),
-    Kind("coupling-law", _find_coupling_laws, _nothing),
-    Kind("tendon-equality", _find_tendon_equalities, _nothing),
-    Kind("equality", _find_other_equalities, _nothing),
+    Kind("coupling-law", _find_coupling_laws, _linear_couplings),
+    Kind("tendon-equality", _find_tendon_equalities, _no_equalities(EQUALITY.mjEQ_TENDON, linear=True)),
+    Kind("equality", _find_other_equalities, _no_equalities(*OTHERS)),
     Kind("actuation", _find_actuation, _nothing),
 )  # fmt: skip

@@ -20,7 +20,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.joints import STIFF_FRICTION, Built, effort_from_engine, to_engine
+from crosscheck.engines.mujoco.joints import STIFF_FRICTION, Built, effort_from_engine, from_engine, to_engine
 from crosscheck.engines.mujoco.names import joint_names
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
@@ -79,11 +79,20 @@ class OwnDynamics:
         model.opt.gravity[:] = stated
         return effort_from_engine(self.mechanism, built, q, force)
 
-    def closing(self, q: Array) -> tuple[Array, Array] | None:
-        """Return residual (rows,) [m], [rad] and Jacobian (rows, nv) of the equalities at q (nq,); None where there are none."""
+    @property
+    def start(self) -> Array:
+        """Return qpos0 in the mechanism's coordinates (nq,) [rad], [m]."""
+        return from_engine(self.mechanism, self.built, self.model.qpos0[None])[0]
+
+    def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
+        """Return residual (rows,) [m], [rad] and Jacobian (rows, nv) of the equalities at q (nq,); None where there are none.
+
+        without : names of features that are left out
+        """
         if not self.model.neq:
             return None
         model = copy.copy(self.model)
+        self.switch_off(model, without)
         model.opt.disableflags |= int(DISABLE.mjDSBL_CONTACT | DISABLE.mjDSBL_LIMIT | DISABLE.mjDSBL_FRICTIONLOSS)
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         none = np.zeros((1, self.mechanism.nv))

@@ -61,7 +61,11 @@ class OwnDynamics:
                 out[:, own] = force[:, first : first + own.stop - own.start]
         return out + self.rotor * qdd
 
-    def closing(self, q: Array) -> tuple[Array, Array] | None:
+    @property
+    def start(self) -> None:
+        """Return None: the neutral configuration is all joints at zero [rad], [m]."""
+
+    def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
         """Return None: what ties joints of a model of Pinocchio is in its coordinates, or in lists beside it."""
         return None
 

@@ -1,0 +1,94 @@
+"""Proof of closures: what ties the lifted mechanism against what ties the reader's own model, on closed configurations.
+
+    places        Newton on the mechanism's closures from the reader's own reference configuration, and steps away from it
+    residual      of the reader's equations there is zero: they close the same loops
+    rows          both Jacobians G leave the same motions: the projectors on their row spaces agree
+
+Equations are no forces: how stiff a reader holds them is about its integrator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crosscheck.lifting.reader_dynamics import ReaderDynamics
+from flexinv.constraints.closures import measures
+from flexinv.constraints.continuation import start_follower
+from flexinv.constraints.loop_starts import places_near
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.kinematics.mesh import build
+from flexinv.model.mechanism import Array, Mechanism
+
+# Newton leaves 1e-12 of the mechanism's length; rows of a loop that is a thousandth from a change point turn by 1e-9 then.
+OPEN, TURNED = 1e-9, 1e-7
+RANK = 1e-9  # singular values below that, of the largest, tie nothing
+HELD, LOST, UNJUDGED = "held", "lost", "not judged"
+
+
+@dataclass(frozen=True)
+class Ties:
+    """What came of it: ``HELD``, ``LOST`` or ``UNJUDGED``; words : in what they differ, or why nothing could be said."""
+
+    state: str
+    words: str = ""
+
+
+def prove_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collection[str]) -> Ties:
+    """Hold a mechanism's closures against its reader's own equations [m], [rad]; without : names of features left out."""
+    start = dynamics.start
+    guess = mechanism.neutral if start is None else start
+    theirs = dynamics.closing(guess, without)
+    if theirs is None:
+        return Ties(HELD) if not mechanism.closures else Ties(UNJUDGED, "closures are no part of its model")
+    if not mechanism.closures:
+        return Ties(HELD) if not len(theirs[0]) else Ties(LOST, f"it ties the tree by {len(theirs[0])} equations more")
+    try:
+        places = _places(mechanism, guess)
+    except (ConvergenceError, InputError) as error:
+        return Ties(UNJUDGED, f"closures: {error}")
+    if not places:
+        return Ties(UNJUDGED, "closures: the loops do not close near its reference configuration")
+    for place in places:
+        found = dynamics.closing(place, without)
+        assert found is not None
+        if words := _apart(mechanism, place, *found):
+            return Ties(LOST, words)
+    return Ties(HELD)
+
+
+def _places(mechanism: Mechanism, guess: Array) -> list[Array]:
+    mesh = build(_rigid(mechanism))
+    closed = start_follower(mesh).solve(guess)
+    return [] if closed is None else [closed, *places_near(mesh, closed)]
+
+
+def _rigid(mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, springs=(), forces=())
+
+
+def _apart(mechanism: Mechanism, place: Array, residual: Array, jacobian: Array) -> str:
+    """In what the reader's equations differ at a closed place, in words; "" where they do not."""
+    mesh = build(_rigid(mechanism))
+    left = float(np.abs(residual).max(initial=0.0))
+    if not left <= OPEN * max(1.0, mesh.length):
+        return f"where the mechanism is closed, its own equations are open by {left:.3g} m or rad"
+    ours = start_follower(mesh).closures(place)[1]
+    one, two = _row_space(ours), _row_space(jacobian * measures(mesh))
+    if len(one) != len(two):
+        return f"its own equations leave {mechanism.nv - len(two)} freedoms, the mechanism's {mechanism.nv - len(one)}"
+    gap = float(np.abs(one.T @ one - two.T @ two).max(initial=0.0))
+    return f"its own equations leave other motions, turned by {gap:.3g}" if not gap <= TURNED else ""
+
+
+def _row_space(rows: Array) -> Array:
+    """An orthonormal basis (rank, nv) [-] of the rows of a matrix, each of them of length one."""
+    sizes = np.linalg.norm(rows, axis=1)
+    rows = rows[sizes > 0.0] / sizes[sizes > 0.0, None]
+    if not len(rows):
+        return np.zeros((0, rows.shape[1]))
+    _, values, right = np.linalg.svd(rows, full_matrices=False)
+    basis: Array = right[values > RANK * values[0]]
+    return basis
