@@ -53,6 +53,7 @@ KERNEL = "compiled code apart from the code that calls it: a change of the calle
 EQUATIONS = "equations of their own, at the head of the file"
 FAULTS = "planted mistakes by subject, in one catalogue"
 COMPARED = "a step of the comparison, in a file of its own name"
+ASKED = "what an engine's own model answers, apart from what is lifted from it"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
@@ -61,6 +62,8 @@ ALONE = {
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
+    "crosscheck.engines.exudyn.own_dynamics": ASKED,
+    "crosscheck.engines.pinocchio.own_dynamics": ASKED,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.regressor_kernel": KERNEL,
     "crosscheck.bench.cores": "pins threads to processors, apart from the clock",
@@ -89,7 +92,6 @@ ALONE = {
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.couplings": COMPARED,
-    "crosscheck.equivalence.groups": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
     "crosscheck.equivalence.loops": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,

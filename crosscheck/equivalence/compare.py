@@ -19,7 +19,6 @@ from crosscheck.equivalence.couplings import with_couplings
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.digits import Digits, Sheet
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.feature_differences import Ground, ignored_words, starts_of, with_features
 from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, one_body, scaled
 from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
 from crosscheck.equivalence.loops import loop_differences
@@ -28,7 +27,8 @@ from crosscheck.equivalence.matching.roots import rooted_alike
 from crosscheck.equivalence.members import START, Pair, body_differences, drive_differences, joint_differences
 from crosscheck.equivalence.output.advice import Sides, advice
 from crosscheck.equivalence.proof import SAMPLES, SEED, prove
-from crosscheck.equivalence.provers import with_dynamics
+from crosscheck.equivalence.proving.features import Ground, ignored_words, starts_of, with_features
+from crosscheck.equivalence.proving.provers import with_dynamics
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import describe_pair

@@ -2,7 +2,7 @@
 
     efforts       of the mechanism by `flexinv.rigid.joint_torques`, of the model by `ReaderDynamics.efforts`, with contacts,
                   limits and equality constraints switched off; springs, dampers, armature and dry friction are in both
-    closures      `equivalence/proof_of_ties`
+    closures      `equivalence/proving/ties`
     features      what no mechanism can say is switched off in the model by its name: what is named may differ, and nothing else
     bound         HELD times the range of the joint's effort, SINGLE for models in single precision, and ROUNDING of the largest
 
@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.efforts import States, efforts, states_of
-from crosscheck.equivalence.proof_of_ties import LOST as TIES_LOST
-from crosscheck.equivalence.proof_of_ties import UNJUDGED, prove_ties
+from crosscheck.equivalence.proving.ties import LOST as TIES_LOST
+from crosscheck.equivalence.proving.ties import UNJUDGED, prove_ties
 from crosscheck.equivalence.tree import tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
@@ -51,7 +51,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class Proof:
-    """What came of holding a description against its reader's own model.
+    """The result of holding a description against its reader's own model.
 
     state : ``PROVEN``, ``SOURCE``, ``UNPROVEN`` or ``LOST``; reader : what answered
     lost : joints that the mechanism does not reproduce; worst : largest difference over the range [-], tiny ones left out

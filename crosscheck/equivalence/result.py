@@ -89,12 +89,12 @@ class Comparison:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Return what is not reproduced or not proven of either description, in words."""
+        """Return in words what is not reproduced or not proven of either description."""
         return tuple(f"{label}: {proof.words}" for label, proof in self.proofs if proof.state in (LOST, UNPROVEN))
 
     @property
     def grounds(self) -> tuple[str, ...]:
-        """Return what each mechanism was held against, and what is left out, in words."""
+        """Return in words the model that each mechanism was held against, and what is left out."""
         held = tuple(f"{label}: {proof.words}" for label, proof in self.proofs)
         return (*held, *self.ignored)
 

@@ -59,7 +59,7 @@ class ReaderDynamics(Protocol):
 
     @property
     def reader(self) -> str:
-        """Return what answers: "mujoco 4.0.0"."""
+        """Return the engine with its version: "MuJoCo 4.0.0"."""
 
     @property
     def precision(self) -> float:

@@ -78,7 +78,7 @@ def _of_tree66(tree: Any, order: Array) -> Any:
 
 def _of_system(system: Any, order: Array) -> Any:
     settings = exu.SimulationSettings()
-    settings.solutionSettings.writeSolutionToFile = False
+    settings.solution.file.write = False
 
     def inverse(q: Array, qd: Array, qdd: Array, gravity: Array | None, without: Collection[str]) -> Array:
         place, rate, push = (np.empty(len(order)) for _ in range(3))

@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.names import actuators_on, gear_of, joint_name
+from crosscheck.engines.mujoco.compiled.names import actuators_on, gear_of, joint_name
 
 Range = tuple[float, float]
 FREE: Range = (-np.inf, np.inf)

@@ -9,7 +9,7 @@
     equality      joint: a coupling (its linear part), of fixed tendons: a coupling of their joints, connect: a spherical closure,
                   two of them between the same bodies: a revolute one, weld: a fixed one; between bodies or sites
     flags         what they disable is not there: gravity, springs, dampers, dry friction, limits, equalities
-    the rest      features (`mujoco.features`), and what no effort feels, in words
+    the rest      features (`mujoco.compiled.features`), and what no effort feels, in words
 
 Defaults, ``fusestatic``, ``inertiafromgeom`` and classes are the compiler's.  Source: mujoco 4.0.0, mjmodel.h.
 """
@@ -24,20 +24,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.effort_limits import effort_limits
-from crosscheck.engines.mujoco.features import (
+from crosscheck.engines.mujoco.compiled.features import (
     DAMPER_OFF,
     FRICTION_OFF,
     GRAVITY_OFF,
     LIMIT_OFF,
     SPRING_OFF,
-    active,
     find_features,
-    linear_law,
-    off,
     switch_off,
 )
-from crosscheck.engines.mujoco.names import OBJECT, actuators_on, gear_of, joint_name, joint_names, name_of
+from crosscheck.engines.mujoco.compiled.names import OBJECT, actuators_on, gear_of, joint_name, joint_names, name_of
+from crosscheck.engines.mujoco.compiled.tendons import active, linear_law, off
+from crosscheck.engines.mujoco.effort_limits import effort_limits
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_mjcf
@@ -224,7 +222,7 @@ def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Jo
     )  # fmt: skip
 
 
-def _passive(model: Any, index: int) -> dict[str, float]:
+def _passive(model: Any, index: int) -> dict[str, Any]:
     """Numbers of a joint's drive [kg m^2], [N m s], [N m]; what of a free one acts along world axes is a feature."""
     dof = int(model.jnt_dofadr[index])
     rotor, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])

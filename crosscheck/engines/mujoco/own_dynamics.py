@@ -3,7 +3,7 @@
     efforts       qfrc_inverse of mj_inverse on a copy of the model; contacts, limits and equality constraints are switched off,
                   and every enabling flag is (mj_inverse of discrete time is about an integrator)
     dry friction  a constraint: made as stiff as `mujoco.joints.STIFF_FRICTION`, it is sign(v) frictionloss of every moving joint
-    features      each is switched off in the copy by what its name stands for (`mujoco.features`)
+    features      each is switched off in the copy by what its name stands for (`mujoco.compiled.features`)
     ties          efc_pos and efc_J of the rows that are equalities, at rest
 
 Source: mujoco 4.0.0, engine_inverse.c, engine_core_constraint.c.
@@ -20,8 +20,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from crosscheck.engines.mujoco.compiled.names import joint_names
 from crosscheck.engines.mujoco.joints import STIFF_FRICTION, Built, effort_from_engine, from_engine, to_engine
-from crosscheck.engines.mujoco.names import joint_names
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
@@ -52,7 +52,7 @@ class OwnDynamics:
 
     @property
     def reader(self) -> str:
-        """Return what answers, with its version [-]."""
+        """Return the engine with its version [-]."""
         return f"MuJoCo {mujoco.mj_versionString()}"
 
     def efforts(
@@ -82,7 +82,8 @@ class OwnDynamics:
     @property
     def start(self) -> Array:
         """Return qpos0 in the mechanism's coordinates (nq,) [rad], [m]."""
-        return from_engine(self.mechanism, self.built, self.model.qpos0[None])[0]
+        place: Array = from_engine(self.mechanism, self.built, self.model.qpos0[None])[0]
+        return place
 
     def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
         """Return residual (rows,) [m], [rad] and Jacobian (rows, nv) of the equalities at q (nq,); None where there are none.
@@ -120,7 +121,7 @@ class OwnDynamics:
 
 
 def built_of(model: Any, names: Mapping[int, str]) -> Built:
-    """Return where the joints of a compiled model stand in it; names : of its joints by number."""
+    """Return the places of the joints of a compiled model in it; names : of its joints by number."""
     q_at = {name: int(model.jnt_qposadr[index]) for index, name in names.items()}
     v_at = {name: int(model.jnt_dofadr[index]) for index, name in names.items()}
     return Built(model, q_at, v_at, {})

@@ -35,7 +35,7 @@ class OwnDynamics:
 
     @property
     def reader(self) -> str:
-        """Return what answers, with its version [-]."""
+        """Return the engine with its version [-]."""
         return f"Pinocchio {pin.__version__}"
 
     def efforts(

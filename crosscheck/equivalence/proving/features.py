@@ -35,7 +35,7 @@ Efforts = dict[str, Array]
 
 @dataclass(frozen=True)
 class Ground:
-    """What two descriptions are compared on: A's reduced tree, states, alignment by joint of A.
+    """Common ground of two descriptions: A's reduced tree, states, alignment by joint of A.
 
     names : of B's joints by those of A
     starts : pose of A's floating joints at zero over that which A states, where B's stand elsewhere [m]
@@ -52,7 +52,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class Added:
-    """What features of one side add to efforts, in A's coordinates: all together, and by name [N m], [N]."""
+    """Efforts that the features of one side add, in A's coordinates: all together, and by name [N m], [N]."""
 
     whole: Efforts
     by_name: Mapping[str, Efforts]
@@ -68,7 +68,9 @@ def with_features(
     """
     names = sorted({name for side in sides for name in named(side)} - set(ignored))
     exact = not (judged.causes or judged.rounding)
-    added = [_added(side, ground, names, ignored, n) for n, side in enumerate(sides)] if ground.common else [None, None]
+    added: list[Added | None] = [None, None]
+    if ground.common:
+        added = [_added(side, ground, names, ignored, n) for n, side in enumerate(sides)]
     causes: list[Difference] = []
     unseen: list[Difference] = []
     for name in names:
@@ -95,7 +97,7 @@ def with_features(
 def _added(
     side: Description, ground: Ground, names: Iterable[str], ignored: Collection[str], number: int
 ) -> Added | None:
-    """What a side's reader adds to its mechanism; nothing where the mechanism is the source, None where it cannot be asked."""
+    """Efforts that a side's reader adds to its mechanism; zero where that is the source, None where it cannot be asked."""
     states = ground.states if number else _started(ground.states, ground.starts)
     if number:
         states = mapped(states, ground.tree, ground.seats)

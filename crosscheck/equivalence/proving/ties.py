@@ -30,7 +30,7 @@ HELD, LOST, UNJUDGED = "held", "lost", "not judged"
 
 @dataclass(frozen=True)
 class Ties:
-    """What came of it: ``HELD``, ``LOST`` or ``UNJUDGED``; words : in what they differ, or why nothing could be said."""
+    """The result: ``HELD``, ``LOST`` or ``UNJUDGED``; words : in what they differ, or why nothing could be said."""
 
     state: str
     words: str = ""

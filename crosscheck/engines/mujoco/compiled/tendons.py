@@ -1,0 +1,193 @@
+"""Tendons and equalities of a compiled model of MuJoCo: those that are linear laws of joints, and features of the others.
+
+    fixed tendon      L = sum coef q;   equality of tendons   L1 - L1_0 = a0 + a1 (L2 - L2_0) + ...
+    equality of joints  q1 - q1_0 = a0 + a1 (q2 - q2_0) + ...
+    linear            a coupling of a mechanism; of higher order, or of tendons that run over bodies: a feature
+
+Source: mujoco 4.0.0, mjmodel.h; engine_core_constraint.c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from crosscheck.engines.mujoco.compiled.names import ON_TENDON, actuators_on, gear_of, joint_name, name_of, tendon_name
+from crosscheck.lifting.reader_dynamics import Feature, Parameter
+
+DISABLE, EQUALITY = mujoco.mjtDisableBit, mujoco.mjtEq
+OTHERS = tuple(
+    kind
+    for kind in EQUALITY.__members__.values()
+    if kind.name not in ("mjEQ_JOINT", "mjEQ_TENDON", "mjEQ_CONNECT", "mjEQ_WELD")
+)
+EQUALITY_OFF = int(DISABLE.mjDSBL_EQUALITY | DISABLE.mjDSBL_CONSTRAINT)
+
+
+def off(model: Any, flags: int) -> bool:
+    """Return True if one of some flags of MuJoCo's disables a part of the physics."""
+    return bool(model.opt.disableflags & flags)
+
+
+def row(values: Any) -> tuple[float, ...]:
+    """Return numbers of a model as a tuple [any unit]."""
+    return tuple(float(value) for value in np.ravel(values))
+
+
+def _path(model: Any, index: int) -> tuple[dict[str, Parameter], tuple[str, ...]]:
+    """The numbers of the path of a tendon, and the joints of a fixed one."""
+    first, count = int(model.tendon_adr[index]), int(model.tendon_num[index])
+    numbers: dict[str, Parameter] = {}
+    joints = []
+    for k in range(first, first + count):
+        if mujoco.mjtWrap(int(model.wrap_type[k])) == mujoco.mjtWrap.mjWRAP_JOINT:
+            name = joint_name(model, int(model.wrap_objid[k]))
+            joints.append(name)
+            numbers[f"of {name}"] = float(model.wrap_prm[k])
+    if not joints:
+        numbers["points"] = float(count)
+    return numbers, tuple(joints)
+
+
+def finder_of_tendons(
+    name: str, flags: int, numbers_of: Callable[[Any, int], dict[str, Parameter]]
+) -> Callable[[Any], Iterator[Feature]]:
+    """Return a function that finds tendons with numbers of one kind that are not all zero."""
+
+    def find(model: Any) -> Iterator[Feature]:
+        for index in range(model.ntendon):
+            numbers = numbers_of(model, index)
+            if off(model, flags) or not any(np.any(value) for key, value in numbers.items() if key != "rest"):
+                continue
+            path, joints = _path(model, index)
+            yield Feature(name, f"tendon {tendon_name(model, index)}", {**numbers, **path}, joints=joints)
+
+    return find
+
+
+def tendon_spring(model: Any, index: int) -> dict[str, Parameter]:
+    """Return stiffness and rest of a tendon [N/m], [m]."""
+    stiffness = row([model.tendon_stiffness[index], *np.ravel(model.tendon_stiffnesspoly[index])])
+    return {"stiffness": stiffness, "rest": row(model.tendon_lengthspring[index])}
+
+
+def tendon_damper(model: Any, index: int) -> dict[str, Parameter]:
+    """Return damping of a tendon with that of actuators on it [N s/m]."""
+    whole = np.array([model.tendon_damping[index], *np.ravel(model.tendon_dampingpoly[index])], dtype=float)
+    for k in actuators_on(model, index, ON_TENDON):
+        own = [model.actuator_damping[k], *np.ravel(model.actuator_dampingpoly[k])]
+        whole = whole + gear_of(model, k) ** 2 * np.array(own, dtype=float)
+    return {"damping": row(whole)}
+
+
+def tendon_armature(model: Any, index: int) -> dict[str, Parameter]:
+    """Return armature of a tendon with that of actuators on it [kg]."""
+    own = sum(gear_of(model, k) ** 2 * float(model.actuator_armature[k]) for k in actuators_on(model, index, ON_TENDON))
+    return {"armature": float(model.tendon_armature[index]) + own}
+
+
+def tendon_friction(model: Any, index: int) -> dict[str, Parameter]:
+    """Return dry friction of a tendon [N]."""
+    return {"frictionloss": float(model.tendon_frictionloss[index])}
+
+
+def switch_tendons_off(*arrays: str) -> Callable[[Any], None]:
+    """Return a function that sets arrays of tendons, and of actuators on tendons, to zero."""
+
+    def switch(model: Any) -> None:
+        on_tendons = [k for index in range(model.ntendon) for k in actuators_on(model, index, ON_TENDON)]
+        for name in arrays:
+            values = getattr(model, name)
+            values[on_tendons if name.startswith("actuator") else slice(None)] = 0.0
+
+    return switch
+
+
+def find_coupling_laws(model: Any) -> Iterator[Feature]:
+    """Yield equalities of two joints that are of higher order."""
+    for k in range(model.neq):
+        kind = EQUALITY(int(model.eq_type[k]))
+        law = model.eq_obj2id[k] >= 0 and np.any(model.eq_data[k][2:5])
+        if kind != EQUALITY.mjEQ_JOINT or not active(model, k) or not law:
+            continue
+        joints = tuple(joint_name(model, int(index)) for index in (model.eq_obj1id[k], model.eq_obj2id[k]))
+        numbers: dict[str, Parameter] = {"polycoef": row(model.eq_data[k][:5])}
+        yield Feature("coupling-law", f"joints {', '.join(joints)}", numbers, felt=False, joints=joints)
+
+
+def find_tendon_equalities(model: Any) -> Iterator[Feature]:
+    """Yield equalities of tendons that are no linear law of joints."""
+    for k in range(model.neq):
+        kind = EQUALITY(int(model.eq_type[k]))
+        if kind != EQUALITY.mjEQ_TENDON or not active(model, k) or linear_law(model, k) is not None:
+            continue
+        numbers: dict[str, Parameter] = {"polycoef": row(model.eq_data[k][:5])}
+        names = []
+        for index in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):
+            if index >= 0:
+                names.append(tendon_name(model, index))
+                path, _ = _path(model, index)
+                numbers |= {f"{names[-1]} {key}": value for key, value in path.items()}
+        yield Feature("tendon-equality", f"tendons {', '.join(names)}", numbers, felt=False)
+
+
+def find_other_equalities(model: Any) -> Iterator[Feature]:
+    """Yield equalities of kinds that tie no two bodies, joints or tendons."""
+    for k in range(model.neq):
+        kind = EQUALITY(int(model.eq_type[k]))
+        if kind in OTHERS and active(model, k):
+            word = kind.name.removeprefix("mjEQ_").lower()
+            name = name_of(model, mujoco.mjtObj.mjOBJ_EQUALITY, k, "equality")
+            yield Feature("equality", f"equality {name}", {"kind": word}, felt=False)
+
+
+def active(model: Any, k: int) -> bool:
+    """Return True if an equality acts from the beginning on."""
+    return bool(model.eq_active0[k]) and not off(model, EQUALITY_OFF)
+
+
+def linear_law(model: Any, k: int) -> tuple[dict[str, float], float] | None:
+    """Return factors by joint [-] and offset of an equality of fixed tendons; None where it is no linear law of joints.
+
+    L1 - L1_0 = a0 + a1 (L2 - L2_0),  L = sum coef q  of a fixed tendon
+    """
+    start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
+    first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    if second >= 0 and np.any(model.eq_data[k][2:5]):
+        return None
+    factors: dict[str, float] = {}
+    offset = start
+    for index, weight in ((first, 1.0), (second, -slope)):
+        if index < 0:
+            continue
+        path, joints = _path(model, index)
+        if not joints:
+            return None
+        offset += weight * float(model.tendon_length0[index])
+        for name in joints:
+            coefficient = path[f"of {name}"]
+            assert isinstance(coefficient, float)
+            factors[name] = factors.get(name, 0.0) + weight * coefficient
+    return factors, offset
+
+
+def keep_linear_couplings(model: Any) -> None:
+    """Leave the linear part of equalities of joints."""
+    for k in range(model.neq):
+        if EQUALITY(int(model.eq_type[k])) == EQUALITY.mjEQ_JOINT:
+            model.eq_data[k][2:5] = 0.0
+
+
+def switch_equalities_off(*kinds: Any, linear: bool = False) -> Callable[[Any], None]:
+    """Return a function that takes equalities of some kinds out; linear : laws of fixed tendons that are linear stay."""
+
+    def switch(model: Any) -> None:
+        for k in range(model.neq):
+            law = linear and linear_law(model, k) is not None
+            if EQUALITY(int(model.eq_type[k])) in kinds and not law:
+                model.eq_active0[k] = 0
+
+    return switch
