@@ -167,11 +167,11 @@ def _find_plastic(model: Any) -> Iterator[Feature]:
     for index in range(model.njnt):
         if model.jnt_plasticadr[index] >= 0:
             numbers: dict[str, Parameter] = {"yield": float(model.jnt_springyield[index])}
-            yield Feature("plastic", f"joint {joint_name(model, index)}", numbers)
+            yield Feature("plastic", f"joint {joint_name(model, index)}", numbers, felt=False)
     for index in range(model.ntendon):
         if model.tendon_plasticadr[index] >= 0:
             numbers = {"yield": float(model.tendon_springyield[index])}
-            yield Feature("plastic", f"tendon {tendon_name(model, index)}", numbers)
+            yield Feature("plastic", f"tendon {tendon_name(model, index)}", numbers, felt=False)
 
 
 def _find_of_free(name: str, key: str, array: str, flags: int) -> Callable[[Any], Iterator[Feature]]:
@@ -220,9 +220,17 @@ def _find_flex(model: Any) -> Iterator[Feature]:
 def _find_plugins(model: Any) -> Iterator[Feature]:
     for array, count in (("body_plugin", model.nbody), ("geom_plugin", model.ngeom)):
         for index in range(count):
-            if int(getattr(model, array)[index]) >= 0:
+            instance = int(getattr(model, array)[index])
+            if instance >= 0:
                 place = body_name(model, index) if array == "body_plugin" else f"shape {index}"
-                yield Feature("plugin", f"link {place}", {"instance": float(getattr(model, array)[index])})
+                yield Feature("plugin", f"link {place}", {"settings": _settings(model, instance)})
+
+
+def _settings(model: Any, instance: int) -> str:
+    """The settings of an instance of a plugin as text."""
+    bounds = [*(int(at) for at in model.plugin_attradr), int(model.npluginattr)]
+    letters = bytes(int(code) & 255 for code in np.ravel(model.plugin_attr)[bounds[instance] : bounds[instance + 1]])
+    return letters.decode(errors="replace").replace("\0", " ").strip()
 
 
 def _find_actuation(model: Any) -> Iterator[Feature]:
