@@ -19,6 +19,7 @@ from crosscheck.kit.tables import (
     JointData,
     MechanismData,
 )
+from crosscheck.lifting.attached import attached_features
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
@@ -41,8 +42,8 @@ def lift_kit(path: Path) -> Description:
             given, known = f'format "{first["input"]}"', f'"{FORMAT}": this crosscheck knows no other'
             raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
         raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
-    dropped = tuple(f"{len(getattr(said, k))} {k}: not compared" for k in ("springs", "forces") if getattr(said, k))
-    return Description(f"{path.parent.name}/{path.name}", _mechanism(said), "kit", dropped=dropped, file=path)
+    features = tuple(attached_features(said.springs, said.forces))
+    return Description(f"{path.parent.name}/{path.name}", _mechanism(said), "kit", features=features, file=path)
 
 
 def _mechanism(said: MechanismData) -> Mechanism:

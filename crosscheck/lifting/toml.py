@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from crosscheck.lifting.attached import attached_features
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.reader_dynamics import Feature, Parameter
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.model.mechanism import Joint
 
@@ -18,15 +21,26 @@ def lift_toml(path: Path) -> Description:
         stated = read_mechanism(path)
     gears = {joint.name: joint.drive.ratio for joint in stated.joints if joint.drive is not None}
     dropped = [str(one.message) for one in caught]
-    dropped += [f"drive of joint {j.name}: an elastic one whose link is moved" for j in stated.joints if _elastic(j)]
-    dropped += [
-        f"{len(getattr(stated, key))} {key}: not compared" for key in ("springs", "forces") if getattr(stated, key)
-    ]
+    features = (*_elastic_drives(stated.joints), *attached_features(stated.springs, stated.forces))
     label = f"{path.parent.name}/{path.name}" if path.suffix else path.name
     return Description(
-        label, replace(stated, springs=(), forces=()), "toml", "flexinv", gears, tuple(dropped), file=path
+        label,
+        replace(stated, springs=(), forces=()),
+        "toml",
+        "flexinv",
+        gears,
+        tuple(dropped),
+        file=path,
+        features=features,
     )
 
 
-def _elastic(joint: Joint) -> bool:
-    return joint.drive is not None and bool(joint.drive.stiffness) and joint.drive.moves == "link"
+def _elastic_drives(joints: Iterable[Joint]) -> Iterator[Feature]:
+    """Drives with an elastic joint whose link is moved: no spring of the mechanism, but of the way to the motor."""
+    for joint in joints:
+        drive = joint.drive
+        if drive is not None and drive.stiffness and drive.moves == "link":
+            numbers: dict[str, Parameter] = {
+                key: value for key, value in vars(drive).items() if isinstance(value, int | float)
+            }
+            yield Feature("elastic-drive", f"joint {joint.name}", numbers, felt=False, joints=(joint.name,))

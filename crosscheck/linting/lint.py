@@ -18,6 +18,8 @@ from crosscheck.linting.urdf import urdf_findings
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
 
+LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
+
 
 @dataclass(frozen=True)
 class Linted:
@@ -130,6 +132,12 @@ def machine_findings(description: Description) -> Iterator[Finding]:
                 f"{low:g} to {high:g}",
                 "beyond two turns: looks like degrees",
                 "radians",
+            )
+    for feature in description.features:
+        if feature.name in LAWS:
+            words = f"{feature.name} of {feature.place}: {feature.words}"
+            yield warning(
+                "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
             )
     for words in description.dropped:
         if words.startswith(("equality", "mimic", "transmission")):

@@ -113,13 +113,15 @@ def dynamics(path: Path, mechanism: Mechanism) -> OwnDynamics:
     Rotors that only Drake's tags state are none of Pinocchio's: they are taken as the mechanism has them.
     Raises InputError where Pinocchio refuses the file, or has other joints.
     """
-    free = bool(mechanism.joints) and mechanism.joints[0].kind == "free"
-    base = [pin.JointModelFreeFlyer()] if free else []
     try:
-        model = pin.buildModelFromUrdf(str(path), *base)
+        model = pin.buildModelFromUrdf(str(path))
+        free = bool(mechanism.joints) and mechanism.joints[0].kind == "free"
+        held = free and not model.existJointName(mechanism.joints[0].name)  # the file leaves open how its root is held
+        if held:
+            model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     except (ValueError, RuntimeError, IndexError, TypeError) as error:
         raise InputError(f"{path}: Pinocchio refuses it: {' '.join(str(error).split())}") from None
-    if free:
+    if held:
         model.names[1] = mechanism.joints[0].name
     made = dynamics_of(model, mechanism, str(path))
     rotors = [joint.rotor_inertia for joint in mechanism.joints for _ in range(joint.nv)]

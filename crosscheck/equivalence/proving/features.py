@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from crosscheck.equivalence.align import Aligned
+from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back
 from crosscheck.equivalence.judge import Judged, Share, share_of
@@ -69,7 +70,7 @@ def with_features(
     names = sorted({name for side in sides for name in named(side)} - set(ignored))
     exact = not (judged.causes or judged.rounding)
     added: list[Added | None] = [None, None]
-    if ground.common:
+    if ground.common and any(side.dynamics is not None for side in sides):
         added = [_added(side, ground, names, ignored, n) for n, side in enumerate(sides)]
     causes: list[Difference] = []
     unseen: list[Difference] = []
@@ -102,7 +103,7 @@ def _added(
     if number:
         states = mapped(states, ground.tree, ground.seats)
     joints = dict(ground.names) if number else {name: name for name in ground.states.qd}
-    bare = efforts(without_ties(side.mechanism), states, joints)
+    bare = efforts(without_ties(held(side.mechanism)), states, joints)
     if side.dynamics is None:
         if side.unproven:
             return None
