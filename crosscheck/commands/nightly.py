@@ -12,7 +12,6 @@ from rich.markup import escape
 from crosscheck.bench.parts import studies_of_night as bench_studies
 from crosscheck.commands.shared.options import Asked, running
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, progress, terminated, unread
-from crosscheck.measures.record import RecordError
 from crosscheck.report.words import sentence
 from crosscheck.secrets import command_line
 from crosscheck.verdicts.baseline import BaselineError
@@ -88,7 +87,7 @@ def command(
             results, folder = nightly(night, notify, say)
     except (NightRunning, BaselineError, InputError) as error:
         raise Failure(str(error)) from error
-    except (OSError, HistoryError, RecordError) as error:
+    except (OSError, HistoryError) as error:
         raise Failure(f"the night could not be kept: {error}") from error
     unread(console, results)
     console.print(f"[bold]{escape(sentence(results))}[/bold]")

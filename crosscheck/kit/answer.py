@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from crosscheck.engines.base import sample_times
 from crosscheck.kit.resolved import all_series, asked_series, case_file, idle
 from crosscheck.kit.tables import CertificateFile, MetaFile
-from crosscheck.measures.record import Record, Series, effort_units, series
+from crosscheck.measures.record import BROKEN, Record, Series, effort_units, series
 from crosscheck.measures.series_csv import check_names, check_times, read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
@@ -136,14 +136,14 @@ def _check_finite(file: Path, found: dict[str, Series], time: np.ndarray) -> Non
 
 
 def certified(file: Path, mechanism: Mechanism) -> dict[str, Any]:
-    """Return the certificate in a file; {} without one, {"problem": ...} where it cannot be read or compared."""
+    """Return the certificate in a file; {} without one, {"broken": why} where it cannot be read or compared."""
     try:
         found = read_table(file, CertificateFile)
         if found is None:
             return {}
         _check_shapes(file, found, mechanism)
     except InputError as error:
-        return {"problem": str(error)}
+        return {BROKEN: str(error)}
     return {name: value for name, value in found.model_dump(mode="json").items() if value not in (None, {}, [])}
 
 

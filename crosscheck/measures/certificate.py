@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.measures.record import LARGEST
+
 Array = NDArray[np.float64]
 # Exact in both: rounding of some thousand operations, and MuJoCo's floor of 2e-15 [kg], [kg m^2] under missing inertia.
 EXACT = 1e-9
@@ -164,7 +166,12 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
 def _line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:
     if a.shape != b.shape:
         return {"what": what, "unit": unit, "holds": False, "words": f"of shape {a.shape}, expected {b.shape}"}
-    error, scale = float(np.abs(a - b).max(initial=0.0)), float(np.abs(b).max(initial=0.0))
+    size = float(np.abs(a).max(initial=0.0))
+    if not size <= LARGEST:
+        too_large = f"a number of {size:.3g}, expected at most {LARGEST:g}"
+        return {"what": what, "unit": unit, "holds": False, "words": ": ".join(filter(None, [words, too_large]))}
+    error = float(np.abs(a - b).max(initial=0.0))
+    scale = float(np.abs(b).max(initial=0.0))
     good = error <= limit * (scale or 1.0)
     return {"what": what, "unit": unit, "holds": good, "error": error, "scale": scale, "limit": limit, "words": words}
 

@@ -25,7 +25,13 @@ Array = NDArray[np.float64]
 Status = Literal["ok", "error", "timeout", "skipped"]
 XYZ = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+# Squares and differences of smaller numbers, and sums of a million of those, stay far below the largest number of a computer.
+# No unit makes a quantity of a machine that large: a larger number comes from a computation that has run away.
+LARGEST = 1e100
 RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
+
+
+BROKEN = "broken"  # the key of a certificate that is there and cannot be read
 
 
 class RecordError(ValueError):
@@ -61,7 +67,8 @@ class Record:
     settings : what the engine was told (tolerances, mesh, step), JSON values
     status : "ok", or why there are no series; message : words for the reader of the report
     budget : where the error bars come from, by series: see ``crosscheck.measures.budget.with_bars``
-    certificate : what the engine's own model says of itself (``crosscheck.measures.certificate``), or {"problem": why not}
+    certificate : what the engine's own model says of itself (``crosscheck.measures.certificate``), or {"problem": why not},
+        or {"broken": why one that is there cannot be read}
     """
 
     engine: str
@@ -159,7 +166,7 @@ def effort_units(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def check(record: Record, time: Array) -> None:
-    """Raise RecordError unless an "ok" record is complete and finite on the sample times asked for.
+    """Raise RecordError unless an "ok" record is complete, finite and of sizes that can be squared, on the times asked for.
 
     time : (samples,) [s], the grid of the case
     """
@@ -190,6 +197,12 @@ def _check_series(record: Record, one: Series) -> None:
             raise RecordError(
                 f"{one.name}: {bad.size} of {values.size} {what} are not finite, "
                 f"the first at t = {record.time[bad[0]]:.6g} s"
+            )
+        worst = int(np.abs(values).argmax()) if values.size else 0
+        if values.size and abs(values[worst]) > LARGEST:
+            raise RecordError(
+                f"{one.name}: {what} of {values[worst]:.3g} {one.unit} at t = {record.time[worst]:.6g} s; expected at most "
+                f"{LARGEST:g}: the computation has run away"
             )
 
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -27,23 +27,36 @@ from crosscheck.verdicts.results import CaseRow, Results, StudyRow, slug
 ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
 
-def render(results: Results, out: Path) -> None:
-    """Write every page below ``out``."""
-    pages = environment()
-    assets(out)
-    (out / "cases").mkdir(exist_ok=True)
-    (out / "studies").mkdir(exist_ok=True)
+Page = Callable[[Path], None]  # writes one page below the folder of a report
+
+
+def pages(results: Results) -> dict[str, Page]:
+    """Return what writes each page, and what all pages share, by its path below the folder of a report."""
+    made: dict[str, Page] = {"assets": assets}
     for case in results.cases:
         if not case.problem:
-            write_page(pages, "case.html.j2", out / "cases" / f"{case.slug}.html", **case_view(results, case, out))
+            made[f"cases/{case.slug}.html"] = partial(_write_case_page, results, case)
     for study in results.studies:
-        write_page(pages, "study.html.j2", out / "studies" / f"{slug(study.name)}.html", **study_view(results, study))
-    write_page(
-        pages,
-        "index.html.j2",
-        out / "index.html",
-        **index_view(results, out, (out / "trends" / "index.html").is_file()),
-    )
+        made[f"studies/{slug(study.name)}.html"] = partial(_write_study_page, results, study)
+    made["index.html"] = partial(_write_index, results)
+    return made
+
+
+def _write_case_page(results: Results, case: CaseRow, out: Path) -> None:
+    (out / "cases").mkdir(exist_ok=True)
+    view = case_view(results, case, out)
+    write_page(environment(), "case.html.j2", out / "cases" / f"{case.slug}.html", **view)
+
+
+def _write_study_page(results: Results, study: StudyRow, out: Path) -> None:
+    (out / "studies").mkdir(exist_ok=True)
+    view = study_view(results, study)
+    write_page(environment(), "study.html.j2", out / "studies" / f"{slug(study.name)}.html", **view)
+
+
+def _write_index(results: Results, out: Path) -> None:
+    has_trends = (out / "trends" / "index.html").is_file()
+    write_page(environment(), "index.html.j2", out / "index.html", **index_view(results, out, has_trends))
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -142,19 +143,56 @@ class State:
             self._run(what, engine, answer)
         self._keep()
 
+    def take_or_fail(self, job: Job, answer: Any) -> None:
+        """Add one answer to the results; where something of ours fails over it, that is an error of this job alone."""
+        try:
+            self.take(job, answer)
+        except Exception as error:
+            kind, what, engine = job
+            self._note_failure(f"{kind} {label(kind, what, engine)}".strip(), error)
+            if kind == "run":
+                self._add_failed_run(what, engine, error)
+
+    def fail_all(self, error: Exception) -> None:
+        """Add a row for everything that did not come to its end because something of ours failed."""
+        self._add_missing(f"not run: {_describe_harness_failure(error)}")
+        self._note_failure("the run ended early", error)
+
+    def _note_failure(self, where: str, error: Exception) -> None:
+        """Say in the results that something of ours failed, where, and in which line."""
+        words = f"{where}: {_describe_harness_failure(error)}"
+        message = "; ".join(filter(None, [self.results.message, words]))
+        trace = "".join(traceback.format_exception(error))
+        settings = {**self.results.settings, f"failure of {where}": trace}
+        self.results = replace(self.results, message=message, settings=settings)
+
+    def _add_failed_run(self, task: Task, engine: Engine, error: Exception) -> None:
+        """Make an error of the row of an engine, whose answer nothing is compared with."""
+        case = task.folder.name, task.case.name
+        words = _describe_harness_failure(error)
+        others = [row for row in self.results.runs if (row.mechanism, row.case, row.engine) != (*case, engine.name)]
+        failed = RunRow(*case, engine.name, status="error", message=words)
+        self.results = replace(self.results, runs=(*others, failed))
+        self._add_record(task, Record(engine.name, status="error", message=words))
+
     def interrupted(self) -> None:
         """Add a row for everything that did not come to its end (what Ctrl-C met while it was taken has one already)."""
+        self._add_missing(INTERRUPTED)
+        self.results = replace(self.results, message="interrupted before everything was run")
+
+    def _add_missing(self, words: str) -> None:
+        """Add a row of an error with these words for every engine and study that has none."""
         have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
         for kind, what, engine in self.jobs():
             name = (what.folder.name, what.case.name, engine.name) if kind == "run" else what.name
             if name in have:
                 continue
             if kind == "run":
-                self._run(what, engine, Attempt(Record(engine=engine.name, status="error", message=INTERRUPTED)))
+                attempt = Attempt(Record(engine=engine.name, status="error", message=words))
+                self.take_or_fail((kind, what, engine), attempt)
             else:
-                row = StudyRow(what.name, what.title, status="error", message=INTERRUPTED)
+                row = StudyRow(what.name, what.title, status="error", message=words)
                 self.results = replace(self.results, studies=(*self.results.studies, row))
-        self.results = replace(self.results, message="interrupted before everything was run")
 
     def told(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
         """Add what a reader has to know of kept answers, and of engines that are not forked, to the settings."""
@@ -179,7 +217,11 @@ class State:
             diagnoses=tuple(sorted(self.results.diagnoses, key=place)),
             studies=tuple(sorted(self.results.studies, key=lambda row: studies.index(row.name))),
         )
-        self.results = self._judged(self.work.options.whole and self.results.finished)
+        try:
+            self.results = self._judged(self.work.options.whole and self.results.finished)
+        except Exception as error:
+            self._note_failure("the blessed night", error)
+            self.results = replace(self.results, finished=False)
         try:
             self._keep(at_once=True)
         except OSError as error:
@@ -194,17 +236,30 @@ class State:
         return self.results if known is None else baseline.apply(self.results, known, whole)
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
-        key = (task.folder.name, task.case.name)
         row = self._saved(run_row(task, attempt), attempt.record)
         self.results = replace(self.results, runs=(*self.results.runs, row))
-        records = self.records.setdefault(key, {})
-        records[engine.name] = attempt.record
-        if len(records) == len(self.work.engines):
-            self._compare(task, self.records.pop(key))
+        self._add_record(task, attempt.record)
         name = label("run", task, engine)
         self._note(name, attempt.elapsed, attempt.kept)
         kept = f"unchanged since {attempt.kept}" if attempt.kept else ""
         self._tell(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
+
+    def _add_record(self, task: Task, record: Record) -> None:
+        """Add a record of a case; the last one has all of them compared, and where that fails the case says so."""
+        case = task.folder.name, task.case.name
+        records = self.records.setdefault(case, {})
+        records[record.engine] = record
+        if len(records) < len(self.work.engines):
+            return
+        del self.records[case]
+        try:
+            self._compare(task, records)
+        except Exception as error:
+            self._note_failure(f"the comparison of {'/'.join(case)}", error)
+            words = _describe_harness_failure(error)
+            pairs = [(name, quantity) for name in records if name != REFERENCE for quantity in task.case.quantities]
+            rows = [Comparison(*case, name, REFERENCE, quantity, "", "error", words) for name, quantity in pairs]
+            self.results = replace(self.results, comparisons=(*self.results.comparisons, *rows))
 
     def _saved(self, row: RunRow, record: Record) -> RunRow:
         """Write the series and return the row that says where they are, or why they could not be written."""
@@ -280,6 +335,11 @@ def label(kind: str, what: Any, engine: Engine | None) -> str:
     if kind == "why":
         return "why"
     return f"{what.folder.name}/{what.case.name} {engine.name if engine else ''}"
+
+
+def _describe_harness_failure(error: Exception) -> str:
+    """Return the words for something of ours that failed."""
+    return f"the harness failed: {type(error).__name__}: {error}"
 
 
 UNREPEATED = Record("", status="error", message="interrupted")

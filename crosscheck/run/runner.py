@@ -56,6 +56,9 @@ def _run(work: Work, out: Path, notify: Notify, command: str) -> Results:
         except KeyboardInterrupt:
             under_way.stop()
             state.interrupted()
+        except Exception as error:  # of ours: what has finished is reported all the same
+            under_way.stop()
+            state.fail_all(error)
         finally:
             servers.close()
     state.told(kept.trouble if kept is not None else (), servers.refusals)
@@ -102,7 +105,7 @@ class UnderWay:
             if (found := self.shelves.find(job)) is None:
                 left.append(job)
             else:
-                state.take(job, found)
+                state.take_or_fail(job, found)
         return left
 
     def able(self, state: State, jobs: Iterable[Job]) -> list[Job]:
@@ -113,7 +116,7 @@ class UnderWay:
                 left.append(job)
             else:
                 self.shelves.keep(job, no)
-                state.take(job, no)
+                state.take_or_fail(job, no)
         return left
 
     def drain(self, state: State, jobs: Iterable[Job]) -> None:
@@ -124,7 +127,7 @@ class UnderWay:
                 job = self.pending[future]
                 answer = _answer(future, job)
                 self.shelves.keep(job, answer)  # first, so that a run resumes what an interruption finds told
-                state.take(job, answer)
+                state.take_or_fail(job, answer)
                 del self.pending[future]
 
     def _submit(self, job: Job) -> Future[Any]:

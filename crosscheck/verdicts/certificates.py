@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from crosscheck.measures.certificate import Check, certificate, checks
 from crosscheck.measures.limits import BY_DISCRETISATION, REFERENCE
-from crosscheck.measures.record import Record
+from crosscheck.measures.record import BROKEN, Record
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.results import NO_CERTIFICATE, fails
+from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, fails
 
 
 def certificates(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]:
@@ -24,6 +24,9 @@ def certificates(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]
         if name == REFERENCE or record.status == "skipped" or not record.certificate:
             continue
         here = (task.folder.name, task.case.name, name)
+        if words := record.certificate.get(BROKEN):
+            found.append(Check(*here, BROKEN_CERTIFICATE, "-", False, words=str(words)))
+            continue
         lines = checks(*here, certificate(record.certificate), ours)
         missing = str(record.certificate.get("problem", "the engine gives nothing that the reference has"))
         found += lines or (Check(*here, NO_CERTIFICATE, "-", False, words=missing),)
@@ -33,7 +36,7 @@ def certificates(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]
 def by_certificate(rows: Iterable[Comparison], lines: Iterable[Check]) -> list[Comparison]:
     """Return the comparisons, those of engines whose certificate does not hold as deviations: they have another mechanism.
 
-    Where an engine has no certificate nothing is known, and nothing changes.
+    Where an engine has no certificate nothing is known, and nothing changes; one that is broken is none that holds.
     """
     failed: dict[tuple[str, str, str], list[str]] = {}
     for line in lines:
@@ -44,7 +47,7 @@ def by_certificate(rows: Iterable[Comparison], lines: Iterable[Check]) -> list[C
 
 def _certified(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]) -> Comparison:
     found = {e: failed.get((row.mechanism, row.case, e)) for e in (row.engine, row.reference)}
-    parts = [f"{engine} has another {', '.join(what)}" for engine, what in found.items() if what]
+    parts = [_describe_failure(engine, what) for engine, what in found.items() if what]
     if not parts or row.verdict in ("skipped", "error"):
         return row
     words = f"the certificate does not hold: {'; '.join(parts)}"
@@ -55,3 +58,10 @@ def _certified(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]
         message="; ".join(filter(None, [row.message.removeprefix(BY_DISCRETISATION), words])),
         uncertified=words,
     )
+
+
+def _describe_failure(engine: str, what: list[str]) -> str:
+    """Return in words what of an engine's certificate does not hold."""
+    if what == [BROKEN_CERTIFICATE]:
+        return f"that of {engine} is broken and cannot be read"
+    return f"{engine} has another {', '.join(what)}"

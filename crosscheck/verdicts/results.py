@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import json
+import math
 import os
 import platform
 import re
@@ -24,6 +25,7 @@ from crosscheck.verdicts.compare import Comparison
 SCHEMA = 1
 PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
 NO_CERTIFICATE = "no certificate"  # the one line of an engine that cannot be asked
+BROKEN_CERTIFICATE = "broken certificate"  # the one line of an engine whose certificate cannot be read
 OF_STATUS: dict[str, Verdict] = {"ok": "within", "skipped": "skipped"}
 
 
@@ -214,12 +216,40 @@ def fails(line: Check) -> bool:
 
 
 def write(results: Results, file: Path) -> None:
-    """Write ``results.json``: whole or not at all, whatever happens meanwhile."""
+    """Write ``results.json``: whole or not at all, whatever happens meanwhile.
+
+    A number that JSON cannot say (inf, nan) stands as null, and the message of the results says how many there are: such a file
+    is of a run that failed, but it holds all that has finished.
+    """
     plain = {"schema": SCHEMA, "exit_code": results.exit_code, **dataclasses.asdict(results)}
     for row, one in zip(plain["comparisons"], results.comparisons, strict=True):
         share = one.fraction
         row["fraction"] = share if share is not None and share < float("inf") else None
-    owned.write(file, json.dumps(plain, indent=1, allow_nan=False) + "\n")
+    try:
+        text = json.dumps(plain, indent=1, allow_nan=False)
+    except ValueError:
+        text = json.dumps(_replace_unsayable(plain), indent=1, allow_nan=False)
+    owned.write(file, text + "\n")
+
+
+def _replace_unsayable(plain: dict[str, Any]) -> dict[str, Any]:
+    """Return JSON values in which null stands for every number that is not finite, with a message that says so."""
+    places: list[str] = []
+
+    def replaced(value: Any, place: str) -> Any:
+        if isinstance(value, Mapping):
+            return {str(key): replaced(item, f"{place}.{key}") for key, item in value.items()}
+        if isinstance(value, list | tuple):
+            return [replaced(item, f"{place}[{k}]") for k, item in enumerate(value)]
+        if isinstance(value, float) and not math.isfinite(value):
+            places.append(place.removeprefix("."))
+            return None
+        return value
+
+    made: dict[str, Any] = replaced(plain, "")
+    words = f"numbers that are not finite stand as null: {len(places)}, the first is {places[0]}"
+    message = "; ".join(filter(None, [str(made["message"]), words]))
+    return made | {"message": message, "exit_code": exit_code(["error"])}
 
 
 def read(file: Path) -> Results:

@@ -19,7 +19,6 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.bench.parts import measure
 from crosscheck.bench.targets import metrics
-from crosscheck.measures.record import RecordError
 from crosscheck.report import changed, render, trends
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import KEPT, run
@@ -189,7 +188,7 @@ def keep(results: Results, folder: Path, latest: Path | None, database: Any, tel
         render(results, folder)
         if latest is not None:
             exchange(folder, latest)
-    except (OSError, RecordError) as error:
+    except OSError as error:
         tell(f"the report could not be written: {error}; {LATEST} is as it was before")
         raise
     return results

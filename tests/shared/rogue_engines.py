@@ -54,6 +54,9 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         "leaving": leave,
         "raising": fail,
         "nan": not_a_number,
+        "runaway": run_away,
+        "wide": widen,
+        "massive": lambda m, c, o: pinocchio(m, c, "massive", o),
         "truncated": truncated,
         "garbage": garbage,
         "breeding": breed,
@@ -142,6 +145,20 @@ def not_a_number(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -
     return good
 
 
+def run_away(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    """One finite number whose square is none."""
+    good = fine(mechanism, case, options)
+    next(iter(good.series.values())).values[3] = 1e308
+    return good
+
+
+def widen(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    """One finite error bar whose square is none."""
+    good = fine(mechanism, case, options)
+    series = {n: replace(s, error=np.full(s.values.shape, 1e308)) for n, s in good.series.items()}
+    return replace(good, series=series)
+
+
 def truncated(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
     good = fine(mechanism, case, options)
     series = {n: replace(s, values=s.values[:5]) for n, s in good.series.items()}
@@ -190,13 +207,13 @@ def garbage(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Rec
 
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
-    """What they say of their own models: one has a tenth more mass, the others cannot be asked."""
+    """What they say of their own models: one has a tenth more mass, one as much as a number can say, others say nothing."""
     from crosscheck.engines.pinocchio import certificate as pinocchio_certificate
 
-    if engine != "heavy":
+    if engine not in ("heavy", "massive"):
         raise InputError("this formulation has nothing to be asked for")
     good = pinocchio_certificate.certify(mechanism, case, engine)
-    return replace(good, mass=1.1 * (good.mass or 0.0))
+    return replace(good, mass=1.1 * (good.mass or 0.0) if engine == "heavy" else 1e308)
 
 
 def study(models: str) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from rich import console as rich_console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from crosscheck.measures.record import RecordError
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS, sentence, unchanged
 from crosscheck.run.work import Event
@@ -137,7 +136,7 @@ def finish(console: Console, results: Results, out: Path) -> NoReturn:
     """Write the report, say how it went, and leave with the exit code of the results."""
     try:
         render(results, out)
-    except (OSError, RecordError) as error:
+    except OSError as error:
         unread(console, results)
         raise Failure(f"{sentence(results)} The report could not be written: {error}") from error
     try:

@@ -41,8 +41,8 @@ REFUSED = {
 CERTIFIED = {
     "other-order": ("order of the joints", "of shoulder, elbow, wrist; expected pivot, knee", True),
     "other-joints": ("masses by joint", "of elbow, shoulder; expected knee, pivot", True),
-    "other-size": ("no certificate", "gravity: expected 2 numbers in each row, one per velocity", False),
-    "huge-certificate": ("no certificate", "certificate.json has 100 MB, expected at most 20 MB", False),
+    "other-size": ("broken certificate", "gravity: expected 2 numbers in each row, one per velocity", True),
+    "huge-certificate": ("broken certificate", "certificate.json has 100 MB, expected at most 20 MB", True),
 }
 
 
