@@ -25,7 +25,7 @@ from crosscheck.engines.shared.rounding import shaken, with_rounding
 from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
-from crosscheck.run.processes import bound_files, die_with_parent
+from crosscheck.run.processes import become_subreaper, bound_files, die_with_parent
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
@@ -34,6 +34,7 @@ from flexinv.model.mechanism import Mechanism
 def main(job_file: str) -> None:
     """Do the job, write the answer, and leave without tearing down an engine that may crash on its way out."""
     die_with_parent()
+    become_subreaper()
     bound_files()
     job = json.loads(Path(job_file).read_text(encoding="utf-8"))
     {"run": run_case, "describe": describe, "abilities": abilities, "study": study, "export": export}[job["kind"]](job)

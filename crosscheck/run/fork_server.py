@@ -35,7 +35,13 @@ import numpy as np
 from crosscheck.engines import loaded
 from crosscheck.engines.base import forkable, prepared
 from crosscheck.run import child
-from crosscheck.run.processes import die_with_parent, kill_group
+from crosscheck.run.processes import (
+    become_subreaper,
+    die_with_parent,
+    kill_group,
+    kill_strays,
+    list_children,
+)
 from flexinv.files.toml_tables import build_validators
 
 LARGEST_REQUEST = 1 << 16  # [bytes]
@@ -100,15 +106,17 @@ class Server:
     """A process that forks jobs.
 
     requests : socket of packets; refusal : why no job may be forked, ""
-    answers : the socket of every job under way by its process
+    answers : the socket of every job under way by its process; helpers : what the imports have started
     """
 
     requests: socket.socket
     refusal: str
     answers: dict[int, socket.socket] = field(default_factory=dict)
+    helpers: frozenset[int] = field(default_factory=lambda: frozenset(list_children()))
 
     def serve(self) -> None:
         """Fork a job per request and tell how each ended, until the parent closes its side."""
+        become_subreaper()
         ear, mouth = socket.socketpair()
         ear.setblocking(False)
         mouth.setblocking(False)
@@ -156,9 +164,10 @@ class Server:
         for pid in list(self.answers):
             if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
                 continue
-            kill_group(pid)
+            kill_group(pid)  # what it left in other groups has become a child of this process
             _, status = os.waitpid(pid, 0)
             answer = self.answers.pop(pid)
+            kill_strays({*self.answers, *self.helpers})
             _say(answer, f"ended {os.waitstatus_to_exitcode(status)}")
             answer.close()
 

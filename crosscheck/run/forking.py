@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from crosscheck.run.processes import environment, kill_group
+from crosscheck.run.processes import environment, kill_group, kill_tree
 
 PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
 PLAIN = ("study",)  # kinds of jobs whose module is no adapter
@@ -56,7 +56,7 @@ class Forked:
     def end(self) -> None:
         """Kill what is left of the process and of everything it started (what ended by itself, its server has ended)."""
         if self.returncode is None:
-            kill_group(self.pid)
+            kill_tree(self.pid)
             with contextlib.suppress(Lost):
                 self.wait()
         self._answers.close()
@@ -157,7 +157,7 @@ class ForkServers:
         """End all of them, and start no more."""
         self.stopped = True
         if self.common is not None:
-            kill_group(self.common.process.pid)  # whoever holds the lock waits for it
+            kill_tree(self.common.process.pid)  # whoever holds the lock waits for it
         with self.lock:
             for one in self.known.values():
                 kill_group(one.process.pid)

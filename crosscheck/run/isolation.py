@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from crosscheck.engines import Engine, missing
 from crosscheck.measures.record import Record, RecordError, Status, check, load
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
-from crosscheck.run.processes import environment, kill_group, waited
+from crosscheck.run.processes import MARK, environment, kill_group, kill_marked, kill_tree, waited
 
 BUSY = 0.5  # of the time limit: whoever had to wait longer for a processor may not be slow
 TAIL = 4000  # [characters] of what the engine printed that a report keeps
@@ -65,12 +65,14 @@ Process = subprocess.Popen[bytes] | Forked
 class Children:
     """The processes under way, so that all of them can be ended at once (Ctrl-C).
 
+    marks : of fresh processes, by which all that they have started is found
     servers : prepared processes from which jobs are forked; None: every job starts afresh
     """
 
     running: set[int] = field(default_factory=set)
     stopped: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
+    marks: dict[int, str] = field(default_factory=dict)
     servers: ForkServers | None = None
 
     def begin(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> Process:
@@ -84,7 +86,7 @@ class Children:
                 with self.lock:
                     self.running.add(process.pid)
                     if self.stopped:
-                        kill_group(process.pid)
+                        kill_tree(process.pid)
                 return process
         return self.start(command(job_file), folder, log)
 
@@ -96,13 +98,14 @@ class Children:
             process = subprocess.Popen(
                 command,
                 cwd=folder,
-                env=environment(),
+                env=environment() | {MARK: mark_of(folder)},
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
             self.running.add(process.pid)
+            self.marks[process.pid] = mark_of(folder)
         return process
 
     def end(self, process: Process) -> None:
@@ -112,17 +115,25 @@ class Children:
         if isinstance(process, Forked):
             process.end()
             return
+        if process.returncode is None:
+            kill_tree(process.pid)
         kill_group(process.pid)
         process.wait()
+        kill_marked(self.marks.pop(process.pid, ""))
 
     def stop(self) -> None:
         """Kill every child and start no more."""
         with self.lock:
             self.stopped = True
             for leader in self.running:
-                kill_group(leader)
+                kill_tree(leader)
         if self.servers is not None:
             self.servers.stop()
+
+
+def mark_of(folder: Path) -> str:
+    """Return the mark of a job: the name of its folder, which no other job has."""
+    return str(folder)
 
 
 def run_engine(

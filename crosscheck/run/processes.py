@@ -7,11 +7,14 @@ import ctypes
 import os
 import signal
 import sys
+from collections.abc import Container
 from pathlib import Path
 
 ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
+MARK = "CROSSCHECK_JOB"  # variable by which all that a fresh process has started can be found
+DEPTH = 20  # rounds of killing: a process that starts others faster than that is left to the death of its group
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 
 
 def environment() -> dict[str, str]:
@@ -20,6 +23,82 @@ def environment() -> dict[str, str]:
     path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
     threads = {f"{library}_NUM_THREADS": "1" for library in ONE_THREAD}
     return os.environ | threads | {"PYTHONPATH": path, "MPLBACKEND": "Agg", "PYTHONUNBUFFERED": "1"}
+
+
+def become_subreaper() -> None:
+    """Ask Linux to make this process the parent of every orphan among its descendants; elsewhere do nothing.
+
+    What a job starts in a session of its own (``setsid``) leaves the job's process group, but not its descendants.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def list_descendants(ancestor: int) -> list[int]:
+    """Return the processes below another one, each after its parent; [] where the system does not list them."""
+    children: dict[int, list[int]] = {}
+    with contextlib.suppress(OSError):
+        for entry in os.listdir("/proc"):
+            if entry.isdigit() and (parent := _find_parent(int(entry))) is not None:
+                children.setdefault(parent, []).append(int(entry))
+    found: list[int] = []
+    ahead = [ancestor]
+    while ahead:
+        below = children.get(ahead.pop(), [])
+        found += below
+        ahead += below
+    return found
+
+
+def _find_parent(process: int) -> int | None:
+    """Return the parent of a process, None where it has ended."""
+    try:
+        state, parent = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[:2]
+    except (OSError, ValueError):
+        return None
+    return None if state in "ZX" else int(parent)
+
+
+def kill_tree(leader: int) -> None:
+    """Kill a process group and all descendants of its leader, also those that left the group.
+
+    The leader is stopped first, so that it starts nothing more; what its descendants start meanwhile is looked for again.
+    """
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.kill(leader, signal.SIGSTOP)
+    for _ in range(DEPTH):
+        if not (left := list_descendants(leader)):
+            break
+        for process in left:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(process, signal.SIGKILL)
+    kill_group(leader)
+
+
+def list_children() -> list[int]:
+    """Return the processes that this one is the parent of; [] where the system does not list them."""
+    own = os.getpid()
+    return [process for process in list_descendants(own) if _find_parent(process) == own]
+
+
+def kill_strays(known: Container[int]) -> None:
+    """Kill all children of this process that are not known: orphans of jobs that have ended."""
+    for process in list_children():
+        if process in known:
+            continue
+        kill_tree(process)
+        with contextlib.suppress(ChildProcessError):
+            os.waitpid(process, 0)
+
+
+def kill_marked(mark: str) -> None:
+    """Kill all processes that were started with a mark in their environment (`MARK`), whoever their parent is now."""
+    wanted = f"{MARK}={mark}".encode()
+    with contextlib.suppress(OSError):
+        for entry in os.listdir("/proc"):
+            with contextlib.suppress(OSError):
+                if entry.isdigit() and wanted in Path("/proc", entry, "environ").read_bytes().split(b"\0"):
+                    os.kill(int(entry), signal.SIGKILL)
 
 
 def kill_group(leader: int) -> None:

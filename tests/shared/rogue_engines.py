@@ -60,6 +60,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         "truncated": truncated,
         "garbage": garbage,
         "breeding": breed,
+        "fleeing": flee,
+        "leaving-behind": leave_behind,
         "empty": lambda m, c, o: Record("empty"),
         "drifting": drift,
         "drawing": draw,
@@ -175,6 +177,26 @@ def stubborn(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Re
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     return hang(mechanism, case, options)
+
+
+def escape(pids: str) -> None:
+    """Start a process in a session of its own, which no signal to the group of this one reaches."""
+    code = f"import os, pathlib, time; pathlib.Path({pids!r}, str(os.getpid())).touch(); time.sleep(600)"
+    subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdin=subprocess.DEVNULL)
+    while len(list(Path(pids).iterdir())) < 1:
+        clock.sleep(0.01)
+
+
+def flee(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    """Hang, and have a child that has left the group."""
+    escape(options["pids"])
+    return hang(mechanism, case, options)
+
+
+def leave_behind(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    """Crash, and leave a child that has left the group."""
+    escape(options["pids"])
+    os.abort()
 
 
 def breed(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:

@@ -18,6 +18,7 @@ import pytest
 import rogue_engines as rogue
 
 from crosscheck.engines import Engine
+from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, ask, run_engine, too_late
 from crosscheck.run.processes import waited
 from crosscheck.verdicts.plan import Task, discover
@@ -127,6 +128,27 @@ def test_a_hang_ends_at_the_time_limit_with_all_it_started(
     assert done[0].record.status == "timeout"
     assert done[0].record.message.startswith(f"stopped after the time limit of {limit} s")
     wait_for(lambda: all(map(gone, family)), 5.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not list processes as files")
+@pytest.mark.parametrize(("kind", "status"), [("fleeing", "timeout"), ("leaving-behind", "error")])
+@pytest.mark.parametrize("forked", [False, True])
+def test_a_child_in_a_session_of_its_own_ends_with_its_job(
+    attempt: Callable[..., Attempt], tmp_path: Path, kind: str, status: str, forked: bool
+) -> None:
+    """No signal to the group reaches it: it is found as a descendant, or by its mark where its parent has crashed."""
+    servers = ForkServers() if forked else None
+    children = Children(servers=servers)
+    begun = clock.monotonic()
+    assert attempt("fine", children=children).record.status == "ok"
+    limit = max(2.0, 4.0 * (clock.monotonic() - begun))  # [s]: on a busy machine, too, it begins before it hangs
+    try:
+        assert attempt(kind, limit=limit, children=children).record.status == status
+        assert pids(tmp_path)
+        wait_for(lambda: all(map(gone, pids(tmp_path))), 5.0)
+    finally:
+        if servers is not None:
+            servers.close()
 
 
 # Programs that share one processor: it is a busy machine for all of them.
