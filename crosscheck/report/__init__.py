@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
 
 from crosscheck import output_folder as owned
@@ -20,7 +21,7 @@ def render(results: Results, out: Path) -> None:
     Raises ReportError once all that can be written is written, with the parts that cannot.
     """
     owned.adopt(out)
-    parts = {
+    parts: dict[str, Callable[[], object]] = {
         "summary.md": lambda: owned.write(out / "summary.md", markdown.render(results)),
         "junit.xml": lambda: owned.write(out / "junit.xml", junit.render(results)),
         **{name: functools.partial(page, out) for name, page in html.pages(results).items()},
