@@ -8,6 +8,7 @@ import click
 
 from crosscheck.commands.shared.options import CONFIG, doors_of
 from crosscheck.commands.shared.terminal import MODELS, Failure
+from crosscheck.doors.registry import SHOWN
 from crosscheck.doors.trust import store, trust
 
 
@@ -18,7 +19,9 @@ from crosscheck.doors.trust import store, trust
 def command(models: Path, config: Path | None, yes: bool) -> None:
     """Show what crosscheck.toml runs on this machine, and remember that you trust it.
 
-    A command that is new or has changed since is not run before it is trusted again.  What is remembered is a file of yours,
+    A command that is new or has changed since, or one of whose files has changed, is not run before it is trusted again: every
+    file below the folder of a script that the command names, as far as it lies in the project.  Not covered is what a program
+    reaches elsewhere: the interpreter, installed packages, other folders, the network.  What is remembered is a file of yours,
     outside of the project.
     """
     known = doors_of(models, config)
@@ -28,10 +31,18 @@ def command(models: Path, config: Path | None, yes: bool) -> None:
         raise Failure(f"{known.config} names no engines: there is nothing to trust")
     for program in known.programs:
         click.echo(f"{program.name} runs  {program.words}")
+        if program.files:
+            click.echo(f"  with {len(program.files)} files of this project: {_name_some(list(program.files))}")
     if not yes and not click.confirm(f"Trust {known.config}?"):
         raise Failure("nothing was changed")
     try:
-        trust(known.config, {program.name: program.stamp for program in known.programs})
+        trust(known.config, {program.name: program.trusted_parts for program in known.programs})
     except OSError as error:
         raise Failure(f"{store()} cannot be written: {error}") from error
     click.echo(f"remembered in {store()}")
+
+
+def _name_some(files: list[str]) -> str:
+    """Return the first names of a list, and how many more there are."""
+    more = f" and {len(files) - SHOWN} more" if len(files) > SHOWN else ""
+    return ", ".join(files[:SHOWN]) + more

@@ -13,21 +13,29 @@ from typing import Any
 
 from crosscheck.doors import config, packages, record, trust
 from crosscheck.doors.fmu_description import INSTALL, PLACE
+from crosscheck.doors.program_files import digest_files, list_changes
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import fingerprint
 from crosscheck.verdicts.plan import Plan, Task
 from flexinv.errors import InputError
 
+SHOWN = 5  # changed files that a message names
 COMMAND, FMU, RECORD = "crosscheck.doors.command", "crosscheck.doors.fmu", "crosscheck.doors.record"
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program of crosscheck.toml: what is run, in words, and the stamp that trust is given to."""
+    """A program of crosscheck.toml: what is run, in words; trust is given to its settings and its files, by a digest each."""
 
     name: str
     words: str
-    stamp: str
+    settings: str
+    files: Mapping[str, str]
+
+    @property
+    def trusted_parts(self) -> dict[str, str]:
+        """Return what trust is given to: a digest of the settings under the name "", of every file under its path."""
+        return {"": self.settings, **self.files}
 
 
 @dataclass(frozen=True)
@@ -48,12 +56,25 @@ class Doors:
             if program.name not in wanted:
                 continue
             assert self.config is not None
-            if not trusting and not trust.trusted(self.config, program.name, program.stamp):
+            if not trusting and (why := self._find_distrust(program)):
                 raise InputError(
-                    f"{self.config} has the engine {program.name}, which is new or has changed: it runs  {program.words}  "
+                    f"{self.config} has the engine {program.name}, which {why}: it runs  {program.words}  "
                     "on this machine. Look at it; then write crosscheck trust (in CI: --trust-commands), or leave it out"
                 )
             say(f"{program.name} runs  {program.words}  ({self.config})")
+
+    def _find_distrust(self, program: Program) -> str:
+        """Return the reason why a program is not trusted, "" where it is."""
+        assert self.config is not None
+        known = trust.trusted_parts(self.config, program.name)
+        if known is None:
+            return "is new or has changed"
+        if known == program.trusted_parts:
+            return ""
+        changes = [words or "" for words in list_changes(known, program.trusted_parts)]
+        files = [words for words in changes if not words.startswith(" ")]
+        shown = ", ".join(files[:SHOWN]) + (f" and {len(files) - SHOWN} more" if len(files) > SHOWN else "")
+        return f"has changed ({shown})" if files else "is new or has changed"
 
 
 def doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -> Doors:
@@ -112,19 +133,41 @@ def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
     if row.command is not None:
         told |= {"command": list(row.command), "refine": row.refine}
         engine = Engine(name, COMMAND, "", "", settings=told)
-        return replace(engine, limits=config.limits(name, row)), Program(name, shlex.join(row.command), _digest(told))
+        files = digest_files(_list_named(row.command, folder), folder)
+        program = Program(name, shlex.join(row.command), _digest(told), files)
+        return replace(engine, limits=config.limits(name, row)), program
     if row.fmu is not None:
         path, every = folder / row.fmu, _files(folder, row.fmu)
         if not every:
             raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
         told |= {"fmu": str(path)}
         engine = Engine(name, FMU, "fmpy", INSTALL, settings=told)
-        stamp = _digest(told) + "".join(hashlib.sha256(one.read_bytes()).hexdigest() for one in every)
-        return replace(engine, limits=config.limits(name, row)), Program(name, f"the native code in {path.name}", stamp)
+        contents = {one.relative_to(folder).as_posix(): hashlib.sha256(one.read_bytes()).hexdigest() for one in every}
+        program = Program(name, f"the native code in {path.name}", _digest(told), contents)
+        return replace(engine, limits=config.limits(name, row)), program
     engine = packages.referred(f"{name}={row.python}", folder)
-    return replace(engine, limits=config.limits(name, row)), Program(
-        name, f"the Python object {row.python}", engine.module
-    )
+    files = digest_files(_list_modules(str(row.python), folder), folder)
+    program = Program(name, f"the Python object {row.python}", engine.module, files)
+    return replace(engine, limits=config.limits(name, row)), program
+
+
+def _list_named(words: Iterable[str], folder: Path) -> list[Path]:
+    """Return the files that a command names: words that are files, ``python -m MODULE``, ``--script=FILE``."""
+    named = []
+    words = list(words)
+    for word, before in zip(words, ["", *words], strict=False):
+        texts = [word, word.partition("=")[2]] if "=" in word else [word]
+        named += [folder / text for text in texts if text and (folder / text).is_file()]
+        if before == "-m":
+            named += _list_modules(word, folder)
+    return named
+
+
+def _list_modules(reference: str, folder: Path) -> list[Path]:
+    """Return the file of a module that lies in a folder: ``my_engine``, ``my.engine:Mine``."""
+    parts = reference.partition(":")[0].split(".")
+    stem = folder.joinpath(*parts)
+    return [file for file in (stem.with_suffix(".py"), stem / "__init__.py", stem / "__main__.py") if file.is_file()]
 
 
 def _files(folder: Path, stated: str) -> list[Path]:
@@ -160,6 +203,8 @@ def stamp(engine: Engine, folder: Path) -> str:
         if engine.module == RECORD
         else []
     )
-    named = (engine.settings.get("fmu", "").replace(PLACE, folder.name), *engine.settings.get("command", ()))
-    files += [f for word in named if word and (f := Path(engine.settings.get("folder", "")) / word).is_file()]
-    return fingerprint(dict(engine.settings), [hashlib.sha256(f.read_bytes()).hexdigest() for f in files])
+    home = Path(engine.settings.get("folder", ""))
+    fmu = engine.settings.get("fmu", "").replace(PLACE, folder.name)
+    files += [home / fmu] if fmu and (home / fmu).is_file() else []
+    programs = digest_files(_list_named(engine.settings.get("command", ()), home), home)
+    return fingerprint(dict(engine.settings), programs, [hashlib.sha256(f.read_bytes()).hexdigest() for f in files])

@@ -1,7 +1,9 @@
 """Trust in programs: what ``crosscheck.toml`` runs is run only after its user has said so once.
 
-A file in the user's own configuration remembers, by path of ``crosscheck.toml`` and name of the engine, a digest of the command
-(of an FMU: of its content).  A new or changed one is not trusted.
+A file in the user's own configuration remembers, by path of ``crosscheck.toml`` and name of the engine, what was trusted: a
+digest of the settings, and one of every file that belongs to the program (`crosscheck.doors.program_files`).  A new or changed
+one is not trusted.  Trust says nothing of what a program reaches outside of the project: an interpreter, installed packages, the
+network.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from crosscheck.output_folder import replace
 
@@ -20,19 +23,23 @@ def store() -> Path:
     return (Path(base) if base else Path.home() / ".config") / "crosscheck" / "trusted.json"
 
 
-def trusted(config: Path, name: str, stamp: str) -> bool:
-    """Return True if the user trusts an engine of a file as it is now (its stamp)."""
-    return known().get(str(config), {}).get(name) == stamp
+def trusted_parts(config: Path, name: str) -> dict[str, str] | None:
+    """Return what the user trusts of an engine of a file, digests by part; None where nothing is remembered."""
+    parts = known().get(str(config), {}).get(name)
+    if not isinstance(parts, dict):
+        return None
+    return {str(part): str(digest) for part, digest in parts.items()}
 
 
-def trust(config: Path, stamps: Mapping[str, str]) -> None:
-    """Remember the stamps of a file's engines, and forget those that were there before.  Raises OSError."""
+def trust(config: Path, parts: Mapping[str, Mapping[str, str]]) -> None:
+    """Remember the parts of a file's engines, and forget those that were there before.  Raises OSError."""
     file = store()
     file.parent.mkdir(parents=True, exist_ok=True)
-    replace(file, json.dumps({**known(), str(config): dict(stamps)}, indent=1) + "\n")
+    plain = {name: dict(digests) for name, digests in parts.items()}
+    replace(file, json.dumps({**known(), str(config): plain}, indent=1) + "\n")
 
 
-def known() -> dict[str, dict[str, str]]:
+def known() -> dict[str, dict[str, Any]]:
     """Return all that is remembered; nothing where the file is none of ours."""
     try:
         plain = json.loads(store().read_text(encoding="utf-8"))

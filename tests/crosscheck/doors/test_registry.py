@@ -145,11 +145,50 @@ def test_a_new_or_changed_program_is_run_only_when_it_is_trusted(project: Path) 
     doors(project / "models").admit(["mine"], True, lines.append)  # in CI
 
 
+@pytest.mark.parametrize("command", ["python scripts/mine.py {kit} {out}", "python -m scripts.mine {kit} {out}"])
+def test_a_changed_file_of_a_program_is_named_and_not_run(project: Path, command: str) -> None:
+    """What the script loads from its folder is trusted with it; data, databases and caches are not looked at."""
+    (project / "scripts" / "parts").mkdir(parents=True)
+    (project / "scripts" / "mine.py").write_text("from parts import torque\n")
+    (project / "scripts" / "parts" / "torque.py").write_text("factor = 1.0\n")
+    (project / "crosscheck.toml").write_text(f"[engines.mine]\ncommand = {command.split()}\n")
+    assert call("trust", "--yes").exit_code == 0
+    trusting = doors(project / "models")
+    trusting.admit(["mine"], False, lambda line: None)
+    (project / "scripts" / "__pycache__").mkdir()
+    (project / "scripts" / "__pycache__" / "mine.pyc").write_text("compiled")
+    (project / "scripts" / "history.sqlite").write_text("a night")
+    doors(project / "models").admit(["mine"], False, lambda line: None)
+    (project / "scripts" / "parts" / "torque.py").write_text("factor = 2.0\n")
+    (project / "scripts" / "new.py").write_text("")
+    words = r"mine, which has changed \(scripts/new.py is new, scripts/parts/torque.py has changed\): it runs"
+    with pytest.raises(InputError, match=words):
+        doors(project / "models").admit(["mine"], False, lambda line: None)
+    doors(project / "models").admit(["mine"], True, lambda line: None)  # in CI
+
+
+def test_a_program_beside_the_settings_is_trusted_with_its_folder_but_not_with_models(project: Path) -> None:
+    (project / "crosscheck.toml").write_text(PROGRAM)
+    assert "with 1 files of this project: rigid.py" in call("trust", "--yes").output
+    (project / "models" / "double_pendulum" / "cases.toml").write_text("")
+    doors(project / "models").admit(["mine"], False, lambda line: None)
+
+
+def test_a_program_among_too_many_files_has_to_have_its_own_folder(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("crosscheck.doors.program_files.MOST_FILES", 1)
+    (project / "crosscheck.toml").write_text(PROGRAM)
+    (project / "other.py").write_text("")
+    with pytest.raises(InputError, match="move the program into a folder of its own"):
+        doors(project / "models")
+
+
 def test_trust_is_asked_for_and_remembered_beside_others(project: Path) -> None:
     (project / "crosscheck.toml").write_text(PROGRAM)
     assert CliRunner().invoke(main, ["trust"], input="n\n").exit_code == 2
     assert not trust.store().exists()
-    trust.trust(project / "other.toml", {"x": "1"})
+    trust.trust(project / "other.toml", {"x": {"": "1"}})
     assert CliRunner().invoke(main, ["trust"], input="y\n").exit_code == 0
     assert set(trust.known()) == {str(project / "other.toml"), str(project / "crosscheck.toml")}
     trust.store().write_text("[")
