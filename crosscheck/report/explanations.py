@@ -8,7 +8,7 @@ from typing import Any
 
 from crosscheck.measures.certificate import Check, holds
 from crosscheck.measures.limits import Verdict
-from crosscheck.verdicts.results import NO_CERTIFICATE, CaseRow, Diagnosis, Results, fails
+from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, CaseRow, Diagnosis, Results, fails
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ def sheets(results: Results, case: CaseRow) -> list[Sheet]:
 def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
     if [line.what for line in lines] == [NO_CERTIFICATE]:
         return Sheet(engine, "unjudged", NO_CERTIFICATE, lines)
+    if [line.what for line in lines] == [BROKEN_CERTIFICATE]:
+        return Sheet(engine, "deviation", f"{BROKEN_CERTIFICATE}: it is there and cannot be read", lines)
     if holds(lines):
         return Sheet(engine, "within", "holds", lines)
     return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)
@@ -39,8 +41,8 @@ def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
 
 def failing(results: Results, mechanism: str, case: str, engine: str) -> str:
     """Return the lines of an engine's certificate that do not hold, "" where all do or there is none."""
-    here = (mechanism, case, engine)
-    return ", ".join(x.what for x in results.certificates if (x.mechanism, x.case, x.engine) == here and fails(x))
+    lines = results.certificates_of.get((mechanism, case, engine), ())
+    return ", ".join(line.what for line in lines if fails(line))
 
 
 def uncertified(results: Results, case: CaseRow) -> dict[str, str]:

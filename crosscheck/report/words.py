@@ -93,8 +93,8 @@ class Cell:
 def cell(results: Results, case: CaseRow, engine: str) -> Cell:
     """Return the field of the matrix for one case and engine."""
     here = (case.mechanism, case.case, engine)
-    rows = tuple(c for c in results.comparisons if (c.mechanism, c.case, c.engine) == here)
-    run = next((r for r in results.runs if (r.mechanism, r.case, r.engine) == here), None)
+    rows = results.comparisons_of.get(here, ())
+    run = next(iter(results.runs_of.get(here, ())), None)
     if run is None:
         return Cell(case, engine, None, None, None, rows)
     verdict = run.verdict if run.status != "ok" or not rows else worst(c.verdict for c in rows)

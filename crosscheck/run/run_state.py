@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time as clock
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,13 +34,17 @@ RESULTS = "results.json"
 INTERRUPTED = "interrupted"
 UNCOMPARED = "nothing is compared with it here: no other engine came to an answer"
 PAUSE = 2.0  # [s] between two writings of results.json at least
+RARELY = 20.0  # times as long as a writing takes: no more than a twentieth of a run is spent on it
 Job = tuple[str, Any, Any]  # kind, what, engine
 SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine with the last digits of its input moved
 
 
 @dataclass
 class State:
-    """State of a run: results and records so far, why engines cannot do cases, and how long jobs took [s] by their labels."""
+    """State of a run: results and records so far, why engines cannot do cases, and how long jobs took [s] by their labels.
+
+    written : when results.json was written last, since the start [s]; pause : until it is written again at least [s]
+    """
 
     work: Work
     out: Path
@@ -47,6 +52,7 @@ class State:
     results: Results
     start: float = field(default_factory=clock.monotonic)
     written: float = 0.0
+    pause: float = field(default_factory=lambda: PAUSE)
     done: int = 0
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
@@ -181,7 +187,8 @@ class State:
         self.results = replace(self.results, message="interrupted before everything was run")
 
     def _add_missing(self, words: str) -> None:
-        """Add a row of an error with these words for every engine and study that has none."""
+        """Add a row of an error with these words for every engine and study that has none; `finish` writes them."""
+        self.pause = math.inf
         have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
         for kind, what, engine in self.jobs():
             name = (what.folder.name, what.case.name, engine.name) if kind == "run" else what.name
@@ -314,18 +321,22 @@ class State:
 
     def _tell(self, label: str, verdict: str, message: str) -> None:
         self.done += 1
+        if self.pause == math.inf:  # what was not run is said once, by the report
+            return
         total = len(self.work.plan.tasks) * len(self.work.engines) + len(self.work.studies)
         self.notify(Event(label, verdict, message, self.done, total))
 
     def _keep(self, at_once: bool = False) -> None:
         elapsed = clock.monotonic() - self.start
-        if at_once or elapsed - self.written >= PAUSE:
-            self.results = replace(self.results, elapsed=elapsed)
-            self.written = elapsed
-            # A full disk must not end the night: what can be computed is computed, and the last writing tells.
-            forgiven = () if at_once else (OSError,)
-            with contextlib.suppress(*forgiven):
-                store.write(self.results, self.out / RESULTS)
+        if not at_once and elapsed - self.written < self.pause:
+            return
+        self.results = replace(self.results, elapsed=elapsed)
+        # A full disk must not end the night: what can be computed is computed, and the last writing tells.
+        forgiven = () if at_once else (OSError,)
+        with contextlib.suppress(*forgiven):
+            store.write(self.results, self.out / RESULTS)
+        self.written = clock.monotonic() - self.start
+        self.pause = max(PAUSE, RARELY * (self.written - elapsed))
 
 
 def label(kind: str, what: Any, engine: Engine | None) -> str:

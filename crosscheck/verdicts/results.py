@@ -9,12 +9,13 @@ import math
 import os
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.certificate import Check
@@ -26,6 +27,7 @@ SCHEMA = 1
 PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
 NO_CERTIFICATE = "no certificate"  # the one line of an engine that cannot be asked
 BROKEN_CERTIFICATE = "broken certificate"  # the one line of an engine whose certificate cannot be read
+Place = tuple[str, str, str]  # mechanism, case, engine
 OF_STATUS: dict[str, Verdict] = {"ok": "within", "skipped": "skipped"}
 
 
@@ -160,6 +162,9 @@ class Diagnosis:
     where: str = ""
 
 
+Row = TypeVar("Row", RunRow, Comparison, Check)
+
+
 @dataclass(frozen=True)
 class Results:
     """Everything that a report says.
@@ -187,6 +192,21 @@ class Results:
     baseline: Mapping[str, Any] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
 
+    @cached_property
+    def comparisons_of(self) -> Mapping[Place, tuple[Comparison, ...]]:
+        """Return the comparisons of every engine in every case."""
+        return _group_by_place(self.comparisons)
+
+    @cached_property
+    def runs_of(self) -> Mapping[Place, tuple[RunRow, ...]]:
+        """Return the runs of every engine in every case: one, where it has run."""
+        return _group_by_place(self.runs)
+
+    @cached_property
+    def certificates_of(self) -> Mapping[Place, tuple[Check, ...]]:
+        """Return the lines of every engine's certificate in every case."""
+        return _group_by_place(self.certificates)
+
     @property
     def compared(self) -> bool:
         """Return True if anything was compared: two engines in one quantity, or a study."""
@@ -208,6 +228,13 @@ class Results:
     def exit_code(self) -> int:
         """0 all within limits, 1 a deviation or a missing limit, 2 an engine or the harness failed."""
         return exit_code(self.verdicts)
+
+
+def _group_by_place(rows: Iterable[Row]) -> dict[Place, tuple[Row, ...]]:
+    groups: dict[Place, list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.mechanism, row.case, row.engine), []).append(row)
+    return {place: tuple(group) for place, group in groups.items()}
 
 
 def fails(line: Check) -> bool:

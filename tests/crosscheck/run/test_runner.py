@@ -236,6 +236,26 @@ def test_ctrl_c_leaves_a_row_for_everything(plan: Plan, tmp_path: Path, monkeypa
     assert store.read(tmp_path / "out" / "results.json").message == "interrupted before everything was run"
 
 
+def test_after_ctrl_c_results_are_written_once_however_many_engines_there_are(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+    monkeypatch.setattr("crosscheck.run.run_state.PAUSE", 0.0)  # [s]: every row would be written at once
+    monkeypatch.setattr("crosscheck.run.run_state.RARELY", 0.0)
+    written: list[int] = []
+    write = store.write
+
+    def counting(results: Results, file: Path) -> None:
+        written.append(len(results.runs))
+        write(results, file)
+
+    monkeypatch.setattr("crosscheck.run.run_state.store.write", counting)
+    many = {f"absent {k}": Engine(f"absent {k}", "rogue_engines", "no_such_package", "never") for k in range(20)}
+    run(Work(plan, many | {"fine": rogue.engine("fine")}, (), Options(60.0, jobs=1)), tmp_path / "out", stopping(1))
+    assert written[-1] == 21
+    assert len(written) <= 4  # those before the interruption, and one for all rows that did not run
+
+
 def test_a_full_disk_becomes_a_row(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
