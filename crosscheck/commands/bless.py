@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -10,6 +11,7 @@ import click
 from rich.markup import escape
 
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
+from crosscheck.report.words import describe_group
 from crosscheck.run.run_state import RESULTS
 from crosscheck.verdicts import baseline as blessed
 from crosscheck.verdicts import results as store
@@ -38,8 +40,9 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
     """Bless a run: what it measured is right, and later runs may not be worse.
 
     Look at its report first.  Every comparison that is inside its limit gets its value of today; the others are
-    listed, keep the value that they had, and make the exit code 1.  Of a run over a part only that part changes.
-    The two files of the baseline belong into version control, so that a change of them can be reviewed.
+    listed, keep the value that they had, and make the exit code 1.  With them the signals of every engine are blessed: peak, RMS
+    and values with their error bars.  What moves is shown, old and new.  Of a run over a part only that part changes.
+    The files of the baseline belong into version control, so that a change of them can be reviewed.
     """
     if not reason.strip():
         raise Failure(
@@ -47,14 +50,17 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
         )
     try:
         results = store.read(folder / RESULTS)
-        before = blessed.find(baseline).fractions
+        old = blessed.find(baseline)
+        before = old.fractions
     except (OSError, ValueError) as error:
         raise Failure(f"cannot read what to bless: {error}") from error
     if not results.finished:
         raise Failure(f"the run in {folder} has not finished ({results.message or 'no message'}): bless a complete one")
     good, bad = blessed.blessed(results)
     try:
-        blessed.write(baseline, results, good, reason.strip())
+        signals = blessed.select_blessed(results, blessed.signals_of(results, folder), good)
+        moves = blessed.find_all_moves(results, signals, old)
+        blessed.write(baseline, results, good, reason.strip(), signals)
         after = blessed.read(baseline).fractions
     except (OSError, ValueError) as error:
         raise Failure(f"the baseline in {baseline} could not be written: {error}") from error
@@ -64,6 +70,11 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
     console.print(f"{len(good)} comparisons blessed: {len(new)} new, {len(moved)} changed, {len(gone)} dropped")
     for k in moved:
         console.print(f"  {escape(' '.join(k))}: {before[k]:.3g} -> {after[k]:.3g}", highlight=False, soft_wrap=True)
+    fresh = len(signals.keys() - old.signals.keys())
+    console.print(f"{len(signals)} signals blessed: {fresh} new, {len(moves)} moved by more than their error bars")
+    for group in replace(results, moves=moves).moves_by_reason.values():
+        for line in describe_group(group):
+            console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
     for line in bad:
         console.print(f"[red]not blessed[/] {escape(line)}", highlight=False, soft_wrap=True)
     sys.exit(1 if bad else 0)

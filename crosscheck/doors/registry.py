@@ -34,7 +34,7 @@ class Program:
 
     @property
     def trusted_parts(self) -> dict[str, str]:
-        """Return what trust is given to: a digest of the settings under the name "", of every file under its path."""
+        """Return a digest of everything that is trusted: of the settings under the name "", of every file under its path."""
         return {"": self.settings, **self.files}
 
 

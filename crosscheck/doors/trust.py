@@ -24,7 +24,7 @@ def store() -> Path:
 
 
 def trusted_parts(config: Path, name: str) -> dict[str, str] | None:
-    """Return what the user trusts of an engine of a file, digests by part; None where nothing is remembered."""
+    """Return the digests of an engine's parts that the user trusts; None where nothing is remembered."""
     parts = known().get(str(config), {}).get(name)
     if not isinstance(parts, dict):
         return None

@@ -31,7 +31,7 @@ Page = Callable[[Path], None]  # writes one page below the folder of a report
 
 
 def pages(results: Results) -> dict[str, Page]:
-    """Return what writes each page, and what all pages share, by its path below the folder of a report."""
+    """Return the writer of each page, and of the assets that all share, by its path below the folder of a report."""
     made: dict[str, Page] = {"assets": assets}
     for case in results.cases:
         if not case.problem:
@@ -78,6 +78,7 @@ def environment() -> jinja2.Environment:
     }
     env.policies["json.dumps_kwargs"] = {}  # curves stay in the order in which they were given
     env.globals |= {"SIGNS": words.SIGNS, "MEANINGS": words.MEANINGS, "study_line": words.study_line}
+    env.globals |= {"describe_group": words.describe_group}
     return env
 
 

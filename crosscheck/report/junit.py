@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree as ET
 
-from crosscheck.report.words import cause_of, short
+from crosscheck.report.words import cause_of, describe_group, short
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Results, RunRow, StudyRow
 
@@ -24,6 +24,9 @@ def render(results: Results) -> bytes:
     for name in results.baseline.get("gone", ()):
         suite = ET.SubElement(root, "testsuite", name="crosscheck")
         _item(suite, "crosscheck", name, "deviation", "it was blessed and is not measured any more")
+    for moves in results.moves_by_reason.values():
+        suite = ET.SubElement(root, "testsuite", name="crosscheck")
+        _item(suite, "crosscheck", "blessed values", "deviation", "\n".join(describe_group(moves)))
     if not results.finished or results.message:
         suite = ET.SubElement(root, "testsuite", name="crosscheck")
         _item(suite, "crosscheck", "run", "error", results.message or "the run has not finished")

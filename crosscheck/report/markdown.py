@@ -7,7 +7,17 @@ from collections.abc import Iterable
 
 from crosscheck.report import changed, words
 from crosscheck.report.explanations import causes, why
-from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles, unchanged
+from crosscheck.report.words import (
+    SIGNS,
+    cell,
+    describe_group,
+    duration,
+    sentence,
+    short,
+    study_line,
+    troubles,
+    unchanged,
+)
 from crosscheck.verdicts.results import Results
 
 SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
@@ -26,6 +36,10 @@ def render(results: Results) -> str:
         parts += table(("comparison", "was", "", "is", ""), moved) if moved else []
         if new := [(c["what"], c["name"], c["words"]) for c in results.changes.get("causes", ())]:
             parts += table(("cause", "of what", "in words"), new)
+    if results.moves:
+        parts += ["## Values that moved since they were blessed", ""]
+        for moves in results.moves_by_reason.values():
+            parts += [f"* {escape(line)}" for line in describe_group(moves)] + [""]
     if gone := results.baseline.get("gone", ()):
         parts += [
             "## Gone",

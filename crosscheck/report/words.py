@@ -12,6 +12,7 @@ from crosscheck.report.explanations import causes, diagnosed, failing, sheets, w
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, fails
+from crosscheck.verdicts.signals import Move
 
 SIGNS: dict[str, str] = {
     "within": "✓",
@@ -30,6 +31,7 @@ MEANINGS: dict[str, str] = {
     "skipped": "the engine cannot do this; nothing is claimed",
 }
 
+SHOWN_MOVES = 8  # moved values of one change that a list shows
 NAMED = 3  # models that a sentence names; the list below it has all, with the reasons
 
 
@@ -139,6 +141,17 @@ def scope(results: Results) -> str:
     return said
 
 
+def describe_group(moves: Sequence[Move]) -> list[str]:
+    """Return a change of values in lines: how many moved and the reason, then the largest moves."""
+    runs = {(move.mechanism, move.case, move.engine) for move in moves}
+    reason = moves[0].reason
+    head = f"changed since: {reason}" if reason else "nothing that is known has changed"
+    counted = f"{_count(len(moves), 'signal', 'signals')} of {_count(len(runs), 'run', 'runs')} moved; {head}"
+    left = len(moves) - SHOWN_MOVES
+    more = [f"and {left} more"] if left > 0 else []
+    return [counted, *(move.words for move in moves[:SHOWN_MOVES]), *more]
+
+
 def nearness(row: Comparison) -> tuple[int, float]:
     """Return a key to sort comparisons by: graver verdicts first, then the part of the limit that is used."""
     share = row.fraction or 0.0
@@ -182,6 +195,7 @@ def sentence(results: Results) -> str:
             "study is off",
             "studies are off",
         ),
+        _count(len(results.moves_by_reason), "change moves blessed values", "changes move blessed values"),
         _count(len(results.baseline.get("gone", ())), "blessed comparison is gone", "blessed comparisons are gone"),
         results.message,
     ]

@@ -29,6 +29,8 @@ from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task, case_row
 from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
+from crosscheck.verdicts.signals import Key as SignalKey
+from crosscheck.verdicts.signals import Signal, describe_signals
 
 RESULTS = "results.json"
 INTERRUPTED = "interrupted"
@@ -54,6 +56,7 @@ class State:
     written: float = 0.0
     pause: float = field(default_factory=lambda: PAUSE)
     done: int = 0
+    signals: dict[SignalKey, Signal] = field(default_factory=dict)
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
@@ -240,11 +243,14 @@ class State:
 
     def _judged(self, whole: bool) -> Results:
         known = self.work.options.baseline
-        return self.results if known is None else baseline.apply(self.results, known, whole)
+        return self.results if known is None else baseline.apply(self.results, known, whole, self.signals)
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         row = self._saved(run_row(task, attempt), attempt.record)
         self.results = replace(self.results, runs=(*self.results.runs, row))
+        if row.status == "ok":
+            described = describe_signals(attempt.record, task.case.quantities)
+            self.signals |= {(row.mechanism, row.case, row.engine, name): one for name, one in described.items()}
         self._add_record(task, attempt.record)
         name = label("run", task, engine)
         self._note(name, attempt.elapsed, attempt.kept)

@@ -1,8 +1,10 @@
 """The blessed night: the value of every comparison when somebody last looked and found it good.
 
-Two text files that belong into version control: ``metrics.csv``, one line per comparison in a fixed order, and
-``blessed.json``, when, why and with which versions.  A comparison that has become worse than its blessed value by more
-than noise is a deviation, even inside its limit.  ``crosscheck bless`` is the only thing that writes here.
+Text files that belong into version control: ``metrics.csv``, one line per comparison in a fixed order; ``signals.csv``, one line
+per series of every engine; ``provenance.json``, what these depended on; and ``blessed.json``, when, why and with which versions.
+A comparison that has become worse than its blessed value by more than noise is a deviation, even inside its limit; so is a value
+of an engine that has moved by more than error bars, however well all engines agree.  ``crosscheck bless`` is the only thing that
+writes here.
 """
 
 from __future__ import annotations
@@ -15,17 +17,23 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from crosscheck import output_folder as owned
+from crosscheck.measures.record import load
 from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.provenance import Provenance, merge, read_provenance, trace, write_provenance
 from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.signals import Key as SignalKey
+from crosscheck.verdicts.signals import Move, Signal, describe_signals, find_moves, read_signals, write_signals
 
 METRICS, BLESSED = "metrics.csv", "blessed.json"
 HEAD = ("mechanism", "case", "engine", "reference", "quantity", "unit", "fraction")
 HOW = 'crosscheck bless --reason "..."'
 UNBLESSED = "there is no blessed value for it yet"
 Key = tuple[str, ...]
+NO_SIGNALS: Mapping[SignalKey, Signal] = MappingProxyType({})
 
 # Noise: how much worse a comparison may be on another machine or on another day without anything having changed.
 # Numbers come from the same releases and the same steps, so only last digits differ (other SIMD widths, other BLAS
@@ -50,12 +58,14 @@ class BaselineError(ValueError):
 
 @dataclass(frozen=True)
 class Baseline:
-    """Blessed errors over the range of the signal [-] by comparison, and how they came to be blessed."""
+    """Blessed errors over the range of the signal [-] by comparison, signals, and how they came to be blessed."""
 
     fractions: Mapping[Key, float] = field(default_factory=dict)
     reason: str = ""
     date: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[SignalKey, Signal] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=Provenance)
 
 
 def key(row: Comparison) -> Key:
@@ -79,7 +89,9 @@ def read(folder: Path) -> Baseline:
         if not lines or tuple(lines[0]) != HEAD:
             raise ValueError(f"{METRICS} has other columns than {', '.join(HEAD)}")
         fractions = {tuple(line[:-1]): _fraction(k, line) for k, line in enumerate(lines[1:], 2)}
-        return Baseline(fractions, words["reason"], words["date"], words["versions"])
+        signals = read_signals(folder)
+        provenance = read_provenance(folder)
+        return Baseline(fractions, words["reason"], words["date"], words["versions"], signals, provenance)
     except FileNotFoundError:
         raise BaselineError(
             f"there is no blessed night in {folder}: look at the report of a whole run, and if it is good, {HOW}"
@@ -163,15 +175,67 @@ def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
     return good, bad
 
 
-def write(folder: Path, results: Results, rows: Iterable[Comparison], reason: str) -> None:
+def signals_of(results: Results, out: Path) -> dict[SignalKey, Signal]:
+    """Return the signals of a run's engines, from the series in the folder of its report.  Raises RecordError."""
+    quantities = {(case.mechanism, case.case): case.quantities for case in results.cases}
+    found: dict[SignalKey, Signal] = {}
+    for run in results.runs:
+        if not run.series:
+            continue
+        record = load(out / run.series)
+        described = describe_signals(record, quantities[run.mechanism, run.case])
+        found |= {(run.mechanism, run.case, run.engine, name): signal for name, signal in described.items()}
+    return found
+
+
+def find_all_moves(results: Results, signals: Mapping[SignalKey, Signal], baseline: Baseline) -> tuple[Move, ...]:
+    """Return the values that have moved since they were blessed, each with what else has changed, the largest first.
+
+    signals : those of the run [units of the series]; what did not run, or failed, has not moved
+    """
+    answered = {(run.mechanism, run.case, run.engine) for run in results.runs if run.status == "ok"}
+    now = trace(results)
+    found = []
+    for name, before in baseline.signals.items():
+        if name[:3] not in answered:
+            continue
+        if (move := find_moves(name, before, signals.get(name))) is not None:
+            found.append(replace(move, reason=now.explain(baseline.provenance, *name[:3])))
+    return tuple(sorted(found, key=lambda move: -math.inf if move.share is None else -move.share))
+
+
+def select_blessed(
+    results: Results, signals: Mapping[SignalKey, Signal], rows: Iterable[Comparison]
+) -> dict[SignalKey, Signal]:
+    """Return the signals that are blessed with comparisons: those of engines of which no comparison is refused."""
+    good = {key(row) for row in rows}
+    refused = {
+        (row.mechanism, row.case, row.engine)
+        for row in results.comparisons
+        if row.fraction is not None and row.limit is not None and key(row) not in good
+    }
+    return {name: signal for name, signal in signals.items() if name[:3] not in refused}
+
+
+def write(
+    folder: Path,
+    results: Results,
+    rows: Iterable[Comparison],
+    reason: str,
+    signals: Mapping[SignalKey, Signal] = NO_SIGNALS,
+) -> None:
     """Write the baseline.  Comparisons that the results do not contain keep the value that they have, unless a run over
     everything missed them: blessing that run is agreeing that they are gone.
 
-    What is blessed are three digits: more would change with every run, and noise is larger.
+    signals : of the run [units of the series]; of an engine in a case they replace all that were blessed before
+    What is blessed of comparisons are three digits: more would change with every run, and noise is larger.
     """
-    known = dict(find(folder).fractions)
-    for k in results.baseline.get("gone_keys", ()):
-        known.pop(tuple(k), None)
+    rows = list(rows)
+    before = find(folder)
+    known = dict(before.fractions)
+    lost = [tuple(k) for k in results.baseline.get("gone_keys", ())]
+    for k in lost:
+        known.pop(k, None)
     known |= {key(row): float(f"{row.fraction:.3g}") for row in rows if row.fraction is not None}
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
@@ -183,19 +247,29 @@ def write(folder: Path, results: Results, rows: Iterable[Comparison], reason: st
         "date": results.started,
         "versions": dict(sorted(results.versions.items())),
     }
+    replaced = {name[:3] for name in signals} | {k[:3] for k in lost}
+    kept = {name: signal for name, signal in before.signals.items() if name[:3] not in replaced}
     owned.replace(folder / METRICS, text.getvalue())
+    write_signals(folder, {**kept, **signals})
+    write_provenance(folder, merge(before.provenance, trace(results)))
     owned.replace(folder / BLESSED, json.dumps(words, indent=1) + "\n")
 
 
-def apply(results: Results, baseline: Baseline, whole: bool) -> Results:
-    """Return the results judged against the baseline; whole: everything was run, so what is missing is gone."""
+def apply(
+    results: Results, baseline: Baseline, whole: bool, signals: Mapping[SignalKey, Signal] = NO_SIGNALS
+) -> Results:
+    """Return the results judged against the baseline; whole: everything was run, so what is missing is gone.
+
+    signals : of the run [units of the series]
+    """
     rows = tuple(by_baseline(row, baseline) for row in results.comparisons)
     missing = gone(rows, baseline) if whole else []
     words = {
         **{"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions)},
         **{"gone": tuple(" ".join(k) for k in missing), "gone_keys": tuple(missing)},
     }
-    return dataclasses.replace(results, comparisons=rows, baseline=words)
+    moves = find_all_moves(results, signals, baseline)
+    return dataclasses.replace(results, comparisons=rows, baseline=words, moves=moves)
 
 
 def _joined(*messages: str) -> str:

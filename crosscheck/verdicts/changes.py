@@ -8,14 +8,16 @@ from typing import Any
 import sqlalchemy as sql
 
 from crosscheck.verdicts.baseline import noise
-from crosscheck.verdicts.history import CAUSE, COMPARISON, MODEL, TIMING, VERSION, Night, nights, rows_of
+from crosscheck.verdicts.history import CAUSE, COMPARISON, MODEL, SIGNAL, TIMING, VERSION, Night, nights, rows_of
 
 CAUSES = ("mechanism", "case_name", "engine", "reference", "cause", "target")
+SERIES = ("mechanism", "case_name", "engine", "series")
 NAMES = ("mechanism", "case_name", "engine", "reference", "quantity", "unit")
 # A run is slower when it takes this many times as long, and more than a second longer: what a machine does beside
 # its night (measured here with another job on every core) stays below.
 SLOWER = 2.0
 SECONDS = 1.0
+ROUNDING = 1e-12  # of the range: below it a difference of engines is the rounding of both
 Row = Mapping[str, Any]
 
 
@@ -56,6 +58,7 @@ def between(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:
         ],
         "models": sorted("/".join(k) for k in models[0].keys() & models[1].keys() if _hash(models, k)),
         "values": [_value(k, old[k], new[k]) for k in new if k in old and _moved(old[k], new[k])],
+        "signals": _list_moves(database, before.id, after),
         "appeared": sorted(_name(k) for k in new.keys() - old.keys() if new[k]["fraction"] is not None),
         "vanished": sorted(
             _name(k) for k in old.keys() - new.keys() if k[:3] in ran and old[k]["fraction"] is not None
@@ -70,6 +73,22 @@ def between(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:
             if k in timings[0] and t["status"] == "ok" == timings[0][k]["status"] and _slower(timings[0][k], t)
         ],
     }
+
+
+def _list_moves(database: sql.Engine, before: int, after: int) -> list[dict[str, Any]]:
+    """Return the values of engines that moved by more than the error bars of both nights, the largest first."""
+    old, new = (_indexed(rows_of(database, SIGNAL, n), SERIES) for n in (before, after))
+    found = []
+    for name in old.keys() & new.keys():
+        was, now = old[name], new[name]
+        bars = was["bar"] + now["bar"]
+        largest = max((abs(now[what] - was[what]), what) for what in ("peak", "rms"))
+        size = max(was["size"], now["size"])
+        if largest[0] > bars and size > 0.0:
+            what = largest[1]
+            values = {"before": was[what], "after": now[what], "share": largest[0] / size, "bar": bars / size}
+            found.append({"what": " ".join((*name, what)), "unit": now["unit"], **values})
+    return sorted(found, key=lambda row: -row["share"])
 
 
 def _value(name: tuple[str, ...], old: Row, new: Row) -> dict[str, Any]:
@@ -98,7 +117,13 @@ def _moved(old: Row, new: Row) -> bool:
     if old["fraction"] is None or new["fraction"] is None:
         return (old["fraction"] is None) != (new["fraction"] is None)
     low, high = sorted((old["fraction"], new["fraction"]))
-    return bool(high > low + noise(low, new["limit"]))
+    return bool(high > low + max(noise(low, new["limit"]), _bars(old) + _bars(new), ROUNDING))
+
+
+def _bars(row: Row) -> float:
+    """Return the error bars of a comparison over the range of the signal [-]; 0 where it has none."""
+    bar, scale = row["error_bar"], row["scale"]
+    return float(bar / scale) if bar is not None and scale else 0.0
 
 
 def _slower(old: Row, new: Row) -> bool:

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import sqlalchemy as sql
@@ -26,7 +27,10 @@ from crosscheck.measures.limits import Verdict
 from crosscheck.secrets import without, without_passwords
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.signals import Key as SignalKey
+from crosscheck.verdicts.signals import Signal
 
+NO_SIGNALS: Mapping[SignalKey, Signal] = MappingProxyType({})
 FORMAT = 1  # of the tables below; a change that an older version would misread raises it
 PATIENCE = 30.0  # [s] to wait for somebody else's transaction: adding a night takes a second
 _meta = sql.MetaData()
@@ -66,6 +70,10 @@ COMPARISON = _table(
     *("comparison", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
     *(("quantity", Text), ("unit", Text), ("verdict", Text), ("message", Text)),
     *((n, Float) for n in NUMBERS),
+)
+SIGNAL = _table(
+    *("signal", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("series", Text), ("unit", Text)),
+    *((n, Float) for n in ("size", "peak", "rms", "bar")),
 )
 CAUSE = _table(
     *("cause", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
@@ -164,10 +172,16 @@ def _check_tables(database: sql.Engine, url: str) -> None:
 
 
 def add_night(
-    database: sql.Engine, results: Results, folder: str = "", label: str = "", metrics: Iterable[Metric] = ()
+    database: sql.Engine,
+    results: Results,
+    folder: str = "",
+    label: str = "",
+    metrics: Iterable[Metric] = (),
+    signals: Mapping[SignalKey, Signal] = NO_SIGNALS,
 ) -> int:
     """Add a night, all of it or nothing, and return its number; one that is there already keeps its number.
 
+    signals : of every engine [units of the series]
     Raises HistoryError.
     """
     row = {
@@ -176,7 +190,13 @@ def add_night(
         **{"exit_code": results.exit_code, "elapsed": results.elapsed},
         "processor": results.machine.get("processor", ""),
     }
-    return _added(database, row, {**_rows(results), METRIC: [dict(vars(m)) for m in metrics]})
+    kept = [
+        {"mechanism": mechanism, "case_name": case, "engine": engine, "series": series, "unit": one.unit}
+        | {"size": one.size, "peak": one.peak, "rms": one.rms, "bar": one.bar}
+        for (mechanism, case, engine, series), one in signals.items()
+    ]
+    tables = {**_rows(results), METRIC: [dict(vars(m)) for m in metrics], SIGNAL: kept}
+    return _added(database, row, tables)
 
 
 def add_metrics(database: sql.Engine, metrics: Sequence[Metric], label: str = "bench", elapsed: float = 0.0) -> int:

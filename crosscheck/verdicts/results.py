@@ -22,6 +22,7 @@ from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import Verdict, exit_code, worst
 from crosscheck.measures.spectrum import FEWEST
 from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.signals import Move
 
 SCHEMA = 1
 PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
@@ -172,6 +173,7 @@ class Results:
     certificates : what the engines' own models say, line by line; diagnoses : why engines deviate
     baseline : the blessed night that it was judged against: reason, date, versions, what is gone (`crosscheck.verdicts.baseline`)
     changes : what is different from an earlier night (`crosscheck.verdicts.changes`)
+    moves : values of engines that are not what was blessed (`crosscheck.verdicts.signals`)
     """
 
     started: str
@@ -191,6 +193,15 @@ class Results:
     diagnoses: tuple[Diagnosis, ...] = ()
     baseline: Mapping[str, Any] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
+    moves: tuple[Move, ...] = ()
+
+    @property
+    def moves_by_reason(self) -> dict[str, list[Move]]:
+        """Return the values that have moved since they were blessed, by what else has changed: one change each."""
+        groups: dict[str, list[Move]] = {}
+        for move in self.moves:
+            groups.setdefault(move.reason, []).append(move)
+        return groups
 
     @cached_property
     def comparisons_of(self) -> Mapping[Place, tuple[Comparison, ...]]:
@@ -222,6 +233,7 @@ class Results:
         rows += [one.verdict for one in self.comparisons]
         rows += ["deviation" for line in self.certificates if fails(line)]
         rows += ["deviation" for _ in self.baseline.get("gone", ())]  # what was compared once and is no more
+        rows += ["deviation" for _ in self.moves_by_reason]
         return rows + [study.verdict for study in self.studies]
 
     @property
@@ -297,6 +309,7 @@ TABLES: dict[str, type] = {
     "studies": StudyRow,
     "certificates": Check,
     "diagnoses": Diagnosis,
+    "moves": Move,
 }
 
 

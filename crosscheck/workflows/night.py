@@ -19,6 +19,7 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.bench.parts import measure
 from crosscheck.bench.targets import metrics
+from crosscheck.measures.record import RecordError
 from crosscheck.report import changed, render, trends
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import KEPT, run
@@ -151,7 +152,8 @@ def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
             results = store.read(file)
             if results.settings.get("night") and not history.holds(database, results):
                 label = str(results.settings["night"]["label"])
-                history.add_night(database, results, file.parent.name, label, metrics(results.studies))
+                signals = baseline.signals_of(results, file.parent)
+                history.add_night(database, results, file.parent.name, label, metrics(results.studies), signals)
                 tell(f"added {file.parent.name} to the history, which was missing there")
         except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
             tell(f"{file.parent.name} could not be added to the history: {error}")
@@ -164,13 +166,14 @@ def remember(database: Any, night: Nightly, results: Results, folder: Path, tell
     if database is None:
         return results
     try:
-        number = history.add_night(database, results, folder.name, night.label, metrics(results.studies))
+        signals = baseline.signals_of(results, folder)
+        number = history.add_night(database, results, folder.name, night.label, metrics(results.studies), signals)
         before = changes.previous(database, number, night.against)
         if before is None:
             return results
         results = replace(results, changes=changes.between(database, before, number))
         tell(changed.sentence(results.changes))
-    except history.HistoryError as error:
+    except (history.HistoryError, RecordError) as error:
         return failed(results, str(error))
     except LookupError as error:
         return failed(results, str(error.args[0]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,7 +14,7 @@ import rogue_engines as rogue
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.report import render
 from crosscheck.run.runner import run
-from crosscheck.run.work import Options, Work
+from crosscheck.run.work import Event, Options, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts.plan import discover
 from crosscheck.verdicts.results import Results
@@ -51,6 +52,16 @@ engines = ["*"]
 maximum = 1e-12
 reason = "as for the torque"
 """
+
+
+def stopping(at: int) -> Callable[[Event], None]:
+    """Return a notification that is Ctrl-C once so many jobs are done."""
+
+    def notify(event: Event) -> None:
+        if event.done == at:
+            raise KeyboardInterrupt
+
+    return notify
 
 
 def write_models(models: Path, root: Path, name: str = "double_pendulum") -> Path:

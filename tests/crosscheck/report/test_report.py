@@ -317,7 +317,7 @@ def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_
     render(results, tmp_path)
     page, text = Page(tmp_path / "index.html").text, (tmp_path / "summary.md").read_text()
     for said in (page, text):
-        assert "Since 2026-02-28: 1 new deviation, 1 value moved, 1 version changed, 1 model changed" in said
+        assert "Since 2026-02-28: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed" in said
         assert "arm swing mujoco flexinv tip m" in said
         assert "twist, engines mujocco" in said
         assert "1 blessed comparison is gone" in said

@@ -137,7 +137,7 @@ def test_values_versions_models_and_times_that_changed_are_named(database: sql.E
     assert found["appeared"] == ["arm/swing mujoco against flexinv: tip [m]"]
     assert found["slower"] == [{"run": "arm swing mujoco", "before": 2.0, "after": 5.0}]
     assert changed.sentence(found) == (
-        "Since 2026-03-01: 1 new deviation, 1 value moved, 1 version changed, 1 model changed, 1 comparison appeared, "
+        "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed, 1 comparison appeared, "
         "1 run slower."
     )
 

@@ -88,7 +88,9 @@ def test_two_nights_one_blessing_and_what_changed(nightly: Invoke, reports: Path
     assert second.exit_code == 0, second.output
     date = folders(reports)[0]
     assert folders(reports) == [date, f"{date}-2"]
-    assert f"Since {date}: 4 deviations less, 4 values moved" in second.output  # a busy machine may add a slower run
+    assert (
+        f"Since {date}: 4 deviations less, 4 comparisons moved" in second.output
+    )  # a busy machine may add a slower run
     assert [(n.folder, n.exit_code) for n in known(reports)] == [(date, 1), (f"{date}-2", 0)]
     page = (reports / "latest" / "index.html").read_text()
     assert "4 deviations less" in page
