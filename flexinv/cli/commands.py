@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import warnings
 from pathlib import Path
@@ -77,6 +78,8 @@ def solve(
     """
     if plot is not None and plot.suffix not in PLOTS:
         raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
+    if plot is not None and importlib.util.find_spec("matplotlib") is None:
+        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'")
     check_outputs(out, overwrite, [plot])
     mechanism = load_mechanism(model)
     case = choose(load_cases(folder(model), mechanism), name, model)
@@ -232,10 +235,8 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
 
 def draw(solution: Solution, title: str) -> Figure:
     """Draw the effort of every actuator [N m] or [N] over time [s], with error bars where they were computed."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'") from None
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for k, label in enumerate(solution.torque_names):

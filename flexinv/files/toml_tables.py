@@ -113,9 +113,20 @@ def toml_text(value: Any, longest: int = 80) -> str:
     return text if len(text) <= longest else text[: longest - 4] + " ..."
 
 
+ROBOT_FILES = (".urdf", ".xml", ".sdf", ".usd", ".usda", ".usdc", ".xacro")
+
+
 def toml_file(path: str | Path, name: str) -> Path:
     """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
     path = Path(arguments.path("path", path, f"a folder that has a {name}"))
+    if path.suffix in ROBOT_FILES and path.is_file():
+        given = "a robot file, which states no motion and none of what only a mechanism.toml says"
+        write = (
+            f'a folder with a mechanism.toml that has the line urdf = "{path.name}", and a cases.toml with the motion'
+        )
+        if path.suffix != ".urdf":
+            write = "a mechanism.toml; what the file says of the robot, crosscheck compare reads"
+        raise complaint(str(path), given, f"a folder that has a {name}", write)
     return path if path.suffix == ".toml" else path / name
 
 

@@ -6,6 +6,7 @@ process holds a lock for longer than any compilation takes, others compile witho
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -20,6 +21,10 @@ except ImportError:  # Windows: each process compiles for itself
 PATIENCE = 300.0  # [s]
 PAUSE = 0.02  # [s] between two looks
 NOTE = "compiling kernels, up to a minute; the machine code is kept for the next time"
+SLOW = 2.0  # [s] of compiling after which it is said
+APART = 60.0  # [s] between kernels of two calls; one kernel takes less
+_BEGUN: list[float] = []  # when kernels of a call began to be compiled [s]
+_SAID: list[str] = []
 _LISTENERS: list[Callable[[], None]] = []
 
 
@@ -33,6 +38,19 @@ def telling(say: Callable[[], None]) -> Iterator[None]:
         _LISTENERS.clear()
 
 
+def say_if_slow(now: float) -> None:
+    """Say once in a process that kernels are compiled, where that has taken longer than `SLOW` [s]; now : [s].
+
+    A program that waits for its first answer shall know why.  The words go through `logging`, so that they can be switched off.
+    """
+    if _BEGUN and now - _BEGUN[-1] > APART:
+        _BEGUN.clear()
+    _BEGUN.append(now)
+    if now - _BEGUN[0] > SLOW and not _SAID:
+        _SAID.append(NOTE)
+        logging.getLogger("flexinv").warning(NOTE)
+
+
 class CompileLock:
     """The right to compile one kernel, by a lock on a file that is never removed."""
 
@@ -43,7 +61,9 @@ class CompileLock:
     def take(self, patience: float = PATIENCE) -> bool:
         """Wait for the lock, at most so long [s]; return whether there was somebody to wait for."""
         while _LISTENERS:
+            _SAID.append(NOTE)
             _LISTENERS.pop()()
+        say_if_slow(time.monotonic())
         if fcntl is None or self._held is not None:
             return False
         try:

@@ -299,3 +299,32 @@ def test_parameters_of_an_arm_that_bends_say_what_to_write(root: Path, capsys: p
     line = complaint(["parameters", str(root / "models" / "flex_one_link")], capsys)
     assert "links that bend (link)" in line
     assert 'kind = "rigid"' in line
+
+
+def test_a_robot_file_is_no_model_to_solve_and_the_answer_says_what_is(
+    tmp_path: Path, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(root / "tests" / "data" / "arm.urdf", tmp_path)
+    shutil.copy(root / "tests" / "data" / "arm.xml", tmp_path)
+    said = complaint(["solve", str(tmp_path / "arm.urdf")], capsys)
+    assert 'a mechanism.toml that has the line urdf = "arm.urdf", and a cases.toml with the motion' in said
+    assert "crosscheck compare reads" in complaint(["solve", str(tmp_path / "arm.xml")], capsys)
+
+
+def test_a_plot_without_matplotlib_is_refused_before_the_work(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is solved, and nothing else that was asked for is written."""
+    monkeypatch.setattr("flexinv.cli.commands.importlib.util.find_spec", lambda name: None)
+    words = [
+        "solve",
+        str(model),
+        "--case",
+        "swing",
+        "--plot",
+        str(tmp_path / "x.png"),
+        "--out",
+        str(tmp_path / "x.csv"),
+    ]
+    assert "--plot needs matplotlib: write pip install 'flexinv[plot]'" in complaint(words, capsys)
+    assert not (tmp_path / "x.csv").exists()

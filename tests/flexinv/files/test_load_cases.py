@@ -252,7 +252,7 @@ BAD_CSV = {
     "NaN": ([HEADER, *ROWS[:3], "0.15,nan,15", *ROWS[4:]], "line 5, column turn_deg", "'nan'", "a finite number"),
     "text": ([HEADER, *ROWS[:3], "0.15,x,15", *ROWS[4:]], "line 5, column turn_deg", "'x'", "a finite number"),
     "short row": ([HEADER, *ROWS[:3], "0.15,2", *ROWS[4:]], "line 5", "2 cells", "3, as in the first line"),
-    "no header": (ROWS, "line 1", "first column '0.00'", "time_s,turn_rad"),
+    "no header": (ROWS, "line 1", "first column '0.00'", "time_s,turn_rad,slide_m"),
     "unit": ([HEADER.replace("turn_deg", "turn_grad"), *ROWS], "line 1, column 2", "turn_grad", "turn_rad"),
     "no unit": ([HEADER.replace("slide_mm", "slide"), *ROWS], "line 1, column 3", "slide", "slide_m"),
     "unknown joint": ([HEADER.replace("turn", "trun"), *ROWS], "line 1, column 2", "trun_deg", "turn_deg"),

@@ -111,3 +111,23 @@ def test_the_first_kernel_that_is_compiled_is_told_once_and_none_after_the_block
         pass
     CompileLock(tmp_path / "three").take()
     assert said == ["compiling"]
+
+
+def test_a_first_call_that_compiles_for_seconds_says_so_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("_BEGUN", "_SAID"):
+        monkeypatch.setattr(compile_lock, name, [])
+    for now in (10.0, 11.9, 12.1, 15.0):  # [s]
+        compile_lock.say_if_slow(now)
+    assert caplog.messages == [compile_lock.NOTE]
+
+
+def test_compiling_that_is_soon_done_is_not_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("_BEGUN", "_SAID"):
+        monkeypatch.setattr(compile_lock, name, [])
+    for now in (10.0, 11.9, 100.0):  # [s]: the last is one of a later call
+        compile_lock.say_if_slow(now)
+    assert caplog.messages == []
