@@ -37,7 +37,8 @@ def test_the_largest_effort(kind: str, tmp_path: Path) -> None:
     assert found == pytest.approx(effort, rel=1e-12)
 
 
-PLUGIN = """<extension><plugin plugin="mujoco.pid"><instance name="pid"><config key="kp" value="4"/></instance></plugin></extension>
+PLUGIN = """<extension><plugin plugin="mujoco.pid"><instance name="pid"><config key="kp" value="4"/></instance></plugin>
+</extension>
 <worldbody>"""
 
 
