@@ -68,8 +68,10 @@ def _of_tree66(tree: Any, order: Array) -> Any:
         rate[order] = qd
         push[order] = qdd
         tree.gravity = stated if gravity is None else np.asarray(gravity)
-        mass, force = tree.ComputeMassMatrixAndForceTerms(place, rate)
-        tree.gravity = stated
+        try:
+            mass, force = tree.ComputeMassMatrixAndForceTerms(place, rate)
+        finally:
+            tree.gravity = stated  # a tree in memory stays what it was
         found: Array = (mass @ push + force)[order]
         return found
 

@@ -49,6 +49,7 @@ class OwnDynamics:
     switch_off: Callable[[Any, Collection[str]], None] = switch_nothing_off
     precision: float = 0.0
     _models: dict[frozenset[str], Any] = field(default_factory=dict)
+    _tied_models: dict[frozenset[str], Any] = field(default_factory=dict)
 
     @property
     def reader(self) -> str:
@@ -92,10 +93,7 @@ class OwnDynamics:
         """
         if not self.model.neq:
             return None
-        model = copy.copy(self.model)
-        self.switch_off(model, without)
-        model.opt.disableflags |= int(DISABLE.mjDSBL_CONTACT | DISABLE.mjDSBL_LIMIT | DISABLE.mjDSBL_FRICTIONLOSS)
-        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        model = self._tied(frozenset(without))
         none = np.zeros((1, self.mechanism.nv))
         built = Built(model, self.built.q_at, self.built.v_at, self.built.body)
         data = mujoco.MjData(model)
@@ -105,6 +103,16 @@ class OwnDynamics:
         jacobian = data.efc_J.reshape(-1, model.nv)[rows]
         theirs = effort_from_engine(self.mechanism, built, np.tile(q, (len(jacobian), 1)), jacobian)
         return np.array(data.efc_pos[rows]), theirs
+
+    def _tied(self, without: frozenset[str]) -> Any:
+        """The model with equality constraints alone."""
+        if without not in self._tied_models:
+            model = copy.copy(self.model)
+            self.switch_off(model, without)
+            model.opt.disableflags |= int(DISABLE.mjDSBL_CONTACT | DISABLE.mjDSBL_LIMIT | DISABLE.mjDSBL_FRICTIONLOSS)
+            model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+            self._tied_models[without] = model
+        return self._tied_models[without]
 
     def _model(self, without: frozenset[str]) -> Any:
         """The model as it answers, with features switched off."""

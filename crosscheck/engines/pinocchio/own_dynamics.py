@@ -51,8 +51,10 @@ class OwnDynamics:
             model.gravity = pin.Motion(np.asarray(gravity, dtype=float), np.zeros(3))
         data = model.createData()
         place, rate, push = self._state(q, qd, qdd)
-        force = np.array([pin.rnea(model, data, *one) for one in zip(place, rate, push, strict=True)])
-        model.gravity = stated
+        try:
+            force = np.array([pin.rnea(model, data, *one) for one in zip(place, rate, push, strict=True)])
+        finally:
+            model.gravity = stated  # a model in memory stays what it was
         force += model.damping * rate + model.upperDryFrictionLimit * np.sign(rate)
         out = np.empty_like(qd)
         for name, own in self.mechanism.v_slices.items():

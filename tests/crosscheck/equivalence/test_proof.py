@@ -16,9 +16,8 @@ from click.testing import CliRunner
 pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")
 
-import mjcf_attributes as attributes
-
 import crosscheck
+from campaigns import mjcf_attributes as attributes
 from crosscheck.cli import main
 from crosscheck.equivalence.proof import HELD, LOST, PROVEN, SOURCE, UNPROVEN, prove
 from crosscheck.equivalence.proving.provers import with_dynamics

@@ -37,6 +37,26 @@ def test_the_largest_effort(kind: str, tmp_path: Path) -> None:
     assert found == pytest.approx(effort, rel=1e-12)
 
 
+PLUGIN = """<extension><plugin plugin="mujoco.pid"><instance name="pid"><config key="kp" value="4"/></instance></plugin>
+</extension>
+<worldbody>"""
+
+
+def test_the_setpoints_of_a_plugin_bound_no_effort(tmp_path: Path) -> None:
+    text = MJCF.format(
+        joint="", actuators='<plugin plugin="mujoco.pid" instance="pid" joint="hinge" ctrlrange="-3.5 3.5"/>'
+    )
+    (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", PLUGIN))
+    assert describe(tmp_path / "arm.xml").mechanism.joint_of["hinge"].limits.effort == np.inf
+
+
+def test_a_control_that_is_not_clamped_bounds_no_effort(tmp_path: Path) -> None:
+    text = MJCF.format(joint="", actuators='<motor joint="hinge" gear="10" ctrlrange="-3.5 3.5"/>')
+    text = text.replace("<worldbody>", '<option><flag clampctrl="disable"/></option><worldbody>')
+    (tmp_path / "arm.xml").write_text(text)
+    assert describe(tmp_path / "arm.xml").mechanism.joint_of["hinge"].limits.effort == np.inf
+
+
 def test_two_directions_that_differ_are_told(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(MJCF.format(joint=' actuatorfrcrange="-20 35"', actuators=""))
     found = describe(tmp_path / "arm.xml")
