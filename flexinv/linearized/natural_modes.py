@@ -36,7 +36,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.eigenvalues import negative, undamped
 from flexinv.model.mechanism import Mechanism, with_retardation
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.typing import Array
 from flexinv.validation import floats, names, number, of_kind, table, whole
 
@@ -196,7 +196,7 @@ def matrices_at_rest(solver: Solver, joints: Joints) -> Matrices:
     """Return M, C and K [kg, N, m, s] at rest; dry friction, whose effort has no derivative there, is left out."""
     drives = solver.topology.drives.copy()
     drives[2] = 0.0
-    return tied_matrices(replace(solver, topology=solver.topology._replace(drives=drives)), joints)
+    return tied_matrices(replace(solver, topology=solver.topology._replace(drives=freeze(drives))), joints)
 
 
 def tied_matrices(solver: Solver, joints: Joints) -> Matrices:

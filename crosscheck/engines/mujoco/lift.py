@@ -175,7 +175,7 @@ def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
     mass, turn = float(model.body_mass[body]), _rotation(model.body_iquat[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
     if mass or tensor.any():
-        yield Body(name, Inertia(mass, model.body_ipos[body] - anchor, (tensor + tensor.T) / 2))
+        yield Body(name, Inertia.stated(mass, model.body_ipos[body] - anchor, (tensor + tensor.T) / 2))
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
