@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,18 @@ def is_same(one: Any, other: Any) -> bool:
         return one.keys() == other.keys() and all(is_same(value, other[key]) for key, value in one.items())
     if isinstance(one, BaseException):
         return is_same(one.args, other.args)
+    if isinstance(one, partial):
+        return is_same((one.func, one.args, one.keywords), (other.func, other.args, other.keywords))
     if is_dataclass(one):
         compared = [field.name for field in fields(one) if field.compare]
         return all(is_same(getattr(one, name), getattr(other, name)) for name in compared)
-    return bool(one == other) or (one != one and other != other)
+    if (
+        type(one).__eq__ is object.__eq__
+        and hasattr(one, "__dict__")
+        and not callable(type(one).__dict__.get("__get__"))
+    ):
+        return is_same(vars(one), vars(other))
+    return bool(one == other) or bool(one != one and other != other)
 
 
 def _are_same_arrays(one: Any, other: Any) -> bool:

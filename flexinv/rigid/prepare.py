@@ -25,6 +25,7 @@ from flexinv.kernels.threads.atomics import COMPILED
 from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.rigid import joint_arrays
@@ -67,8 +68,8 @@ class _Own(local):
         return self.counter
 
 
-@dataclass(frozen=True)
-class NodalResult:
+@dataclass(frozen=True, eq=False)
+class NodalResult(ByValue):
     """The motion and the forces of all nodes, of `TorqueFunction.nodal`.
 
     torque : (samples, nv) effort of every joint coordinate, as `TorqueFunction.torques` has it [N m], [N]
@@ -88,7 +89,7 @@ class NodalResult:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueFunction:
+class TorqueFunction(ByValue):
     """The efforts of one rigid mechanism as a function of its motion, tau = L T P; made by `prepare`.
 
     Calls from several threads do not disturb each other: each has a work space of its own.
@@ -99,13 +100,15 @@ class TorqueFunction:
     mechanism: Mechanism
     passive: bool
     threads: int
-    mesh: Mesh = field(repr=False)
-    bodies: Bodies = field(repr=False)
-    _own: _Own = field(repr=False)
-    plan: LoopPlan = field(default=NO_LOOPS, repr=False)
-    loops: GivenLoops | None = field(default=None, repr=False)
-    loaded: bool = False
-    _widths: tuple[int, int] = field(default=(0, 0), repr=False)  # of q, and of qd: `sample` has no time to count
+    mesh: Mesh = field(repr=False, compare=False)
+    bodies: Bodies = field(repr=False, compare=False)
+    _own: _Own = field(repr=False, compare=False)
+    plan: LoopPlan = field(default=NO_LOOPS, repr=False, compare=False)
+    loops: GivenLoops | None = field(default=None, repr=False, compare=False)
+    loaded: bool = field(default=False, compare=False)
+    _widths: tuple[int, int] = field(
+        default=(0, 0), repr=False, compare=False
+    )  # of q, and of qd: `sample` has no time to count
 
     def torques(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, out: Array | None = None, order: Order = "samples"
@@ -210,6 +213,10 @@ class TorqueFunction:
         if self.loops is not None:
             self._share(self.loops, counter, (q[None], qd[None], qdd[None], out[None]))
         return out
+
+    def __hash__(self) -> int:
+        """Return the hash of the mechanism and what is asked of it [-]."""
+        return hash((self.mechanism, self.passive, self.threads))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Prepared anew where it is sent: to another process [-]."""
