@@ -28,12 +28,12 @@ def real(
 
     infinite : it may be beyond all numbers (limits that are not stated)
     """
-    words = ["a finite number" if not infinite else "a number"]
-    if least > -LARGEST:
-        words.append(f"above {least:g}" if above else f"{least:g} or more")
+    words = "a number" if infinite else "a finite number"
     if most < LARGEST:
-        words.append(f"{most:g} or less")
-    expected = f"{', '.join(words)} [{unit}]"
+        words += f" from {least:g} to {most:g}"
+    elif least > -LARGEST:
+        words += f" above {least:g}" if above else f", {least:g} or more"
+    expected = f"{words} [{unit}]"
 
     def rule(name: str, value: Any) -> float:
         given = value if type(value) is float else number(name, value, expected)

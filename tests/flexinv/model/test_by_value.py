@@ -113,5 +113,5 @@ def test_a_copied_controller_that_was_not_started_asks_for_it() -> None:
     rigid, bent = flexinv.Controller.of(RIGID), flexinv.Controller.of(BENT, step=1e-3)
     np.testing.assert_array_equal(copy.deepcopy(rigid).step(*STATE[:, 0]), rigid.step(*STATE[:, 0]))
     one = np.zeros(1)
-    with pytest.raises(flexinv.InputError, match="write controller.start"):
+    with pytest.raises(flexinv.InputError, match=r"write controller\.start"):
         copy.deepcopy(bent).step(one, one, one)

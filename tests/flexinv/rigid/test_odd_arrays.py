@@ -52,7 +52,7 @@ WRONG: dict[str, tuple[Any, str]] = {
     "nan": (lambda a: a * np.nan, "is nan, expected a finite number"),
     "in two dimensions": (lambda a: a[:, None], "has shape"),
     "too short": (lambda a: a[:2], "has shape"),
-    "numbers and truths": (lambda a: [*a[:2].tolist(), True, None][:2] + [None], "expected numbers"),
+    "numbers and nothing": (lambda a: [*a[:2].tolist(), None], "expected numbers"),
 }
 
 
