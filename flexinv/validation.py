@@ -1,6 +1,7 @@
 """Validation of arguments: one InputError names the argument, what was given, what was expected, what to write.
 
-Arguments are checked once, where they come in; that numbers are positive, finite, increasing by the functions that use them.
+Arguments are checked once, where they come in: those of verbs by the functions here, fields of records by rules that are made of
+them (`model.rules`).  That numbers agree with one another is checked by the functions that use them.
 """
 
 from __future__ import annotations
@@ -208,10 +209,11 @@ def names(name: str, value: object, of: str) -> Collection[str]:
     return value
 
 
-def choice(name: str, value: object, options: Mapping[str, str]) -> None:
-    """Raise InputError unless a text is one of the options [-], each with what it means."""
+def choice(name: str, value: object, options: Mapping[str, str]) -> str:
+    """Return a text that is one of the options [-], each with what it means; raise InputError for others."""
     if not isinstance(value, str) or value not in options:
         refuse(name, value, " or ".join(f"{one!r} ({means})" for one, means in options.items()))
+    return str(value)
 
 
 def flag(name: str, value: object) -> bool:

@@ -41,7 +41,7 @@ from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
-from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, of_kind
+from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, of_kind, seconds
 
 
 class Taken(NamedTuple):
@@ -235,8 +235,9 @@ class Controller:
         """
         of_kind("mechanism", mechanism, Mechanism)
         if step is not None:
-            step = number("step", step, "the time between two calls in seconds, for example step=1e-3")
+            step = seconds("step", step, "the time between two calls in seconds, for example step=1e-3")
         radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
+        scheme = generalized_alpha(1.0 if step is None else step, radius)
         if mechanism.is_rigid:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
@@ -249,7 +250,7 @@ class Controller:
             )
             raise InputError(f"controller: mechanism '{mechanism.name}' has beams, {why}, for example step=1e-3")
         tau = np.zeros(mechanism.nv)
-        flexible = Flexible(mechanism, generalized_alpha(step, radius), tau)
+        flexible = Flexible(mechanism, scheme, tau)
         out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
         out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
         out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))

@@ -164,7 +164,7 @@ class Inertia(Frozen):
 class Body(Frozen):
     """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
 
-    station : None on a rigid link (link frame); on a beam the fraction 0..1 of the length whose section frame carries the body
+    station : None in the link frame; on a beam the fraction 0..1 of the length whose section frame carries the body
     """
 
     name: str
@@ -251,8 +251,7 @@ class Link(Frozen):
 
     def _check(self, where: str) -> None:
         for body in self.bodies:
-            if (body.station is None) != (self.beam is None):
-                expected = (
-                    "a station from 0 to 1 of the beam" if self.beam is not None else "no station: the link is rigid"
+            if body.station is not None and self.beam is None:
+                raise InputError(
+                    f"{where}body {body.name!r} has station {body.station}, expected no station: the link is rigid"
                 )
-                raise InputError(f"{where}body {body.name!r} has station {body.station}, expected {expected}")

@@ -36,7 +36,7 @@ from flexinv.model.links import (
     read_only,
 )  # fmt: skip
 from flexinv.typing import Array
-from flexinv.validation import whole
+from flexinv.validation import of_kind, whole
 
 __all__ = [
     "CLOSURES", "GEARED", "IMPACTS", "WORLD",
@@ -344,7 +344,8 @@ class Mechanism(Frozen):
 
         Raises InputError for a link that the mechanism has not, and for a station that is missing or not meant.
         """
-        owner = self.link_of.get(link)
+        of_kind("body", body, Body)
+        owner = self.link_of.get(link) if isinstance(link, str) else None
         if owner is None:
             raise InputError(f"with_body: there is no link {link!r}; {self.name} has {', '.join(self.link_of)}")
         placed = body.station is None if owner.beam is None else body.station is not None and 0 <= body.station <= 1

@@ -12,7 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, finite, flag, floats, in_words, number, of_kind, refuse, whole
+from flexinv.validation import (
+    ARRAY_TYPE,
+    FLOAT_TYPE,
+    LARGEST_INTEGER,
+    finite,
+    flag,
+    floats,
+    in_words,
+    number,
+    of_kind,
+    refuse,
+    whole,
+)
 
 Rule = Callable[[str, Any], Any]
 Rules = Mapping[str, Rule]
@@ -93,7 +105,7 @@ def text(name: str, value: Any) -> str:
     """Return a text [-]; raises InputError for what is none."""
     if not isinstance(value, str):
         refuse(name, value, "a text")
-    return value
+    return str(value)
 
 
 def truth(name: str, value: Any) -> bool:
@@ -105,7 +117,7 @@ def count(least: int) -> Rule:
     """Return the rule of a whole number [-], ``least`` or more."""
 
     def rule(name: str, value: Any) -> int:
-        return value if type(value) is int and value >= least else whole(name, value, least)
+        return value if type(value) is int and least <= value <= LARGEST_INTEGER else whole(name, value, least)
 
     return rule
 
@@ -116,7 +128,7 @@ def one_of(options: Collection[str]) -> Rule:
     def rule(name: str, value: Any) -> str:
         if not isinstance(value, str) or value not in options:
             refuse(name, value, f"one of {', '.join(options)}")
-        return value
+        return str(value)
 
     return rule
 
@@ -147,7 +159,7 @@ def several(rule: Rule) -> Rule:
     """Return the rule of a list or a tuple [-] whose parts keep a rule; it becomes a tuple."""
 
     def each(name: str, value: Any) -> tuple[Any, ...]:
-        if isinstance(value, str) or not isinstance(value, Iterable):
+        if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
             refuse(name, value, "a list or a tuple")
         return tuple(rule(f"{name}[{k}]", part) for k, part in enumerate(value))
 
@@ -158,7 +170,7 @@ def pair(first: Rule, second: Rule) -> Rule:
     """Return the rule of two values [-], each with a rule of its own; they become a tuple."""
 
     def both(name: str, value: Any) -> tuple[Any, Any]:
-        if isinstance(value, str) or not isinstance(value, Iterable) or len(parts := tuple(value)) != 2:
+        if isinstance(value, str | Mapping) or not isinstance(value, Iterable) or len(parts := tuple(value)) != 2:
             refuse(name, value, "a list or a tuple of two")
         return first(f"{name}[0]", parts[0]), second(f"{name}[1]", parts[1])
 

@@ -288,7 +288,7 @@ def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> Torqu
     table, plan = freeze(_loop_plan(mesh, passive))
     own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv
-    return TorqueFunction(mechanism, passive, most, mesh, table, own, plan, loops, loaded, widths)
+    return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)
 
 
 def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:

@@ -22,7 +22,7 @@ from flexinv.model import rules
 from flexinv.model.links import Frozen
 from flexinv.model.track import LAWS, find_law, progress
 from flexinv.typing import Array
-from flexinv.validation import floats, number, seconds, shown
+from flexinv.validation import finite, floats, number, seconds, shown
 
 # u (samples,) [-] -> c, dc/du, d2c/du2 (samples, 3) [m]
 Curve = Callable[[Array], tuple[Array, Array, Array]]
@@ -114,9 +114,10 @@ class Path(Frozen):
 
     def evaluate(self, time: ArrayLike) -> Poses:
         """Return position, velocity and acceleration [m, s], and orientation where it is given, at ``time`` (samples,) [s]."""
-        s = floats("time", time) / self.duration
-        if s.ndim != 1:
-            raise InputError(f"time: expected shape (samples,), got {s.shape}")
+        at = floats("time", time)
+        if at.ndim != 1:
+            raise InputError(f"time: expected shape (samples,), got {at.shape}")
+        s = finite("time", at, (None,), "s") / self.duration
         u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
         u1, u2 = (speed / self.duration)[:, None], (rate / self.duration**2)[:, None]  # (sample, 1)
         c, c1, c2 = self.curve(u)
