@@ -1,6 +1,7 @@
 """Validation of arguments: one InputError names the argument, what was given, what was expected, what to write.
 
-Arguments are checked once, where they come in; that numbers are positive, finite, increasing by the functions that use them.
+Arguments are checked once, where they come in: those of verbs by the functions here, fields of records by rules that are made of
+them (`model.rules`).  That numbers agree with one another is checked by the functions that use them.
 """
 
 from __future__ import annotations
@@ -20,11 +21,15 @@ from numpy.typing import NDArray
 from flexinv.errors import InputError
 
 T = TypeVar("T")
-LARGEST_INTEGER, FLOAT_TYPE = int(np.iinfo(np.int64).max), np.dtype(np.float64)
+LARGEST_INTEGER = int(np.iinfo(np.int64).max)
+ARRAY_TYPE = np.ndarray
+FLOAT_TYPE = np.dtype(np.float64)
 _PLAIN = (int, float, complex, str, bytes, type(None), np.generic)
 # What arrays hold instead of real numbers, by NumPy's letters.
 _WRONG = {"c": ("complex ones", "; write their .real if that is meant")}
 _WRONG["b"] = "True and False", "; write 1.0 and 0.0 if that is meant"
+_WRONG["M"] = "dates", "; write seconds, (t - t[0]) / np.timedelta64(1, 's')"
+_WRONG["m"] = "spans of time", "; write seconds, t / np.timedelta64(1, 's')"
 # How what is asked for is made.
 _MADE = {
     "Mechanism": "flexinv.load_mechanism('models/ur5')",
@@ -110,27 +115,60 @@ def _number(value: object, text: bool = False) -> float | None:
     with suppress(TypeError, ValueError, OverflowError):
         if (isinstance(value, Real) and not isinstance(value, bool)) or (text and isinstance(value, str)):
             return float(value)
-        if hasattr(value, "__array__"):
+        if hasattr(value, "__array__") and not np.ma.is_masked(value):
             array = np.asarray(value)
             return float(array) if array.ndim == 0 and array.dtype.kind in "iuf" else None
     return None
 
 
 def floats(name: str, value: Any) -> NDArray[np.float64]:
-    """Return numbers [any unit] as an array of floats, without a copy where they are one; neither texts nor complex ones."""
-    if type(value) is np.ndarray and value.dtype is FLOAT_TYPE:
-        return value
+    """Return numbers [any unit] as an array of floats, without a copy where they are one.
+
+    Raises InputError for texts, truths, dates, complex numbers, other objects, and for entries that a mask hides.
+    """
+    if type(value) is ARRAY_TYPE and value.dtype is FLOAT_TYPE and value.flags.aligned:
+        return value  # type: ignore[no-any-return]
+    if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
+        hidden = np.count_nonzero(np.ma.getmaskarray(value))
+        advice = "write .filled(...) with numbers for them, or leave these samples out"
+        raise InputError(f"{name}: expected numbers, got a masked array of which {hidden} are hidden; {advice}")
     try:
         given = np.asarray(value)
         real = given.dtype.kind in "iuf"
-        if given.dtype == object and given.ndim:  # others are not looked through one by one
-            real = all(isinstance(one, Real) or np.ndim(one) for one in given.ravel())
+        if given.dtype == object:  # others are not looked through one by one
+            real = given.ndim > 0 and all(_is_real(one) or np.ndim(one) for one in given.ravel())
         if real:
-            return np.asarray(given, dtype=float)
+            return np.require(given, dtype=float, requirements="A")
     except (TypeError, ValueError, OverflowError):  # lists of unequal length, among others
         raise InputError(f"{name}: expected numbers, got {shown(value)}; write lists of equal length") from None
     what, write = _WRONG.get(given.dtype.kind, (shown(value), ""))
     raise InputError(f"{name}: expected numbers, got {what}{write}")
+
+
+def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
+    """Return finite numbers [any unit] of a shape as an array of floats; None in the shape is any number.
+
+    Raises InputError as `floats` does, and for another shape or a number that is not finite.
+    """
+    numbers = floats(name, value)
+    fits = len(numbers.shape) == len(shape)
+    if not fits or any(wanted not in (None, own) for own, wanted in zip(numbers.shape, shape, strict=True)):
+        refuse(name, value, f"finite numbers {in_words(shape)} [{unit}]")
+    if not np.isfinite(numbers).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(numbers))[0])
+        place = f"{name}{list(where)}" if where else name
+        raise InputError(f"{place} = {numbers[where]}: expected a finite number [{unit}]")
+    return numbers
+
+
+def in_words(shape: tuple[int | None, ...]) -> str:
+    """Return a shape [-] as it is written: (3,), (n, 6)."""
+    sizes = ["n" if size is None else str(size) for size in shape]
+    return f"({sizes[0]},)" if len(sizes) == 1 else f"({', '.join(sizes)})"
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def of_kind(name: str, value: object, kind: type[T], does: tuple[str, ...] = ()) -> T:
@@ -171,10 +209,11 @@ def names(name: str, value: object, of: str) -> Collection[str]:
     return value
 
 
-def choice(name: str, value: object, options: Mapping[str, str]) -> None:
-    """Raise InputError unless a text is one of the options [-], each with what it means."""
+def choice(name: str, value: object, options: Mapping[str, str]) -> str:
+    """Return a text that is one of the options [-], each with what it means; raise InputError for others."""
     if not isinstance(value, str) or value not in options:
         refuse(name, value, " or ".join(f"{one!r} ({means})" for one, means in options.items()))
+    return str(value)
 
 
 def flag(name: str, value: object) -> bool:

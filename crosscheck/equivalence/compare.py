@@ -36,6 +36,7 @@ from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
+from flexinv.validation import flag, names, number, refuse, table
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
 SINGLE = 30.0  # rounding errors of a reader that add up in an effort
@@ -63,20 +64,34 @@ def compare(
     Raises InputError for what cannot be read, matched or compared.
     """
     begun = clock.perf_counter()
-    families = checked(tolerance, judge)
+    families, strict = checked(tolerance, judge), flag("strict", strict)
+    stated = checked_names(match)
     first, second = describe_pair(a, b)
-    found = replace(compared(first, second, tolerance, match or {}, tuple(ignore)), unproven=unproven)
+    found = replace(compared(first, second, tolerance, stated, tuple(ignore)), unproven=unproven)
     return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
 
 
 def checked(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
     """Return the families of differences [-] that count.  Raises InputError for one unknown, or a tolerance that is none."""
-    families = tuple(judge)
+    given = tuple(judge) if isinstance(judge, Iterable) and not isinstance(judge, str) else judge
+    families = tuple(names("judge", given, "families of differences"))
     if unknown := [name for name in families if name not in JUDGED]:
         raise InputError(f"judge = {unknown[0]!r}: expected some of {', '.join(JUDGED)}")
-    if not (np.isfinite(tolerance) and tolerance > 0.0):
-        raise InputError(f"tolerance = {tolerance}: expected a positive number, relative to the range of an effort [-]")
+    expected = "a positive number, relative to the range of an effort [-]"
+    asked = number("tolerance", tolerance, expected)
+    if not (np.isfinite(asked) and asked > 0.0):
+        refuse("tolerance", tolerance, expected)
     return families
+
+
+def checked_names(match: Mapping[str, str] | None) -> Mapping[str, str]:
+    """Return a table of joints of a by joints of b [-].  Raises InputError for what is none."""
+    expected, write = "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}'
+    stated = table("match", match, expected, write)
+    for name in (*stated, *stated.values()):
+        if not isinstance(name, str):
+            refuse("match", match, expected, write)
+    return stated
 
 
 @dataclass(frozen=True)

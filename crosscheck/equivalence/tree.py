@@ -70,7 +70,7 @@ class Member:
     @property
     def inertia(self) -> Inertia:
         """Return mass [kg], centre [m] and tensor [kg m^2] as one record."""
-        return Inertia(self.mass, self.com, self.tensor)
+        return Inertia.stated(self.mass, self.com, self.tensor)
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def sum_of(parts: Iterable[Inertia]) -> Inertia:
     for part in parts:
         d = part.com - com
         tensor = tensor + part.tensor + part.mass * (float(d @ d) * np.eye(3) - np.outer(d, d))
-    return Inertia(float(mass), com, tensor)
+    return Inertia.stated(float(mass), com, tensor)
 
 
 def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:

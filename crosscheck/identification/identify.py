@@ -22,6 +22,8 @@ from crosscheck.identification.table import Row, rows, untold
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
+from flexinv.validation import path as path_of
+from flexinv.validation import refuse
 
 Array = NDArray[np.float64]
 
@@ -64,7 +66,9 @@ def machine_of(mechanism: Mechanism | str | Path, settings: IdentifyTable | None
                 "write crosscheck.identify('models/NAME', ...) or settings=read_settings(path, mechanism)"
             )
         return Machine(mechanism, settings, space(mechanism, settings))
-    folder = Path(mechanism)
+    folder = Path(
+        path_of("mechanism", mechanism, "a folder that has a mechanism.toml and an identify.toml, or a Mechanism")
+    )
     read = load_mechanism(folder)
     table = read_settings(folder.parent if folder.suffix == ".toml" else folder, read) if settings is None else settings
     return Machine(read, table, space(read, table))
@@ -81,6 +85,9 @@ def identify(
     mechanism : folder with mechanism.toml and identify.toml, or a mechanism with ``settings``; logs : files or `Log`
     Method: maximum a posteriori, `fit.fit`.  Raises InputError: files, columns, units and numbers that cannot be used.
     """
+    for name, value in (("logs", logs), ("hold_out", hold_out)):
+        if isinstance(value, str | Path) or not isinstance(value, Sequence):
+            refuse(name, value, "a list of files, each a path or a Log", "logs=['run.csv']")
     if not logs:
         raise InputError("identify: no log, expected one at least; write logs=['run.csv']")
     machine = machine_of(mechanism, settings)

@@ -73,4 +73,4 @@ def merged(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Place
     for m, c, own in parts:
         d = c - com
         tensor += own + m * (float(d @ d) * np.eye(3) - np.outer(d, d))  # Steiner
-    return Inertia(mass, com, tensor)
+    return Inertia.stated(mass, com, tensor)

@@ -66,7 +66,7 @@ def _mechanism(said: MechanismData) -> Mechanism:
 
 
 def _body(said: BodyData) -> Body:
-    return Body(said.name, Inertia(said.mass, np.array(said.com), np.array(said.inertia)), said.station)
+    return Body(said.name, Inertia.stated(said.mass, np.array(said.com), np.array(said.inertia)), said.station)
 
 
 def _beam(said: BeamData) -> Beam:

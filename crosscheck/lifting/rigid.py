@@ -26,7 +26,7 @@ def between(first: Placement, second: Placement) -> Placement:
 def moved(frame: Placement, body: Inertia) -> Inertia:
     """Return a body that is stated in a frame in the frame outside of it [kg, m, kg m^2]."""
     turn = frame.rotation
-    return Inertia(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
+    return Inertia.stated(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
 
 
 def angle(rotation: Array) -> float:

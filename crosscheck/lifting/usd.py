@@ -143,7 +143,7 @@ class _Stage:
         unit = self.kilogram * self.meter**2
         tensor = turn @ np.diag(moments) @ turn.T
         scale = self.pose(prim)[1]
-        return Inertia(float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor)
+        return Inertia.stated(float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor)
 
     def computed(self, prim: Any, missing: list[str], turn: Array) -> tuple[Any, Array, Array, Array]:
         """Return mass, moments, centre and axes as UsdPhysics computes them from what is stated and from shapes."""

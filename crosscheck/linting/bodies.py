@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.linting.finding import Finding, error, warning
-from flexinv.files.schema import impossible
+from flexinv.model.links import impossible
 from flexinv.model.mechanism import Array, Inertia
 
 HEAVY, LIGHT = 1000.0, 1e-6  # [kg]: heavier or lighter links look like grams or tonnes

@@ -17,6 +17,7 @@ from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.urdf import urdf_findings
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
+from flexinv.validation import flag
 
 LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
 
@@ -59,6 +60,7 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
 
     Raises InputError for what cannot be read at all.
     """
+    strict, meshes = flag("strict", strict), flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and path.is_file() and is_xml(path) and kind_of(path) == "urdf":
         found = [*urdf_findings(read_xml(path), path, meshes)]

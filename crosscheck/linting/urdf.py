@@ -125,7 +125,7 @@ def _inertia(inertial: Element) -> Inertia | None:
         return None
     xx, xy, xz, yy, yz, zz = (float(x[0]) for x in numbers if x is not None)
     turn = rotation_from_rpy(rpy)
-    return Inertia(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
+    return Inertia.stated(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
 
 
 def _size(robot: Element) -> float:

@@ -12,8 +12,9 @@ which is carried on like the deformation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +41,29 @@ from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
-from flexinv.validation import FLOAT_TYPE, choice, floats, number, of_kind
+from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, of_kind, seconds
+
+
+class Taken(NamedTuple):
+    """What steps have made of a work space: its numbers [m, rad, s, N], and as of `Flexible` what is no array."""
+
+    numbers: list[Array]
+    early_steps: int
+    previous: list[Array]
+    wound: dict[str, float]
+
+
+def written(part: Any) -> Iterator[Array]:
+    """Yield the arrays [any unit] of records that can be written to, in the order of their fields."""
+    if isinstance(part, np.ndarray):
+        if part.flags.writeable:
+            yield part
+    elif isinstance(part, tuple):
+        for one in part:
+            yield from written(one)
+    elif is_dataclass(part):
+        for field in fields(part):
+            yield from written(getattr(part, field.name))
 
 
 class Flexible:
@@ -85,6 +108,25 @@ class Flexible:
         self.parts, now = (self.nodes, drives, masses, self.frames), (mechanism.neutral.copy(), driven, driven)
         self.torques = compiled(guarded_torques, *self.parts, now, self.instant, driven)
         self.early_steps, self.previous, self.wound = 0, list[Array](), dict[str, float]()
+
+    def taken(self) -> Taken:
+        """Return a copy of all that a step changes [m, rad, s, N]."""
+        numbers = [part.copy() for part in self._numbers()]
+        return Taken(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
+
+    def go_on_from(self, taken: Taken) -> None:
+        """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
+        for own, part in zip(self._numbers(), taken.numbers, strict=True):
+            own[...] = part
+        self.early_steps, self.previous = taken.early_steps, [part.copy() for part in taken.previous]
+        self.wound.clear()
+        self.wound.update(taken.wound)
+
+    def _numbers(self) -> Iterator[Array]:
+        """The arrays that a step writes, always in one order, some of them parts of others."""
+        flat = () if self.flat is None else (self.flat.system, self.given)
+        yield from written((self.solver.system, self.solver.increment, self.solver.instant, self.joints, self.frames))
+        yield from written((self.instant, flat, self.arguments, self.tau))
 
     def start(self, now: list[Array], initial: str) -> Array:
         """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
@@ -169,6 +211,8 @@ class Flexible:
 class Controller:
     """Torques of a mechanism call by call; with beams, joints without drives move as the dynamics have it.
 
+    A copy (`copy.copy`, `copy.deepcopy`) and a pickle go on from the instant at which they were made, each for itself.
+
     controller = Controller.of(arm, step=1e-3)      # step: the time between two calls [s]
     controller.start(q, qd, qdd)                    # once: where the motion begins, undeformed or in equilibrium
     tau = controller.step(q, qd, qdd)               # every cycle; (nv,) [N m], [N], the same array every time
@@ -179,6 +223,7 @@ class Controller:
     rigid: TorqueFunction | None
     flexible: Flexible | None
     begun: bool = False
+    spectral_radius: float = 0.8
 
     @classmethod
     def of(cls, mechanism: Mechanism, step: float | None = None, spectral_radius: float = 0.8) -> Controller:
@@ -190,8 +235,9 @@ class Controller:
         """
         of_kind("mechanism", mechanism, Mechanism)
         if step is not None:
-            step = number("step", step, "the time between two calls in seconds, for example step=1e-3")
+            step = seconds("step", step, "the time between two calls in seconds, for example step=1e-3")
         radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
+        scheme = generalized_alpha(1.0 if step is None else step, radius)
         if mechanism.is_rigid:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
@@ -204,11 +250,18 @@ class Controller:
             )
             raise InputError(f"controller: mechanism '{mechanism.name}' has beams, {why}, for example step=1e-3")
         tau = np.zeros(mechanism.nv)
-        out = cls(mechanism, tau, None, Flexible(mechanism, generalized_alpha(step, radius), tau))
+        flexible = Flexible(mechanism, scheme, tau)
+        out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
         out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
         out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))
         out.begun = False
         return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy and a pickle are made anew, as kernels write into parts of shared arrays, and go on where this one stands."""
+        f = self.flexible
+        step, taken = (None, None) if f is None else (f.scheme.h, f.taken())
+        return _go_on, (self.mechanism, step, self.spectral_radius, self.begun, self.tau.copy(), taken)
 
     def start(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, initial: str = "consistent") -> Array:
         """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
@@ -253,5 +306,17 @@ class Controller:
         return now
 
 
+def _go_on(
+    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, taken: Taken | None
+) -> Controller:
+    """A controller that goes on where another was taken."""
+    made = Controller.of(mechanism, step, radius)
+    made.begun = begun
+    made.tau[:] = tau
+    if made.flexible is not None and taken is not None:
+        made.flexible.go_on_from(taken)
+    return made
+
+
 def _is_plain(a: Array, size: int) -> bool:
-    return type(a) is np.ndarray and a.dtype is FLOAT_TYPE and a.shape == (size,) and a.flags.c_contiguous
+    return type(a) is ARRAY_TYPE and a.dtype is FLOAT_TYPE and a.shape == (size,) and a.flags.c_contiguous

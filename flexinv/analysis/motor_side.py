@@ -24,6 +24,7 @@ import scipy  # its parts are loaded when they are asked for
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import scalar_coordinate
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
 from flexinv.validation import of_kind
@@ -33,8 +34,8 @@ ROUGH = 0.1
 FEWEST = 16  # samples that its quintic splines need
 
 
-@dataclass(frozen=True)
-class MotorSide:
+@dataclass(frozen=True, eq=False)
+class MotorSide(ByValue):
     """Motion, torque and current of one motor over the samples of a solution.
 
     angle, rate, acceleration : (samples,) of the motor's shaft [rad], [rad/s], [rad/s^2]

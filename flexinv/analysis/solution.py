@@ -16,6 +16,7 @@ from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, factors
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
+from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
 from flexinv.typing import Array
@@ -39,8 +40,8 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
 
 
-@dataclass(frozen=True)
-class LoopForces:
+@dataclass(frozen=True, eq=False)
+class LoopForces(ByValue):
     """Reactions of the closures of a mechanism, and the allocation of efforts to its actuators.
 
     reaction : closure -> (samples, 6) force [N] and moment [N m] on the second link, at the closure, in the second frame (in the
@@ -59,8 +60,8 @@ class LoopForces:
     impacts: tuple[Impact, ...] = ()
 
 
-@dataclass(frozen=True)
-class Solution:
+@dataclass(frozen=True, eq=False)
+class Solution(ByValue):
     """Joint torques, the motion they belong to, and their balances.
 
     time : (samples,) [s]; q : (samples, nq), qd, qdd : (samples, nv) [rad or m, s]

@@ -33,6 +33,7 @@ from flexinv.kernels.memory import shared_pieces, together
 from flexinv.kernels.records import stacked
 from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
 from flexinv.kinematics.mesh import Mesh, build
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_at
 from flexinv.model.owned_cache import kept_with_owner
@@ -54,8 +55,8 @@ RUN = 1 << 23
 INSTANTS_AT_ONCE = 1 << 12
 
 
-@dataclass(frozen=True)
-class Batch:
+@dataclass(frozen=True, eq=False)
+class Batch(ByValue):
     """Results of the scenarios of one `solve_many`, in their order.
 
     solutions : a Solution for each scenario, None where it failed; errors : number of the scenario -> what stopped it
@@ -204,7 +205,7 @@ def prepare_all(scenarios: Sequence[Asked], options: Mapping[str, Any]) -> dict[
     """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
     known, out = dict[Any, Scenario | None](), dict[int, Scenario]()
     for k, (mechanism, motion, own) in enumerate(scenarios):
-        key = k if own else (mechanism, motion)
+        key = k if own else (id(mechanism), id(motion))
         if key not in known:
             known[key] = scenario_of(mechanism, motion, {**options, **own})
         if (one := known[key]) is not None:

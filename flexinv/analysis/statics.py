@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,14 +26,16 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import fill_passive
+from flexinv.model import rules
+from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
-from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
+from flexinv.validation import all_of_kind, floats, of_kind, shown
 
 SETTINGS = Settings(statics=True)
 
 
-@dataclass(frozen=True)
-class Load:
+@dataclass(frozen=True, eq=False)
+class Load(Frozen):
     """A force and a moment on one link.
 
     link : name; station : on a beam the fraction 0..1 of the length [-], 1 the tip
@@ -46,6 +49,14 @@ class Load:
     station: float = 1.0
     point: ArrayLike = (0.0, 0.0, 0.0)
     follower: bool = False
+
+    RULES: ClassVar[rules.Rules] = {
+        "link": rules.text, "force": rules.reals((3,), "N"), "moment": rules.reals((3,), "N m"),
+        "station": rules.real("-, of the length", 0.0, most=1.0), "point": rules.reals((3,), "m"), "follower": rules.truth,
+    }  # fmt: skip
+
+    def _name(self) -> str:
+        return f"load on {shown(self.link)}: "
 
 
 def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | None = None) -> Solution:
@@ -65,7 +76,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         expected = f"expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         raise InputError(f"statics: q has shape {at.shape}, {expected}")
-    forces = [_force(mechanism, load) for load in all_of_kind("loads", loads, Load)]
+    forces = [_force(mechanism, load, k) for k, load in enumerate(all_of_kind("loads", loads, Load))]
     loaded = replace(mechanism, forces=(*mechanism.forces, *forces))
     mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
@@ -106,19 +117,12 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     return replace(found, stable=False, notes=(*found.notes, note))
 
 
-def _force(mechanism: Mechanism, load: Load) -> Force:
-    """The force of a load; raises InputError for one that cannot act."""
-    if not isinstance(load.link, str) or load.link not in mechanism.link_of:
+def _force(mechanism: Mechanism, load: Load, number: int) -> Force:
+    """The force of a load; raises InputError for one on a link that there is not."""
+    if load.link not in mechanism.link_of:
         known = f"'{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
         raise InputError(f"load: no link {shown(load.link)} in {known}")
-    where, vectors = f"load on {load.link!r}", []
-    for name, unit in (("force", "N"), ("moment", "N m"), ("point", "m")):
-        value = floats(f"{where}: {name}", getattr(load, name))
-        if value.shape != (3,) or not np.isfinite(value).all():
-            raise InputError(f"{where}: {name} = {value}, expected three finite numbers [{unit}]")
-        vectors.append(value)
-    if not 0.0 <= (station := number(f"{where}: station", load.station, "a fraction 0 to 1 of the length")) <= 1.0:
-        raise InputError(f"{where}: station = {load.station}, expected a fraction 0 to 1 of the length")
-    flag(f"{where}: follower", load.follower)
-    at = Attachment(load.link, Placement(vectors[2]), None if mechanism.link_of[load.link].beam is None else station)
-    return Force("load", at, np.concatenate(vectors[:2])[None], follower=load.follower)
+    station = None if mechanism.link_of[load.link].beam is None else load.station
+    at = Attachment(load.link, Placement(np.asarray(load.point)), station)
+    wrench = np.concatenate([load.force, load.moment])[None]
+    return Force(f"load {number} of statics", at, wrench, follower=load.follower)

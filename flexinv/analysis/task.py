@@ -64,7 +64,7 @@ def checked(step: float, spectral_radius: float, tolerance: float, initial: str 
     radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
     found = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
     generalized_alpha(float(step), radius, found)  # numbers that give no scheme are an error here
-    return Settings(float(step), radius, initial, tolerance=found)
+    return Settings(float(step), radius, str(initial), tolerance=found)
 
 
 @dataclass(frozen=True)

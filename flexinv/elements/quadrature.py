@@ -9,6 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from flexinv.errors import InputError
+from flexinv.model.owned_cache import freeze
 from flexinv.typing import Array
 
 MAXIMAL_ORDER = 40  # beyond this nodes crowd so closely at the ends that more elements are always the better choice
@@ -79,4 +80,4 @@ def reference(order: int) -> Reference:
         raise InputError(f"order = {order}: expected 1 to {MAXIMAL_ORDER}; for more resolution write more elements")
     nodes, weights = gauss_lobatto(order)
     points, point_weights = legendre.leggauss(order)
-    return Reference(order, nodes, weights, points, point_weights, *lagrange(nodes, points))
+    return freeze(Reference(order, nodes, weights, points, point_weights, *lagrange(nodes, points)))

@@ -17,9 +17,10 @@ from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
-from flexinv.files.schema import UrdfTable, impossible
+from flexinv.files.schema import UrdfTable
 from flexinv.files.toml_tables import Location, complaint, read_bytes
 from flexinv.files.values import LARGEST_NUMBER, LONGEST_NAME
+from flexinv.model.links import impossible
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.typing import Array
 from flexinv.validation import floats, names, nearest, refuse, shown
@@ -171,7 +172,7 @@ def _inertia(link: Element, path: Path) -> Inertia | None:
     if mass == 0.0 and not tensor.any():
         return None
     origin = _origin(inertial, location(path, link, "inertial"))
-    return Inertia(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
+    return Inertia.stated(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
 
 
 def _origin(element: Element, where: str) -> Placement:

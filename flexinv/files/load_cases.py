@@ -14,14 +14,16 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from flexinv.files import case_schema as schema
 from flexinv.files.toml_tables import Location, check_names, complaint, read_bytes, validate
 from flexinv.files.values import UNITS
+from flexinv.model import rules
 from flexinv.model.joint_kinds import KINDS, POSE
+from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -36,8 +38,8 @@ ANGLE_UNITS, LENGTH_UNITS = ("rad", "deg", "mrad"), ("m", "mm", "cm")
 Column = tuple[str, int, float]  # joint, which of its numbers, factor to SI
 
 
-@dataclass(frozen=True)
-class Limit:
+@dataclass(frozen=True, eq=False)
+class Limit(Frozen):
     """Largest allowed difference of engines from the reference in one quantity.
 
     quantity : "torque", "wrench", "reaction", "tip", "deflection", "axial", "internal" or "frequency"
@@ -56,9 +58,15 @@ class Limit:
     expires: datetime.date | None = None
     versions: str = ""
 
+    RULES: ClassVar[rules.Rules] = {
+        "quantity": rules.text, "engines": rules.several(rules.text), "maximum": rules.real("-", 0.0), "reason": rules.text,
+        "reference": rules.text, "source": rules.text, "expires": rules.optional(rules.of(datetime.date)),
+        "versions": rules.text,
+    }  # fmt: skip
 
-@dataclass(frozen=True)
-class Case:
+
+@dataclass(frozen=True, eq=False)
+class Case(Frozen):
     """One motion of a mechanism and what is compared.
 
     step : of the time integration [s]; end : of the case [s]; sample : spacing of results [s], a multiple of step
@@ -85,6 +93,16 @@ class Case:
     notes: tuple[str, ...] = ()
     measured: Path | None = None
     accuracy: float | None = None
+
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "title": rules.text, "step": rules.real("s", 0.0, above=True),
+        "end": rules.real("s", 0.0, above=True), "sample": rules.real("s", 0.0, above=True),
+        "quantities": rules.several(rules.text), "limits": rules.several(rules.of(Limit)),
+        "spectral_radius": rules.real("-", 0.0, most=1.0), "initial": rules.one_of(("consistent", "static")),
+        "mesh": rules.optional(rules.pair(rules.count(1), rules.count(1))), "source": rules.text,
+        "notes": rules.several(rules.text), "measured": rules.optional(rules.of(Path)),
+        "accuracy": rules.optional(rules.real("-", 0.0, above=True)),
+    }  # fmt: skip
 
     def meshed(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the mesh [-] of this case, its own where the case says nothing."""

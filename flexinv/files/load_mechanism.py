@@ -236,7 +236,7 @@ def _flexible(
     ):  # seen from there: c' = R^T (c - p), I' = R^T I R
         com = root.rotation.T @ (body.inertia.com - start)
         tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
-        bodies.append(replace(body, inertia=Inertia(body.inertia.mass, com, tensor), station=0.0))
+        bodies.append(replace(body, inertia=Inertia.stated(body.inertia.mass, com, tensor), station=0.0))
     density = section.mass_per_length
     mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length
     own = sum(body.inertia.mass for body in link.bodies)

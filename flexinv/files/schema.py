@@ -9,7 +9,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from flexinv.files.toml_tables import Location, Table, key, optional
 from flexinv.files.values import Count, Format, Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
-from flexinv.model.mechanism import Body, Inertia
+from flexinv.model.links import Body, Inertia, impossible
 from flexinv.typing import Array
 
 NumbersByName = dict[str, float]
@@ -283,27 +283,7 @@ class MechanismTable(Table):
     )
 
 
-# Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
-DIGITS = 1e-6
 INERTIA_SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
-
-
-def impossible(tensor: Array) -> str:
-    """Return the reason against an inertia (3, 3) [kg m^2], ``""`` for one that a body can have.
-
-    It is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
-    """
-    if (largest := float(np.abs(tensor).max())) == 0.0:
-        return ""
-    if np.abs(tensor - tensor.T).max() > DIGITS * largest:
-        return "it is not symmetric"
-    moments = np.linalg.eigvalsh(tensor)
-    text = ", ".join(f"{p:.4g}" for p in moments)
-    if moments[0] < -DIGITS * largest:
-        return f"a principal moment is negative ({text} kg m^2)"
-    if moments[0] + moments[1] < moments[2] * (1 - DIGITS):
-        return f"one principal moment exceeds the sum of the others ({text} kg m^2)"
-    return ""
 
 
 def far_end(table: RodTable | CylinderTable) -> Array:

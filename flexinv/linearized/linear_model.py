@@ -23,6 +23,7 @@ from flexinv.kinematics.nodal_motion import slides
 from flexinv.linearized.eigenvalues import SOFT, undamped
 from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes, numbers_of_rates, tip_moves
 from flexinv.linearized.steady_modes import Steady, steady_motion
+from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
@@ -31,8 +32,8 @@ from flexinv.validation import names, of_kind, whole
 AXIS_NAMES = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class LinearModel:
+@dataclass(frozen=True, eq=False)
+class LinearModel(ByValue):
     """x' = A x + B u, y = C x + D u: deviations from a steady motion, small ones.
 
     states, inputs, outputs : names; state_units, input_units, output_units : their units

@@ -35,8 +35,9 @@ from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.eigenvalues import negative, undamped
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism, with_retardation
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.typing import Array
 from flexinv.validation import floats, names, number, of_kind, table, whole
 
@@ -44,8 +45,8 @@ from flexinv.validation import floats, names, number, of_kind, table, whole
 NAMED = 4
 
 
-@dataclass(frozen=True)
-class Shapes:
+@dataclass(frozen=True, eq=False)
+class Shapes(ByValue):
     """Shapes in which the nodes of a mesh move about a configuration q (nq,) [rad], [m].
 
     free : names of the free joints; displacement : (modes, nodes, 3) [m] world; rotation : (modes, nodes, 3) [rad] own frame
@@ -67,7 +68,7 @@ class Shapes:
         return tuple(self.mesh.mechanism.links[int(self.mesh.link[node])].name for node in most)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Modes(Shapes):
     """Small motions about a rest position, in the order of their frequencies.
 
@@ -196,7 +197,7 @@ def matrices_at_rest(solver: Solver, joints: Joints) -> Matrices:
     """Return M, C and K [kg, N, m, s] at rest; dry friction, whose effort has no derivative there, is left out."""
     drives = solver.topology.drives.copy()
     drives[2] = 0.0
-    return tied_matrices(replace(solver, topology=solver.topology._replace(drives=drives)), joints)
+    return tied_matrices(replace(solver, topology=solver.topology._replace(drives=freeze(drives))), joints)
 
 
 def tied_matrices(solver: Solver, joints: Joints) -> Matrices:

@@ -253,7 +253,7 @@ def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
 # ----------------------------------------------------------------------------------------------- modes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SteadyModes(Shapes):
     """Small motions Re(shape exp(root t)) about a steady motion, seen in the axes that turn along, slowest first.
 

@@ -6,18 +6,21 @@ Laws of springs give the pull, positive where the spring draws its ends together
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
 from numpy.typing import ArrayLike
 
+from flexinv.errors import InputError
+from flexinv.model import rules
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.links import Attachment, Frozen
 from flexinv.typing import Array
 
 
-@dataclass(frozen=True)
-class GasLaw:
+@dataclass(frozen=True, eq=False)
+class GasLaw(Frozen):
     """A polytropic gas behind a piston:  pull = force / (1 - (l - rest) / travel)^exponent.
 
     force : pull at the length ``rest`` of the spring [N]; travel : volume of the gas there over the piston's area [m]
@@ -27,6 +30,14 @@ class GasLaw:
     force: float
     travel: float
     exponent: float = 1.0
+
+    RULES: ClassVar[rules.Rules] = {
+        "force": rules.real("N"), "travel": rules.real("m"), "exponent": rules.real("-", 0.0, above=True),
+    }  # fmt: skip
+
+    def _check(self, where: str) -> None:
+        if self.travel == 0.0:
+            raise InputError(f"{where}travel = 0: expected the volume of the gas over the piston's area, not zero [m]")
 
     def pull(self, length: ArrayLike, rest: float) -> Array:
         """Return the pull [N] at lengths [m] (any shape)."""
@@ -43,7 +54,7 @@ class GasLaw:
         return replace(self, force=self.force * factor)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TableLaw(Frozen):
     """A table of pull over length, between its rows by monotone cubics (Fritsch and Carlson), beyond its ends straight.
 
@@ -52,6 +63,16 @@ class TableLaw(Frozen):
 
     length: Array
     force: Array
+
+    RULES: ClassVar[rules.Rules] = {"length": rules.reals((None,), "m"), "force": rules.reals((None,), "N")}
+
+    def _check(self, where: str) -> None:
+        if len(self.length) < 2 or (np.diff(self.length) <= 0.0).any():
+            raise InputError(f"{where}length = {self.length.tolist()}: expected two lengths or more, increasing [m]")
+        if len(self.force) != len(self.length):
+            raise InputError(
+                f"{where}force has {len(self.force)} numbers: expected {len(self.length)}, one for each length"
+            )
 
     def pieces(self) -> Array:
         """Return start [m] and coefficients of falling powers of l - start [N/m^3], [N/m^2], [N/m], [N], (rows + 1, 5)."""
@@ -98,7 +119,10 @@ COUPLED_JOINTS = f"{', '.join(GEARED[:-1])} and {GEARED[-1]} joints"  # in words
 IMPACTS = ("error", "plastic")
 
 
-@dataclass(frozen=True)
+_INSTANT = rules.real("s", infinite=True)
+
+
+@dataclass(frozen=True, eq=False)
 class Closure(Frozen):
     """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would; or a gear between joints.
 
@@ -123,9 +147,21 @@ class Closure(Frozen):
     factors: tuple[tuple[str, float], ...] = ()
     offset: float = 0.0
 
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "kind": rules.one_of(CLOSURES), "first": rules.of(Attachment), "second": rules.of(Attachment),
+        "axis": rules.unit_vector, "second_axis": rules.unit_vector, "active": rules.several(rules.pair(_INSTANT, _INSTANT)),
+        "capture": rules.truth, "impact": rules.one_of(IMPACTS),
+        "factors": rules.several(rules.pair(rules.text, rules.real("-"))), "offset": rules.real("rad or m"),
+    }  # fmt: skip
 
-@dataclass(frozen=True)
-class Spring:
+    def _check(self, where: str) -> None:
+        for start, end in self.active:
+            if not start < end:
+                raise InputError(f"{where}active = {self.active}: expected intervals (start, end) with start < end [s]")
+
+
+@dataclass(frozen=True, eq=False)
+class Spring(Frozen):
     """A spring and damper between two points: it pulls with  stiffness (l - rest) + damping l'  along their line.
 
     stiffness : [N/m]; rest : [m], length without force; damping : [N s/m]
@@ -140,12 +176,18 @@ class Spring:
     damping: float = 0.0
     law: SpringLaw | None = None
 
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "first": rules.of(Attachment), "second": rules.of(Attachment),
+        "stiffness": rules.real("N/m", 0.0), "rest": rules.real("m"), "damping": rules.real("N s/m", 0.0),
+        "law": rules.optional(rules.of(GasLaw, TableLaw)),
+    }  # fmt: skip
+
     def pull(self, length: Array) -> Array:
         """Return the pull without its damping [N] at lengths [m] (any shape)."""
         return self.stiffness * (length - self.rest) if self.law is None else self.law.pull(length, self.rest)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Force(Frozen):
     """A force and a moment on a point of a link, constant or linear between the rows of a table.
 
@@ -158,3 +200,14 @@ class Force(Frozen):
     wrench: Array
     time: Array = field(default_factory=lambda: np.zeros(1))
     follower: bool = False
+
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "at": rules.of(Attachment), "wrench": rules.reals((None, 6), "N, N m"),
+        "time": rules.reals((None,), "s"), "follower": rules.truth,
+    }  # fmt: skip
+
+    def _check(self, where: str) -> None:
+        if not len(self.time) or (np.diff(self.time) <= 0.0).any():
+            raise InputError(f"{where}time = {self.time.tolist()}: expected one time or more, increasing [s]")
+        if len(self.wrench) != len(self.time):
+            raise InputError(f"{where}wrench has {len(self.wrench)} rows: expected {len(self.time)}, one for each time")

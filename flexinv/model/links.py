@@ -6,24 +6,49 @@ A beam link is a Timoshenko beam whose undeformed axis starts at ``beam.placemen
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.errors import InputError
+from flexinv.model import rules
+from flexinv.model.by_value import ByValue, digest
 from flexinv.typing import Array
 
 T = TypeVar("T", bound=np.generic)
 WORLD = "world"
 
 
-class Frozen:
-    """Base of frozen dataclasses with arrays: each instance holds copies of its own that nobody can write to.
+class Frozen(ByValue):
+    """Base of frozen dataclasses: what their fields hold is checked when they are made, and nobody can write to it after.
 
     Meshes, solvers and prepared functions are kept for a mechanism by its identity, so it must not change.
+    RULES : field -> its rule (`rules`), which returns the value that is held: floats, read-only arrays of floats, tuples
     """
 
+    RULES: ClassVar[rules.Rules] = {}
+
     def __post_init__(self) -> None:
+        """Hold every value as its rule has it.  Raises InputError: the record, its field, what was given and expected."""
+        where = self._name()
+        for name, rule in self.RULES.items():
+            given = getattr(self, name)
+            held = rule(where + name, given)
+            if held is not given:
+                object.__setattr__(self, name, held)
+        self._freeze()
+        self._check(where)
+
+    def _name(self) -> str:
+        """Return the words before the name of a field in a message [-]."""
+        own = getattr(self, "name", None)
+        return f"{type(self).__name__} {own!r}: " if isinstance(own, str) else f"{type(self).__name__}: "
+
+    def _check(self, where: str) -> None:
+        """Raise InputError where fields contradict one another [any unit]; each of them keeps its rule."""
+
+    def _freeze(self) -> None:
         """Replace every array that can be written to by a copy that cannot."""
         for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and value.flags.writeable:
@@ -32,7 +57,11 @@ class Frozen:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over what a pickle or a copy holds, and freeze it again."""
         self.__dict__.update(state)
-        self.__post_init__()
+        self._freeze()
+
+    def __hash__(self) -> int:
+        """Return the hash of the data [-]."""
+        return digest(self)
 
 
 def read_only(values: NDArray[T]) -> NDArray[T]:
@@ -42,49 +71,110 @@ def read_only(values: NDArray[T]) -> NDArray[T]:
     return copy
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placement(Frozen):
     """A frame B in a frame A: ``x_A = position + rotation @ x_B``, position (3,) [m], rotation R_AB (3, 3) [-]."""
 
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
 
+    RULES: ClassVar[rules.Rules] = {"position": rules.reals((3,), "m"), "rotation": rules.rotation}
 
-@dataclass(frozen=True)
-class Attachment:
+
+STATION = rules.optional(rules.real("-", 0.0, most=1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment(Frozen):
     """A frame on a link (or on the world): ``placement`` in the link frame, or in a beam's section at ``station``."""
 
     link: str
     placement: Placement = field(default_factory=Placement)
     station: float | None = None
 
+    RULES: ClassVar[rules.Rules] = {"link": rules.text, "placement": rules.of(Placement), "station": STATION}
 
-@dataclass(frozen=True)
+
+# Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
+DIGITS = 1e-6
+
+
+def impossible(tensor: Array) -> str:
+    """Return the reason against an inertia (3, 3) [kg m^2], ``""`` for one that a body can have.
+
+    It is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
+    """
+    if (largest := float(np.abs(tensor).max())) == 0.0:
+        return ""
+    if np.abs(tensor - tensor.T).max() > DIGITS * largest:
+        return "it is not symmetric"
+    moments = np.linalg.eigvalsh(tensor)
+    text = ", ".join(f"{p:.4g}" for p in moments)
+    if moments[0] < -DIGITS * largest:
+        return f"a principal moment is negative ({text} kg m^2)"
+    if moments[0] + moments[1] < moments[2] * (1 - DIGITS):
+        return f"one principal moment exceeds the sum of the others ({text} kg m^2)"
+    return ""
+
+
+@dataclass(frozen=True, eq=False)
 class Inertia(Frozen):
     """Mass, centre of mass and inertia tensor of a rigid body.
 
     mass : scalar [kg]; com : (3,) [m], in the frame that carries the body
     tensor : (3, 3) [kg m^2], about the centre of mass, along that frame's axes
+    Raises InputError for what no body can have; `stated` and `restated` take it over from somebody else's file.
     """
 
     mass: float
     com: Array = field(default_factory=lambda: np.zeros(3))
     tensor: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
+    RULES: ClassVar[rules.Rules] = {
+        "mass": rules.real("kg"),
+        "com": rules.reals((3,), "m"),
+        "tensor": rules.reals((3, 3), "kg m^2"),
+    }
 
-@dataclass(frozen=True)
-class Body:
+    def _check(self, where: str) -> None:
+        if self.mass < 0.0:
+            raise InputError(f"{where}mass = {self.mass:g}: expected a mass, 0 or more [kg]; write {-self.mass:g}")
+        if reason := impossible(self.tensor):
+            expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
+            advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
+            raise InputError(f"{where}tensor = {self.tensor.tolist()}: {reason}; expected {expected}; write {advice}")
+
+    @classmethod
+    def stated(cls, mass: float, com: Array | None = None, tensor: Array | None = None) -> Inertia:
+        """Return finite numbers [kg], [m], [kg m^2] as they stand in a file, whether or not a body can have them."""
+        made = object.__new__(cls)
+        given = {"mass": mass, "com": np.zeros(3) if com is None else com}
+        given["tensor"] = np.zeros((3, 3)) if tensor is None else tensor
+        for name, value in given.items():
+            object.__setattr__(made, name, cls.RULES[name](f"Inertia: {name}", value))
+        return made
+
+    def restated(self, mass: float | None = None, com: Array | None = None, tensor: Array | None = None) -> Inertia:
+        """Return it with other numbers [kg], [m], [kg m^2], whether or not a body can have them."""
+        place, moments = self.com if com is None else com, self.tensor if tensor is None else tensor
+        return Inertia.stated(self.mass if mass is None else mass, place, moments)
+
+
+@dataclass(frozen=True, eq=False)
+class Body(Frozen):
     """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
 
-    station : None on a rigid link (link frame); on a beam the fraction 0..1 of the length whose section frame carries the body
+    station : None in the link frame; on a beam the fraction 0..1 of the length whose section frame carries the body
     """
 
     name: str
     inertia: Inertia
     station: float | None = None
 
+    RULES: ClassVar[rules.Rules] = {"name": rules.text, "inertia": rules.of(Inertia), "station": STATION}
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Section(Frozen):
     """Stiffness and inertia per length along a beam, linear between the stations (one station: uniform).
 
@@ -101,8 +191,26 @@ class Section(Frozen):
     rotary_inertia: Array
     damping: Array | None = None
 
+    RULES: ClassVar[rules.Rules] = {
+        "stations": rules.reals((None,), "-", least=0.0),
+        "stiffness": rules.reals((None, 6), "N, N m^2", least=0.0),
+        "mass_per_length": rules.reals((None,), "kg/m", least=0.0),
+        "rotary_inertia": rules.reals((None, 3), "kg m", least=0.0),
+        "damping": rules.optional(rules.reals((None, 6), "N s, N m^2 s", least=0.0)),
+    }
 
-@dataclass(frozen=True)
+    def _check(self, where: str) -> None:
+        count = len(self.stations)
+        for name in ("stiffness", "mass_per_length", "rotary_inertia", "damping"):
+            rows = getattr(self, name)
+            if rows is not None and len(rows) != count:
+                raise InputError(f"{where}{name} has {len(rows)} rows: expected {count}, one for each station")
+        if not count or self.stations.max() > 1.0 or (np.diff(self.stations) <= 0.0).any():
+            given = f"{where}stations = {self.stations.tolist()}"
+            raise InputError(f"{given}: expected one or more fractions of the length, 0 to 1, increasing [-]")
+
+
+@dataclass(frozen=True, eq=False)
 class Beam(Frozen):
     """A geometrically exact Timoshenko beam.
 
@@ -118,8 +226,13 @@ class Beam(Frozen):
     curvature: Array = field(default_factory=lambda: np.zeros(3))
     placement: Placement = field(default_factory=Placement)
 
+    RULES: ClassVar[rules.Rules] = {
+        "length": rules.real("m", 0.0, above=True), "section": rules.of(Section), "elements": rules.count(1),
+        "order": rules.count(1), "curvature": rules.reals((3,), "1/m"), "placement": rules.of(Placement),
+    }  # fmt: skip
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Link(Frozen):
     """One member of the mechanism: rigid when ``beam`` is None.
 
@@ -130,3 +243,15 @@ class Link(Frozen):
     bodies: tuple[Body, ...] = ()
     beam: Beam | None = None
     tip: Array = field(default_factory=lambda: np.zeros(3))
+
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "bodies": rules.several(rules.of(Body)), "beam": rules.optional(rules.of(Beam)),
+        "tip": rules.reals((3,), "m"),
+    }  # fmt: skip
+
+    def _check(self, where: str) -> None:
+        for body in self.bodies:
+            if body.station is not None and self.beam is None:
+                raise InputError(
+                    f"{where}body {body.name!r} has station {body.station}, expected no station: the link is rigid"
+                )

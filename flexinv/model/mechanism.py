@@ -13,16 +13,30 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.errors import InputError
+from flexinv.model import rules
 from flexinv.model.attachments import CLOSURES, GEARED, IMPACTS, Closure, Force, Spring
 from flexinv.model.joint_kinds import KINDS, motion_subspace
-from flexinv.model.links import WORLD, Attachment, Beam, Body, Frozen, Inertia, Link, Placement, Section, read_only
+from flexinv.model.links import (
+    STATION,
+    WORLD,
+    Attachment,
+    Beam,
+    Body,
+    Frozen,
+    Inertia,
+    Link,
+    Placement,
+    Section,
+    read_only,
+)  # fmt: skip
 from flexinv.typing import Array
-from flexinv.validation import whole
+from flexinv.validation import of_kind, whole
 
 __all__ = [
     "CLOSURES", "GEARED", "IMPACTS", "WORLD",
@@ -35,8 +49,8 @@ GEAR, SPRING = ".gear", ".spring"  # names of what an elastic drive adds: the ge
 SPRINGS = {name: "revolute" if k.circle else name for name, k in KINDS.items() if len(k.v) == 1}
 
 
-@dataclass(frozen=True)
-class Limits:
+@dataclass(frozen=True, eq=False)
+class Limits(Frozen):
     """Limits of the drive of a joint; infinite when not stated.
 
     effort : [N m] or [N]; velocity : [rad/s] or [m/s]; lower, upper : [rad] or [m]
@@ -47,9 +61,14 @@ class Limits:
     lower: float = -np.inf
     upper: float = np.inf
 
+    RULES: ClassVar[rules.Rules] = {
+        "effort": rules.real("N m or N", 0.0, infinite=True), "velocity": rules.real("rad/s or m/s", 0.0, infinite=True),
+        "lower": rules.real("rad or m", infinite=True), "upper": rules.real("rad or m", infinite=True),
+    }  # fmt: skip
 
-@dataclass(frozen=True)
-class Drive:
+
+@dataclass(frozen=True, eq=False)
+class Drive(Frozen):
     """Motor, gear and elastic joint of a joint with one coordinate; the equations are in `motor_side`.
 
     ratio : [-], turns of the motor per turn of the joint, of one that slides [rad/m]; rotor_inertia : of the motor [kg m^2]
@@ -69,8 +88,16 @@ class Drive:
     stribeck: float = 1.0
     moves: str = "link"
 
+    RULES: ClassVar[rules.Rules] = {
+        "ratio": rules.real("- or rad/m"), "rotor_inertia": rules.real("kg m^2", 0.0),
+        "stiffness": rules.real("N m/rad or N/m", 0.0), "damping": rules.real("N m s/rad or N s/m", 0.0),
+        "torque_constant": rules.real("N m/A", 0.0), "viscous": rules.real("N m s/rad", 0.0),
+        "coulomb": rules.real("N m", 0.0), "static": rules.real("N m", 0.0),
+        "stribeck": rules.real("rad/s", 0.0, above=True), "moves": rules.one_of(("link", "motor")),
+    }  # fmt: skip
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Joint(Frozen):
     """The joint that carries ``child``; its frame is ``placement`` in the frame of ``parent``.
 
@@ -105,6 +132,15 @@ class Joint(Frozen):
     drive: Drive | None = None
     pitch: float = 0.0
 
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "kind": rules.one_of(KINDS), "parent": rules.text, "child": rules.text,
+        "placement": rules.of(Placement), "station": STATION, "axis": rules.unit_vector, "second_axis": rules.unit_vector,
+        "rotor_inertia": rules.real("kg m^2 or kg", 0.0), "damping": rules.real("N m s/rad or N s/m", 0.0),
+        "friction": rules.real("N m or N", 0.0), "stiffness": rules.real("N m/rad or N/m", 0.0),
+        "rest": rules.real("rad or m"), "actuated": rules.truth, "weight": rules.real("-", 0.0, above=True),
+        "limits": rules.of(Limits), "drive": rules.optional(rules.of(Drive)), "pitch": rules.real("m"),
+    }  # fmt: skip
+
     @property
     def nq(self) -> int:
         """Number of configuration coordinates [-]."""
@@ -125,8 +161,8 @@ class Joint(Frozen):
         return motion_subspace(KINDS[self.kind].number, axis, self.pitch)
 
 
-@dataclass(frozen=True)
-class ModalDamping:
+@dataclass(frozen=True, eq=False)
+class ModalDamping(Frozen):
     """Damping of all beams by the ratio of one natural mode, all joints held at zero.
 
     ratio : of critical damping [-]; mode : its number, 1 the lowest
@@ -137,13 +173,17 @@ class ModalDamping:
     mode: int = 1
     seconds: float | None = None
 
+    RULES: ClassVar[rules.Rules] = {
+        "ratio": rules.real("-", 0.0), "mode": rules.count(1), "seconds": rules.optional(rules.real("s", 0.0)),
+    }  # fmt: skip
+
     def __str__(self) -> str:
         """Return the stated ratio, and the time that follows from it [-], [s]."""
         stated = f"ratio {self.ratio:g} at mode {self.mode}"
         return stated if self.seconds is None else f"retardation time {self.seconds:.5g} s from {stated}"
 
 
-@dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
+@dataclass(frozen=True, eq=False)
 class Mechanism(Frozen):
     """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
 
@@ -168,6 +208,41 @@ class Mechanism(Frozen):
     packages: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
     modal_damping: ModalDamping | None = None
+
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.text, "links": rules.several(rules.of(Link)), "joints": rules.several(rules.of(Joint)),
+        "gravity": rules.reals((3,), "m/s^2"), "closures": rules.several(rules.of(Closure)),
+        "springs": rules.several(rules.of(Spring)), "forces": rules.several(rules.of(Force)),
+        "title": rules.text, "source": rules.text, "urdf": rules.optional(rules.of(Path)),
+        "packages": rules.several(rules.of(Path)), "notes": rules.several(rules.text),
+        "modal_damping": rules.optional(rules.of(ModalDamping)),
+    }  # fmt: skip
+
+    def _check(self, where: str) -> None:
+        """Raise InputError unless links and joints are a tree, named once each, parents first, and attachments are on them."""
+        for kind in ("links", "joints", "closures", "springs", "forces"):
+            names = [one.name for one in getattr(self, kind)]
+            if twice := sorted(
+                {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ()
+            ):
+                raise InputError(f"{where}{kind} named twice: {', '.join(twice)}; expected a name of its own for each")
+        links = {link.name: link for link in self.links}
+        placed = {WORLD}
+        for joint in self.joints:
+            if joint.child not in links or joint.child in placed:
+                why = "which is no link" if joint.child not in links else "which another joint carries or the world is"
+                raise InputError(
+                    f"{where}joint {joint.name!r} carries {joint.child!r}, {why}; expected one joint for each link"
+                )
+            if joint.parent not in placed:
+                expected = f"{WORLD!r} or a link of a joint before it: parents come first"
+                raise InputError(f"{where}joint {joint.name!r} hangs on {joint.parent!r}, expected {expected}")
+            placed.add(joint.child)
+        if lost := [name for name in links if name not in placed]:
+            raise InputError(f"{where}no joint carries {', '.join(lost)}; expected one joint for each link")
+        for end in self.attachments:
+            if end.link not in placed:
+                raise InputError(f"{where}something is attached to {end.link!r}, which is no link and not {WORLD!r}")
 
     @cached_property
     def link_of(self) -> dict[str, Link]:
@@ -269,7 +344,8 @@ class Mechanism(Frozen):
 
         Raises InputError for a link that the mechanism has not, and for a station that is missing or not meant.
         """
-        owner = self.link_of.get(link)
+        of_kind("body", body, Body)
+        owner = self.link_of.get(link) if isinstance(link, str) else None
         if owner is None:
             raise InputError(f"with_body: there is no link {link!r}; {self.name} has {', '.join(self.link_of)}")
         placed = body.station is None if owner.beam is None else body.station is not None and 0 <= body.station <= 1

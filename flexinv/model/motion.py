@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv import validation as arguments
 from flexinv.errors import InputError
+from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
@@ -30,7 +31,7 @@ Columns = tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]  # names 
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(ByValue):
     """Prescribed motion of joints; make one with ``point_to_point``, ``from_samples`` or ``merge``.
 
     duration : [s], with the rests before and after the move
@@ -38,6 +39,16 @@ class Motion:
 
     tracks: tuple[Track, ...]
     duration: float
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless it is made of tracks and has a duration [s]."""
+        if not isinstance(self.tracks, tuple) or not all(isinstance(track, Track) for track in self.tracks):
+            arguments.refuse("tracks", self.tracks, "a tuple, each a Track", "Motion.point_to_point(...)")
+        arguments.seconds("duration", self.duration, "a time, 0 or more [s]", zero=True)
+
+    def __hash__(self) -> int:
+        """Return the hash of its duration [s] and of the names of its joints."""
+        return hash((self.duration, tuple(track.names for track in self.tracks)))
 
     @staticmethod
     def point_to_point(
@@ -267,8 +278,8 @@ def start_coordinates(
 
 def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:
     try:
-        numbers = np.atleast_1d(np.array(value, dtype=float))
-    except (TypeError, ValueError):
+        numbers = np.array(np.atleast_1d(arguments.floats(label, value)))
+    except InputError:
         numbers = np.empty(0)
     if numbers.ndim != 1 or numbers.size not in counts or not np.isfinite(numbers).all():
         wanted = " or ".join(map(str, counts)) + " finite number" + "s" * (counts != (1,))

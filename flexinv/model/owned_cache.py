@@ -1,8 +1,12 @@
-"""Caches that belong to what they were computed from: results stay with a mesh, a mechanism or a motion, and go with it."""
+"""Caches that belong to what they were computed from: results stay with a mesh, a mechanism or a motion, and go with it.
+
+What is kept is handed out again and again, so that nobody may write into it: all its arrays are read-only (`freeze`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -23,20 +27,40 @@ class _Results(dict[str, dict[Any, Any]]):
         return _Results, ()
 
 
+def freeze(result: Result) -> Result:
+    """Make all arrays of a result [any unit] read-only in place, those in its tuples, lists, tables and data classes, too."""
+    if isinstance(result, np.ndarray):
+        result.flags.writeable = False
+    elif isinstance(result, (tuple, list)):
+        for part in result:
+            freeze(part)
+    elif isinstance(result, Mapping):
+        for part in result.values():
+            freeze(part)
+    elif is_dataclass(result):
+        for field in fields(result):
+            freeze(getattr(result, field.name))
+    return result
+
+
 def kept_with_owner(
-    most: int = 64, typed: bool = False
+    most: int = 64, typed: bool = False, frozen: bool = True
 ) -> Callable[[Callable[Concatenate[Owner, Key], Result]], Callable[Concatenate[Owner, Key], Result]]:
     """Return a decorator: the first argument of a function keeps its last results, by the other arguments.
 
-    They are hashable, or arrays [any unit], of which the numbers count.
+    These are hashable, or arrays [any unit], of which the numbers count; they are given by position, as the key is their order.
     most : results of one function that an owner keeps [-], the oldest goes first; typed : 2.0 is not 2, nor 1 True
+    frozen : arrays of a result are made read-only; False for a result that has a work space
+    The function that is returned raises a TypeError for arguments that are given by name.
     """
 
     def decorate(function: Callable[Concatenate[Owner, Key], Result]) -> Callable[Concatenate[Owner, Key], Result]:
         name = f"{function.__module__}.{function.__qualname__}"
 
         @wraps(function)
-        def kept(owner: Owner, /, *key: Key.args, **_: Key.kwargs) -> Result:
+        def kept(owner: Owner, /, *key: Key.args, **named: Key.kwargs) -> Result:
+            if named:
+                raise TypeError(f"{function.__name__}: {', '.join(named)} by name: its arguments are given by position")
             results = owner.__dict__.get(ATTRIBUTE)
             if results is None:
                 results = owner.__dict__.setdefault(ATTRIBUTE, _Results())
@@ -47,7 +71,8 @@ def kept_with_owner(
                 return own[index]  # type: ignore[no-any-return]
             except KeyError:
                 pass
-            found = own.setdefault(index, function(owner, *key, **_))
+            result = function(owner, *key, **named)
+            found = own.setdefault(index, freeze(result) if frozen else result)
             for old in list(own)[: max(len(own) - most, 0)]:
                 own.pop(old, None)
             return found  # type: ignore[no-any-return]

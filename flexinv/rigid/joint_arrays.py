@@ -16,7 +16,7 @@ from flexinv.kernels.simd import ASTRAY
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import FLOAT_TYPE, floats, of_kind, shown
+from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, floats, of_kind, shown
 
 Order = Literal["samples", "coordinates"]
 LABELS = ("q", "qd", "qdd")
@@ -68,7 +68,7 @@ def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Ord
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
     found = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
-        own = type(given) is np.ndarray and given.dtype is FLOAT_TYPE
+        own = type(given) is ARRAY_TYPE and given.dtype is FLOAT_TYPE and given.flags.aligned
         a: Array = given if own else floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
@@ -89,11 +89,12 @@ def output_array(out: Array | None, like: Array) -> Array:
     """
     if out is None:
         return np.empty_like(like, subok=False)
-    if not isinstance(out, np.ndarray) or out.shape != like.shape or out.dtype != np.float64:
-        given = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else shown(out)
+    plain = isinstance(out, ARRAY_TYPE) and not isinstance(out, np.ma.MaskedArray)
+    if not plain or out.shape != like.shape or out.dtype != FLOAT_TYPE:
+        given = f"an array of {out.dtype}, shape {out.shape}" if plain else shown(out)
         raise InputError(f"joint_torques: out is {given}, expected an array of float64, shape {like.shape}")
     flags = out.flags
-    if not flags.writeable or not (flags.c_contiguous or flags.f_contiguous):
+    if not flags.writeable or not flags.aligned or not (flags.c_contiguous or flags.f_contiguous):
         raise InputError("joint_torques: out cannot be written to in one piece, expected a contiguous, writeable array")
     return out
 

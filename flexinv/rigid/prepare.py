@@ -25,8 +25,9 @@ from flexinv.kernels.threads.atomics import COMPILED
 from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.rigid import joint_arrays
 from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, attend, collect, torque_blocks
 from flexinv.rigid.joint_arrays import Order, by_sample
@@ -35,7 +36,7 @@ from flexinv.rnea.body_table import Bodies, bodies
 from flexinv.rnea.loop_layout import LoopPlan
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
 from flexinv.typing import Array
-from flexinv.validation import flag, of_kind, whole
+from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, flag, of_kind, whole
 
 THREADS = "1 or more, or None for one per processor"
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
@@ -57,6 +58,8 @@ class _Own(local):
     def __init__(self, threads: int, size: int) -> None:
         self.work = cleared(threads, size + -size % LINE)
         self.counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+        # What `sample` needs, looked up at once: the data of a thread are slow to come by.
+        self.of_sample = self.work, self.counter, memoryview(self.counter)
 
     def cells(self, samples: int) -> NDArray[np.uint64]:
         """The counter, with a cell for every block."""
@@ -65,8 +68,8 @@ class _Own(local):
         return self.counter
 
 
-@dataclass(frozen=True)
-class NodalResult:
+@dataclass(frozen=True, eq=False)
+class NodalResult(ByValue):
     """The motion and the forces of all nodes, of `TorqueFunction.nodal`.
 
     torque : (samples, nv) effort of every joint coordinate, as `TorqueFunction.torques` has it [N m], [N]
@@ -86,7 +89,7 @@ class NodalResult:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueFunction:
+class TorqueFunction(ByValue):
     """The efforts of one rigid mechanism as a function of its motion, tau = L T P; made by `prepare`.
 
     Calls from several threads do not disturb each other: each has a work space of its own.
@@ -97,12 +100,15 @@ class TorqueFunction:
     mechanism: Mechanism
     passive: bool
     threads: int
-    mesh: Mesh = field(repr=False)
-    bodies: Bodies = field(repr=False)
-    _own: _Own = field(repr=False)
-    plan: LoopPlan = field(default=NO_LOOPS, repr=False)
-    loops: GivenLoops | None = field(default=None, repr=False)
-    loaded: bool = False
+    mesh: Mesh = field(repr=False, compare=False)
+    bodies: Bodies = field(repr=False, compare=False)
+    _own: _Own = field(repr=False, compare=False)
+    plan: LoopPlan = field(default=NO_LOOPS, repr=False, compare=False)
+    loops: GivenLoops | None = field(default=None, repr=False, compare=False)
+    loaded: bool = field(default=False, compare=False)
+    _widths: tuple[int, int] = field(
+        default=(0, 0), repr=False, compare=False
+    )  # of q, and of qd: `sample` has no time to count
 
     def torques(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, out: Array | None = None, order: Order = "samples"
@@ -177,31 +183,40 @@ class TorqueFunction:
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
         """Write the efforts of one sample into ``out`` (nv,) [N m] or [N] and return it: for a controller's cycle.
 
-        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; nothing is allocated.
+        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats of this machine; nothing is allocated.  All else goes
+            the way of `torques`, which converts what are numbers, and refuses what are none.
         Raises InputError as `torques` does.
         """
-        b, m, own = self.bodies, self.mechanism, self._own
-        if self.loaded:
+        b, m, (nq, nv) = self.bodies, self.mechanism, self._widths
+        # Numba's look at the arguments takes bytes of any order for floats of this machine, and masked arrays for their data.
+        if self.loaded or not (type(q) is type(qd) is type(qdd) is type(out) is ARRAY_TYPE):
+            return self.torques(q, qd, qdd, out)
+        if not (q.dtype is qd.dtype is qdd.dtype is out.dtype is FLOAT_TYPE):
             return self.torques(q, qd, qdd, out)
         try:
-            if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
+            if len(q) != nq or not len(qd) == len(qdd) == len(out) == nv:
                 joint_arrays.checked_arrays(m, (q, qd, qdd), "samples")
                 joint_arrays.output_array(out, np.asarray(qd))
+            work, counter, told = self._own.of_sample
             torque_blocks(
                 b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
-                own.work, own.counter, _NOBODY,
+                work, counter, _NOBODY,
             )  # fmt: skip
-        except TypeError:  # not contiguous, or not of floats, or no arrays
+        except TypeError:  # not contiguous, or in two dimensions
             return self.torques(q, qd, qdd, out)
-        if own.counter[1]:
-            if own.counter[OVERLAP]:
+        if told[1]:
+            if told[OVERLAP]:
                 return self.torques(q.copy(), qd.copy(), qdd.copy(), out)
             joint_arrays.check_arrays(m, (q, qd, qdd), "samples")
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
         if self.loops is not None:
-            self._share(self.loops, own.counter, (q[None], qd[None], qdd[None], out[None]))
+            self._share(self.loops, counter, (q[None], qd[None], qdd[None], out[None]))
         return out
+
+    def __hash__(self) -> int:
+        """Return the hash of the mechanism and what is asked of it [-]."""
+        return hash((self.mechanism, self.passive, self.threads))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Prepared anew where it is sent: to another process [-]."""
@@ -262,7 +277,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
     return processors() if threads is None else whole("threads", threads, 1, THREADS)
 
 
-@kept_with_owner(typed=True)
+@kept_with_owner(typed=True, frozen=False)
 def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
     joint_arrays.check_rigid(mechanism)
@@ -270,9 +285,10 @@ def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> Torqu
     mesh = build(mechanism)
     compile_for_arrays()
     loops = GivenLoops(mesh) if mechanism.closures else None
-    table, plan = _loop_plan(mesh, passive)
+    table, plan = freeze(_loop_plan(mesh, passive))
     own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[layout.APPLIED])
-    return TorqueFunction(mechanism, passive, most, mesh, table, own, plan, loops, loaded)
+    widths = mechanism.nq, mechanism.nv
+    return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)
 
 
 def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
@@ -294,6 +310,10 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
 
 
 _CELLS, _MAILS, _NUMBERS, _TABLE = (types.Array(kind, n, "C") for kind in (types.uint64, types.float64) for n in (1, 2))
+# Of a mechanism, which all its callers share: nobody writes there.
+_READ_CELLS, _READ_TREE, _READ_NUMBERS, _READ_TABLE = (
+    types.Array(kind, n, "C", readonly=True) for kind in (types.uint64, types.float64) for n in (1, 2)
+)
 
 
 def _compile(kernel: Any, *signature: types.Type) -> None:
@@ -307,16 +327,16 @@ def _compile(kernel: Any, *signature: types.Type) -> None:
 @cache
 def compile_for_arrays() -> None:
     """Compile the kernel, once: arrays [any unit] are contiguous, and those that it only reads may be read-only."""
-    read = types.Array(types.float64, 1, "C", readonly=True)
-    motion = read, read, read, _NUMBERS, _MAILS, types.uint64
-    _compile(torque_blocks, _MAILS, _TABLE, _CELLS, _CELLS, _NUMBERS, *motion, _TABLE, _CELLS, _MAILS)
+    system = _READ_TREE, _READ_TABLE, _READ_CELLS, _READ_CELLS, _READ_NUMBERS
+    motion = _READ_NUMBERS, _READ_NUMBERS, _READ_NUMBERS, _NUMBERS, _MAILS, types.uint64
+    _compile(torque_blocks, *system, *motion, _TABLE, _CELLS, _MAILS)
 
 
 @cache
 def compile_for_helpers() -> None:
     """Compile what helpers do, once [-]."""
     _compile(attend, _CELLS, types.int64)
-    _compile(collect, _CELLS, _NUMBERS, types.uint64, _TABLE, _CELLS, _MAILS)
+    _compile(collect, _READ_CELLS, _READ_NUMBERS, types.uint64, _TABLE, _CELLS, _MAILS)
 
 
 def _flat(a: Array) -> tuple[Array, tuple[int, int]]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
@@ -18,8 +19,8 @@ from flexinv.typing import Array
 from flexinv.validation import flag
 
 
-@dataclass(frozen=True)
-class TorqueDerivatives:
+@dataclass(frozen=True, eq=False)
+class TorqueDerivatives(ByValue):
     """Derivatives of the torques, (samples, nv, nv) [N m], [N] per unit of the second axis' coordinate.
 
     q : by the place; where a coordinate is no number (quaternions, free joints) by the motion in its own frame, as qd is

@@ -22,6 +22,7 @@ from flexinv.errors import InputError
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion, scalar_coordinate
+from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import checked_states
@@ -37,8 +38,8 @@ DEPENDENT = 1e-9
 UNPRINTED = 1e-9
 
 
-@dataclass(frozen=True)
-class Regressor:
+@dataclass(frozen=True, eq=False)
+class Regressor(ByValue):
     """tau = matrix @ values of a rigid mechanism.
 
     matrix : (samples, nv, parameters), torque per unit of each parameter; names, units : (parameters,)
@@ -55,8 +56,8 @@ class Regressor:
         return self.matrix.reshape(-1, len(self.names))
 
 
-@dataclass(frozen=True)
-class BaseParameters:
+@dataclass(frozen=True, eq=False)
+class BaseParameters(ByValue):
     """The combinations of parameters that a regressor can tell: Y pi = Y[:, columns] @ (combination @ pi).
 
     columns : (base,) parameters that stand for the combinations; combination : (base, parameters) [any unit]

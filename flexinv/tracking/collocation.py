@@ -33,6 +33,7 @@ from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import relative_motion, rigid_motion
 from flexinv.kinematics.tree import Joints
+from flexinv.model.owned_cache import freeze
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.frame_path import Poses
 from flexinv.tracking.inverse_kinematics import Reach, RigidWay
@@ -261,7 +262,7 @@ class Horizon:
         residual, tangents, missed, derivatives = (np.zeros(shape) for shape in shapes)
         out = Linearised(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
         solver, pick = self.layout.solver, self.layout.pick
-        beams = solver.elements._replace(stiffness=stiffness * solver.elements.stiffness)
+        beams = solver.elements._replace(stiffness=freeze(stiffness * solver.elements.stiffness))
         system, unknowns = solver.system._replace(elements=beams), u.shape[1]
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))

@@ -31,6 +31,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
+from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import FreeLayout, Horizon, Placed, TurnedTooMuch
@@ -56,8 +57,8 @@ ENDLESS = 1e10
 RIGID_BODY, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
 
 
-@dataclass(frozen=True)
-class Following:
+@dataclass(frozen=True, eq=False)
+class Following(ByValue):
     """A path, and three ways to make a frame follow it.
 
     solution : stable inversion, the *deformed* frame on the path; its joints move before the path begins and after it ends

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -18,9 +18,11 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
+from flexinv.model import rules
+from flexinv.model.links import Frozen
 from flexinv.model.track import LAWS, find_law, progress
 from flexinv.typing import Array
-from flexinv.validation import floats, number, seconds, shown
+from flexinv.validation import finite, floats, number, seconds, shown
 
 # u (samples,) [-] -> c, dc/du, d2c/du2 (samples, 3) [m]
 Curve = Callable[[Array], tuple[Array, Array, Array]]
@@ -43,7 +45,7 @@ class Poses(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Path(Frozen):
     """Path of a frame; make one with ``line``, ``arc`` or ``points``.
 
     duration : of the move [s]; law : of time, one without jumps of the acceleration; text : what it is, in words
@@ -55,6 +57,11 @@ class Path:
     law: str
     text: str
     turn: Array | None = None
+
+    RULES: ClassVar[rules.Rules] = {
+        "duration": rules.real("s", 0.0, above=True), "law": rules.text, "text": rules.text,
+        "turn": rules.optional(rules.reals((2, 3, 3), "-")),
+    }  # fmt: skip
 
     @staticmethod
     def line(start: ArrayLike, end: ArrayLike, duration: float, law: str = "nonic") -> Path:
@@ -94,7 +101,8 @@ class Path:
         """Return the path with orientations R_W,frame (3, 3) [-] at its start and its end.  Raises InputError."""
         pair = [floats(name, value) for name, value in (("start", start), ("end", end))]
         turn = np.array(pair) if pair[0].shape == pair[1].shape else np.empty(0)
-        if turn.shape != (2, 3, 3) or not np.allclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=ORTHOGONAL):
+        orthogonal = turn.shape == (2, 3, 3) and np.allclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=ORTHOGONAL)
+        if not orthogonal or (np.linalg.det(turn) < 0.0).any():
             raise InputError("turning: expected two rotation matrices (3, 3) [-]")
         return replace(self, turn=turn)
 
@@ -106,9 +114,10 @@ class Path:
 
     def evaluate(self, time: ArrayLike) -> Poses:
         """Return position, velocity and acceleration [m, s], and orientation where it is given, at ``time`` (samples,) [s]."""
-        s = floats("time", time) / self.duration
-        if s.ndim != 1:
-            raise InputError(f"time: expected shape (samples,), got {s.shape}")
+        at = floats("time", time)
+        if at.ndim != 1:
+            raise InputError(f"time: expected shape (samples,), got {at.shape}")
+        s = finite("time", at, (None,), "s") / self.duration
         u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
         u1, u2 = (speed / self.duration)[:, None], (rate / self.duration**2)[:, None]  # (sample, 1)
         c, c1, c2 = self.curve(u)

@@ -82,7 +82,7 @@ def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
     if not isinstance(frame, str | Attachment):
         known = f"links of '{m.name}': {', '.join(m.link_of)}"
         refuse("frame", frame, f"the name of a link, whose tip follows, or an Attachment; {known}")
-    name = frame if isinstance(frame, str) else frame.link
+    name = str(frame) if isinstance(frame, str) else frame.link
     if name not in m.link_of:
         raise InputError(f"frame on link {name!r}: expected a link of '{m.name}': {', '.join(m.link_of)}")
     if isinstance(frame, str):

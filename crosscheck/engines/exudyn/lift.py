@@ -91,7 +91,7 @@ def _of_tree66(tree: Any) -> Iterator[Part]:
         com = np.array([first[2, 1], first[0, 2], first[1, 0]]) / (mass or 1.0)
         tensor = about[:3, :3] - mass * (com @ com * np.eye(3) - np.outer(com, com))
         at = inverse(Placement(back[:3, 3], back[:3, :3]))
-        yield Part(kind, int(tree.parents[k]), at, Inertia(mass, com, tensor))
+        yield Part(kind, int(tree.parents[k]), at, Inertia.stated(mass, com, tensor))
 
 
 def _of_robot(robot: Any) -> Iterator[Part]:
@@ -99,7 +99,7 @@ def _of_robot(robot: Any) -> Iterator[Part]:
     for k, link in enumerate(robot.links):
         parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
         carrier = behind[parent] if parent >= 0 else _placement(robot.GetBaseHT())
-        own = Inertia(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
+        own = Inertia.stated(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
         yield Part(link.jointType, parent, on(carrier, _placement(link.preHT)), moved(behind[k], own))
 
 
@@ -130,7 +130,9 @@ def _of_item(told: dict[str, Any]) -> Iterator[Part]:
         parent = int(told["linkParents"][k])
         at = _joint_frame(told, k)
         own = [np.array(_listed(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
-        yield Part(name, parent, at if parent >= 0 else on(base, at), Inertia(float(told["linkMasses"][k]), *own))
+        yield Part(
+            name, parent, at if parent >= 0 else on(base, at), Inertia.stated(float(told["linkMasses"][k]), *own)
+        )
 
 
 def _joint_frame(told: dict[str, Any], k: int) -> Placement:

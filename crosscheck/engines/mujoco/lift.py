@@ -199,7 +199,7 @@ def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
     com = np.zeros(3) if same == mujoco.mjtSameFrame.mjSAMEFRAME_BODY else np.array(model.body_ipos[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
     if mass or tensor.any():
-        yield Body(name, Inertia(mass, com - anchor, (tensor + tensor.T) / 2))
+        yield Body(name, Inertia.stated(mass, com - anchor, (tensor + tensor.T) / 2))
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:

@@ -133,7 +133,7 @@ def flexible(mechanism: Mechanism, rod: Rod, step: float) -> Built:
 
 def _rigid_part(mechanism: Mechanism, rod: Rod) -> Mechanism:
     """The mechanism without drives; of the beam what moves with its link: bodies at the root and half an edge's mass."""
-    half = Body("half an edge", Inertia(rod.density * rod.edge / 2), 0.0)
+    half = Body("half an edge", Inertia.stated(rod.density * rod.edge / 2), 0.0)
     links = []
     for link in mechanism.links:
         if link.beam is not None:
@@ -147,7 +147,7 @@ def _rigid_part(mechanism: Mechanism, rod: Rod) -> Mechanism:
 def _in_link(body: Body, beam: Beam) -> Body:
     """A body at the root section seen in the link's frame: c' = p + R c, I' = R I R^T."""
     place, rotation, inertia = beam.placement.position, beam.placement.rotation, body.inertia
-    moved = Inertia(inertia.mass, place + rotation @ inertia.com, rotation @ inertia.tensor @ rotation.T)
+    moved = Inertia.stated(inertia.mass, place + rotation @ inertia.com, rotation @ inertia.tensor @ rotation.T)
     return replace(body, station=None, inertia=moved)
 
 

@@ -101,7 +101,7 @@ def _bodies(model: Any) -> list[str]:
 
 
 def _inertia(found: Any) -> Inertia:
-    return Inertia(float(found.mass), np.array(found.lever), np.array(found.inertia))
+    return Inertia.stated(float(found.mass), np.array(found.lever), np.array(found.inertia))
 
 
 def _joint(model: Any, k: int, parent: str, child: str) -> Joint:

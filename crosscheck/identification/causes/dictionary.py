@@ -89,7 +89,7 @@ def _payload(link: str) -> Undo:
 
     def loaded(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
         own = mechanism.link_of[link]
-        more = Body("more", Inertia(phi, own.tip if _at_tip(own) else own.bodies[-1].inertia.com))
+        more = Body("more", Inertia.stated(phi, own.tip if _at_tip(own) else own.bodies[-1].inertia.com))
         links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
         return log, replace(mechanism, links=links)
 

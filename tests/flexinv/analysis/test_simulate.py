@@ -52,7 +52,7 @@ def test_identity_to_a_millionth_over_the_whole_motion(root: Path, model: str, c
 
 
 def wheel() -> Mechanism:
-    body = Link("wheel", (Body("wheel", Inertia(1.0, np.zeros(3), np.diag([0.5, 0.5, 2.0]))),))
+    body = Link("wheel", (Body("wheel", Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.0]))),))
     return Mechanism("wheel", (body,), (Joint("axle", "revolute", "world", "wheel"),), gravity=np.zeros(3))
 
 

@@ -273,6 +273,6 @@ def test_the_comparison_sees_a_wrong_inertia() -> None:
     mechanism = quiet(ROBOTS / "panda_description/urdf/panda.urdf", base="free")
     link = mechanism.link_of["panda_link4"]
     body = link.bodies[0]
-    turned = replace(body, inertia=replace(body.inertia, com=-body.inertia.com))
+    turned = replace(body, inertia=body.inertia.restated(com=-body.inertia.com))
     links = tuple(replace(other, bodies=(turned,)) if other is link else other for other in mechanism.links)
     assert np.abs(composite(replace(mechanism, links=links))[1] - composite(mechanism)[1]).max() > 1e-3

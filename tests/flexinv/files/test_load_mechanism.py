@@ -12,11 +12,11 @@ from flexinv.analysis.statics import Load, statics
 from flexinv.errors import InputError
 from flexinv.files.joints import JOINT_TABLES, rotation_from_rpy
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.files.schema import impossible
 from flexinv.files.sections import rectangle_torsion
 from flexinv.files.toml_tables import Table, optional
 from flexinv.files.values import converted, correction, split_unit
 from flexinv.model.joint_kinds import KINDS as COORDINATES
+from flexinv.model.links import impossible
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import nearest

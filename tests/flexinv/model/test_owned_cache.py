@@ -8,6 +8,8 @@ import pickle
 import weakref
 from dataclasses import dataclass
 
+import numpy as np
+import pytest
 from flexible_examples import arm
 
 from flexinv.kinematics.mesh import build
@@ -45,6 +47,34 @@ def test_copies_begin_without_results() -> None:
     for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
         assert other.number == 2.0
         assert other.__dict__[ATTRIBUTE] == {}
+
+
+@kept_with_owner()
+def listed(owner: Owner, count: int) -> list[np.ndarray]:
+    return [np.full(count, owner.number)]
+
+
+@kept_with_owner(frozen=False)
+def work_space(owner: Owner) -> np.ndarray:
+    return np.zeros(3)
+
+
+def test_arguments_by_name_are_no_part_of_a_key() -> None:
+    """They were left out of it: the square was returned where the cube was asked for."""
+    one = Owner(3.0)
+    assert raised(one, 2.0) == 9.0
+    with pytest.raises(TypeError, match="raised: power by name: its arguments are given by position"):
+        raised(one, power=3.0)
+    assert raised(one, 3.0) == 27.0
+
+
+def test_what_is_kept_cannot_be_written_to() -> None:
+    one = Owner(2.0)
+    (kept,) = listed(one, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        kept[:] = 1.0
+    np.testing.assert_array_equal(listed(one, 2)[0], [2.0, 2.0])
+    work_space(one)[:] = 1.0
 
 
 def test_a_mesh_goes_with_its_mechanism() -> None:

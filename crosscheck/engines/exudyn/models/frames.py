@@ -202,14 +202,14 @@ def combine(parts: list[tuple[Inertia, Placement]]) -> Inertia:
     mass = sum(i.mass for i, _ in parts)
     if mass == 0.0:
         tensors = [x.rotation @ i.tensor @ x.rotation.T for i, x in parts]
-        return Inertia(0.0, np.zeros(3), sum(tensors, np.zeros((3, 3))))
+        return Inertia.stated(0.0, np.zeros(3), sum(tensors, np.zeros((3, 3))))
     points = [x.position + x.rotation @ i.com for i, x in parts]
     com = sum((i.mass * p for (i, _), p in zip(parts, points, strict=True)), np.zeros(3)) / mass
     tensor = np.zeros((3, 3))
     for (i, x), p in zip(parts, points, strict=True):
         d = skew(p - com)
         tensor = tensor + x.rotation @ i.tensor @ x.rotation.T - i.mass * d @ d
-    return Inertia(mass, com, tensor)
+    return Inertia.stated(mass, com, tensor)
 
 
 def joint_q(mechanism: Mechanism, joint: Joint, q: Array) -> Array:
