@@ -363,14 +363,6 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise complaint(str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again") from None
 
 
-def _example_columns(known: Mapping[str, Column]) -> list[str]:
-    """Return a column of each coordinate in its first unit: a header that may be written as it stands."""
-    first: dict[tuple[str, int], str] = {}
-    for name, (joint, coordinate, _) in known.items():
-        first.setdefault((joint, coordinate), name)
-    return list(first.values())
-
-
 def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
     known: dict[str, Column] = {}
     for joint in mechanism.joints:
@@ -384,7 +376,8 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
     where = f"{path}: line 1"
     if not header or header[0] != "time_s":
         given = f"first column {header[0]!r}" if header else "an empty file"
-        raise complaint(where, given, "time_s, the time [s]", ",".join(["time_s", *_example_columns(known)]))
+        first_units = {(joint, k): name for name, (joint, k, _) in reversed(known.items())}
+        raise complaint(where, given, "time_s, the time [s]", ",".join(["time_s", *reversed(first_units.values())]))
     for k, name in enumerate(header[1:], 2):
         if name not in known:
             near = nearest(name, known)

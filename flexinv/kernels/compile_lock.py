@@ -22,7 +22,7 @@ PATIENCE = 300.0  # [s]
 PAUSE = 0.02  # [s] between two looks
 NOTE = "compiling kernels, up to a minute; the machine code is kept for the next time"
 SLOW = 2.0  # [s] of compiling after which it is said
-APART = 60.0  # [s] between kernels of two calls; one kernel takes less
+LONGEST_KERNEL = 60.0  # [s] between kernels of two calls; one kernel takes less
 _BEGUN: list[float] = []  # when kernels of a call began to be compiled [s]
 _SAID: list[str] = []
 _LISTENERS: list[Callable[[], None]] = []
@@ -43,7 +43,7 @@ def say_if_slow(now: float) -> None:
 
     A program that waits for its first answer shall know why.  The words go through `logging`, so that they can be switched off.
     """
-    if _BEGUN and now - _BEGUN[-1] > APART:
+    if _BEGUN and now - _BEGUN[-1] > LONGEST_KERNEL:
         _BEGUN.clear()
     _BEGUN.append(now)
     if now - _BEGUN[0] > SLOW and not _SAID:
