@@ -54,7 +54,11 @@ def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoRe
       series/        all curves (NumPy .npz with a .json of names and units)
     """
     console = Console(stderr=True)
-    work, every = asked.work(lambda line: console.print(escape(line), soft_wrap=True))
+
+    def say(line: str) -> None:
+        console.print(escape(line), soft_wrap=True)
+
+    work, every = asked.work(say)
     whole = not asked.names and every
     try:
         known = blessed.find(baseline) if baseline is not None else None
@@ -63,7 +67,7 @@ def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoRe
         work = replace(work, options=options)
         with owned.report(out):
             with terminated(), progress(console) as notify:
-                results = run(work, out, notify, command_line(sys.argv[1:]))
+                results = run(work, out, notify, command_line(sys.argv[1:]), say)
             finish(console, results, out)
     except (blessed.BaselineError, InputError) as error:
         raise Failure(str(error)) from error

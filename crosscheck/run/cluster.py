@@ -7,6 +7,8 @@ packages.  A job of a worker that dies goes to another one (Dask); what several 
 from __future__ import annotations
 
 import contextlib
+import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
@@ -18,14 +20,17 @@ from flexinv.errors import InputError
 
 INSTALL = "python -m pip install 'flexinv[cluster]'"
 CONNECT = 20.0  # [s] for the scheduler to answer
+AGAIN = 60.0  # [s] between two looks at the workers
+HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
 LARGEST_MODEL = 50_000_000  # [bytes] of one mechanism's files
 
 
 @contextlib.contextmanager
-def workers(scheduler: str, jobs: int) -> Iterator[Executor]:
+def workers(scheduler: str, jobs: int, tell: Callable[[str], None] = lambda line: None) -> Iterator[Executor]:
     """Give an executor: ``jobs`` threads that drive local processes, or a cluster.
 
-    Raises InputError where Dask is missing or the scheduler does not answer.
+    tell : is given a line where the cluster has no workers, or workers that cannot do jobs of ours; again every minute
+    Raises InputError where Dask is missing, the scheduler does not answer, or all workers have another Python.
     """
     if not scheduler:
         with ThreadPoolExecutor(max_workers=max(1, jobs)) as pool:
@@ -40,7 +45,55 @@ def workers(scheduler: str, jobs: int) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from error
     with client:
-        yield client.get_executor(pure=False)
+        if words := find_trouble(client, scheduler):
+            tell(words)
+        others = _list_other_pythons(client)
+        if others and len(others) == len(_list_workers(client)):
+            raise InputError(f"--scheduler {scheduler}: {_describe_others(others)}; start workers with Python {HERE}")
+        over = threading.Event()
+        watcher = threading.Thread(target=_watch, args=(client, scheduler, tell, over), daemon=True)
+        watcher.start()
+        try:
+            yield client.get_executor(pure=False)
+        finally:
+            over.set()
+            watcher.join(timeout=AGAIN)
+
+
+def _watch(client: Any, scheduler: str, tell: Callable[[str], None], over: threading.Event) -> None:
+    """Tell every minute of a cluster that has trouble, until the run is over."""
+    while not over.wait(AGAIN):
+        with contextlib.suppress(Exception):  # the run finds out by itself that the cluster is gone
+            if words := find_trouble(client, scheduler):
+                tell(words)
+
+
+def find_trouble(client: Any, scheduler: str) -> str:
+    """Return in words why a cluster cannot do all jobs: no workers, or some with another Python; "" where it can."""
+    if not _list_workers(client):
+        return f"no worker is connected to {scheduler}: jobs wait; start some with  dask worker {scheduler}"
+    others = _list_other_pythons(client)
+    return f"{_describe_others(others)}: what they are given may fail" if others else ""
+
+
+def _list_workers(client: Any) -> list[str]:
+    return list(client.scheduler_info(n_workers=-1)["workers"])
+
+
+def _list_other_pythons(client: Any) -> dict[str, str]:
+    """Return the Python of workers that have another one than this machine, by their addresses."""
+    stated = client.run(_state_python, on_error="return")
+    return {worker: python for worker, python in stated.items() if isinstance(python, str) and python != HERE}
+
+
+def _state_python() -> str:
+    return ".".join(map(str, sys.version_info[:2]))
+
+
+def _describe_others(others: Mapping[str, str]) -> str:
+    worker, python = next(iter(others.items()))
+    more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+    return f"the worker {worker}{more} has Python {python}, this machine has {HERE}"
 
 
 def far(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapping[str, bytes], options: Any) -> Any:

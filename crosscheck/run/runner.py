@@ -8,7 +8,7 @@ report of everything that was done and a row for everything that was not.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,11 +28,14 @@ from crosscheck.run.work import Notify, Options, Work
 from crosscheck.verdicts.results import Results
 
 KEPT = "attempts"  # folder of what engines gave, until the run has finished
+Tell = Callable[[str], None]  # is given a line that a reader at the terminal has to know
 RUNS = ("run", "again", *SHAKES)  # kinds of jobs in which an engine runs
 FAR = (*RUNS, "study")  # kinds of jobs that the workers of a cluster do
 
 
-def run(work: Work, out: Path, notify: Notify = lambda event: None, command: str = "") -> Results:
+def run(
+    work: Work, out: Path, notify: Notify = lambda event: None, command: str = "", tell: Tell = lambda line: None
+) -> Results:
     """Run what is to run and return its results, which stand in ``out/results.json`` as well.
 
     What an older run wrote into the folder is removed first, nothing else (`owned`).  Ctrl-C ends every child; what did not
@@ -40,16 +43,16 @@ def run(work: Work, out: Path, notify: Notify = lambda event: None, command: str
     """
     with owned.report(out):
         owned.begin(out, keep=KEPT if work.options.resume else "")
-        return _run(work, out, notify, command)
+        return _run(work, out, notify, command, tell)
 
 
-def _run(work: Work, out: Path, notify: Notify, command: str) -> Results:
+def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Results:
     options = work.options
     state = State(work, out, notify, opening(work, command))
     kept = KeptAnswers(options.kept, options.engine) if options.kept is not None else None
     shelves = Shelves(options, Attempts(out / KEPT, work.engines), kept)
     servers = ForkServers()
-    with workers(options.scheduler, options.jobs) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
+    with workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
         under_way = UnderWay(pool, here, options, Children(servers=servers), shelves)
         try:
             _stages(state, under_way)

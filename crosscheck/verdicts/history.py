@@ -92,6 +92,10 @@ class HistoryError(RuntimeError):
     """The history cannot be read or written; the message says which and why.  Nothing was changed."""
 
 
+class HistorySetupError(HistoryError):
+    """No driver of the database is installed, or its address is none: trying again would not help."""
+
+
 @dataclass(frozen=True)
 class Metric:
     """A number to be kept over nights, value and limits in [unit]; None: no limit on that side."""
@@ -126,7 +130,7 @@ class Night:
 
 
 def connect(url: str) -> sql.Engine:
-    """Open a history, made on the first time.  Raises HistoryError."""
+    """Open a history, made on the first time.  Raises HistoryError, of it HistorySetupError for a driver or an address."""
     try:
         kind = sql.make_url(url).get_backend_name()
         waiting = {"timeout": PATIENCE} if kind == "sqlite" else {}
@@ -134,9 +138,41 @@ def connect(url: str) -> sql.Engine:
         _check_format(database, url)
         _check_tables(database, url)
         _meta.create_all(database)
-    except (sql.exc.SQLAlchemyError, ImportError, ValueError, OSError) as error:
+    except (ImportError, ValueError, sql.exc.NoSuchModuleError, sql.exc.ArgumentError) as error:
+        words = f"cannot open the history {_shown(url)}: {_words(error, url)}"
+        raise HistorySetupError(f"{words}{_advise_driver(error, url)}") from None
+    except (sql.exc.SQLAlchemyError, OSError) as error:
         raise HistoryError(f"cannot open the history {_shown(url)}: {_words(error, url)}") from None
     return database
+
+
+# Drivers that SQLAlchemy takes where an address names none, and the address with one that has wheels.
+DRIVERS = {
+    "postgresql": ("psycopg[binary]", "postgresql+psycopg://"),
+    "mysql": ("pymysql", "mysql+pymysql://"),
+    "mariadb": ("pymysql", "mariadb+pymysql://"),
+}
+
+
+def _advise_driver(error: Exception, url: str) -> str:
+    """Return the advice for a driver that is not installed, "" for other mistakes."""
+    kind = url.partition(":")[0].partition("+")[0]
+    if not isinstance(error, ImportError) or kind not in DRIVERS:
+        return ""
+    package, address = DRIVERS[kind]
+    return f"; write python -m pip install '{package}', and begin the address with {address}"
+
+
+def try_writing(database: sql.Engine) -> None:
+    """Write a night and take it back.  Raises HistoryError where the history cannot be written."""
+    row = {"key": "a trial", "started": store.now(), "label": "trial"}
+    try:
+        with database.connect() as link:
+            link.execute(sql.insert(NIGHT).values(**row))
+            link.rollback()
+    except sql.exc.SQLAlchemyError as error:
+        words = _words(error, database.url)
+        raise HistoryError(f"cannot write the history {_shown(database.url)}: {words}") from None
 
 
 def _check_format(database: sql.Engine, url: str) -> None:

@@ -30,6 +30,10 @@ from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
 
+LEAST, ROOM = (
+    50_000_000,
+    2.5,
+)  # [bytes] of a night at least; times its size: itself, its copy, what is written meanwhile
 LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
 
 
@@ -63,11 +67,12 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
 
     tell : is given one line about everything that a reader at the terminal has to know
     Raises NightRunning where one is under way, BaselineError where the blessed night cannot be read, InputError where no
-    scheduler answers.
+    scheduler answers, no driver of the history's database is installed, or the disk has no room for a night.
     """
     night.reports.mkdir(parents=True, exist_ok=True)
     with only_one(night.reports):
         known = baseline.find(night.baseline)
+        check_space(night.reports)
         database, trouble = open_history(night.url, tell)
         if database is not None:
             catch_up(database, night.reports, tell)
@@ -76,7 +81,7 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
             take_over(night.reports, night.label, folder, tell)
         options = replace(night.work.options, baseline=known, whole=night.whole, fresh=True)
         with no_trace(folder):
-            results = run(replace(night.work, options=options), folder, notify, night.command)
+            results = run(replace(night.work, options=options), folder, notify, night.command, tell)
         if night.bench and results.finished:
             results = with_speed(results, night, notify)
         results = remember(database, night, failed(results, trouble), folder, tell)
@@ -136,10 +141,30 @@ def _label(name: str) -> str:
     return re.sub(r"-\d+$", "", name[len("2026-01-01") :]).removeprefix("-")
 
 
+def check_space(reports: Path) -> None:
+    """Raise InputError where the disk has no room for another night as large as the largest one that is kept."""
+    nights = [folder for folder in reports.glob("[0-9]*") if folder.is_dir()]
+    sizes = [sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) for folder in nights]
+    needed = ROOM * max([LEAST, *sizes])
+    free = shutil.disk_usage(reports).free
+    if free < needed:
+        raise InputError(
+            f"{reports}: {free / 1e6:.0f} MB are free on its disk, a night needs {needed / 1e6:.0f} MB with its copy; remove old "
+            "nights there, or write --reports with a folder elsewhere"
+        )
+
+
 def open_history(url: str, tell: Callable[[str], None]) -> tuple[Any, str]:
-    """Return the history, or None and why it cannot be opened: that is told, and the night goes on."""
+    """Return the history, or None and why it cannot be opened: that is told, and the night goes on.
+
+    Raises InputError where it can never be opened: no driver is installed, or the address is none.
+    """
     try:
-        return history.connect(url), ""
+        database = history.connect(url)
+        history.try_writing(database)
+        return database, ""
+    except history.HistorySetupError as error:
+        raise InputError(str(error)) from error
     except history.HistoryError as error:
         tell(str(error))
         return None, str(error)

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -47,8 +48,8 @@ def cases(root: Path, tmp_path: Path, count: int) -> Plan:
 
 
 @contextmanager
-def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A scheduler and two workers in processes of their own, which see none of this project's folders but its packages."""
+def cluster(folder: Path, workers: int = 2) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A scheduler and workers in processes of their own, which see none of this project's folders but its packages."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
@@ -61,7 +62,7 @@ def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
 
     started = [start("dask_scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard")]
     worker = ("dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-    started += [start(*worker), start(*worker)]
+    started += [start(*worker) for _ in range(workers)]
     try:
         yield address, started[1:]
     finally:
@@ -158,3 +159,27 @@ def test_a_worker_gets_the_files_of_the_mechanism(root: Path, tmp_path: Path, mo
     monkeypatch.setattr("crosscheck.run.cluster.LARGEST_MODEL", 10)
     with pytest.raises(InputError, match="is not sent to workers"):
         luggage(task)
+
+
+def test_a_cluster_without_workers_says_so_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scheduler alone takes jobs and does none: the reader at the terminal knows why nothing happens."""
+    monkeypatch.setattr("crosscheck.run.cluster.AGAIN", 0.2)  # [s]
+    said: list[str] = []
+    with cluster(tmp_path, workers=0) as (address, _), workers(address, 1, said.append):
+        until = clock.monotonic() + 20.0
+        while len(said) < 3 and clock.monotonic() < until:
+            clock.sleep(0.05)
+    assert len(said) >= 3
+    assert set(said) == {f"no worker is connected to {address}: jobs wait; start some with  dask worker {address}"}
+
+
+def test_workers_of_another_python_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with cluster(tmp_path) as (address, _):
+        with workers(address, 1) as pool:
+            pool.submit(int, "1").result(60.0)  # both are there
+        monkeypatch.setattr("crosscheck.run.cluster.HERE", "3.1")
+        with pytest.raises(
+            InputError, match=r"has Python 3\.\d+, this machine has 3\.1; start workers with Python 3\.1"
+        ):
+            with workers(address, 1):
+                pass

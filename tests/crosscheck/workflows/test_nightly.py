@@ -148,7 +148,7 @@ def test_a_locked_history_is_told_and_caught_up_by_the_next_night(
     assert [n.folder for n in known(reports)] == [date, f"{date}-2"]
 
 
-@pytest.mark.parametrize(
+WITH_PASSWORDS = pytest.mark.parametrize(
     "words",
     [
         ("--history", "postgresql://me:hush%40x@localhost/nights"),
@@ -159,12 +159,55 @@ def test_a_locked_history_is_told_and_caught_up_by_the_next_night(
         ("--history", "postgresql://me:hush@localhost:port/nights"),
     ],
 )
+
+
+@WITH_PASSWORDS
+def test_a_history_that_can_never_be_opened_is_said_before_the_night(
+    words: tuple[str, ...], nightly: Invoke, reports: Path
+) -> None:
+    """No driver is installed, or the address is none: nothing runs, no folder is left, and no password is shown."""
+    done = nightly(*words)
+    assert done.exit_code == 2
+    said = " ".join(done.output.split())
+    assert "cannot open the history" in said
+    assert "hush" not in said
+    assert folders(reports) == []
+    if "localhost/nights" in words[-1] and "postgresql" in words[-1]:
+        assert "pip install 'psycopg[binary]', and begin the address with postgresql+psycopg://" in said
+
+
+def test_a_night_without_room_on_its_disk_does_not_begin(
+    nightly: Invoke, reports: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("crosscheck.workflows.night.LEAST", 10**18)  # [bytes]
+    done = nightly()
+    assert done.exit_code == 2
+    assert "are free on its disk, a night needs" in " ".join(done.output.split())
+    assert folders(reports) == []
+
+
+def test_a_history_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    history.connect(f"sqlite:///{tmp_path / 'nights.sqlite'}").dispose()
+    reading = history.connect(f"sqlite:///file:{tmp_path / 'nights.sqlite'}?mode=ro&uri=true")
+    with pytest.raises(history.HistoryError, match="attempt to write a readonly database"):
+        history.try_writing(reading)
+    writing = history.connect(f"sqlite:///{tmp_path / 'nights.sqlite'}")
+    history.try_writing(writing)
+    assert history.nights(writing) == []
+
+
+@WITH_PASSWORDS
 def test_passwords_are_in_no_file_and_no_message(
     words: tuple[str, ...], nightly: Invoke, reports: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     absent = {name: Engine(name, "x", "no_such_package", "never") for name in ("flexinv", "pinocchio")}
     monkeypatch.setattr("crosscheck.doors.registry.ENGINES", absent)
     monkeypatch.setattr(sys, "argv", ["crosscheck", "nightly", *words])
+
+    def fail(url: str) -> None:
+        raise history.HistoryError(f"cannot open the history: {history._shown(url)} does not answer")
+
+    monkeypatch.setattr(history, "connect", fail)
     done = nightly(*words)
     assert done.exit_code == 2
     assert "cannot open the history" in " ".join(done.output.split())
