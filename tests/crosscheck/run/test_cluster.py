@@ -178,8 +178,6 @@ def test_workers_of_another_python_are_refused(tmp_path: Path, monkeypatch: pyte
         with workers(address, 1) as pool:
             pool.submit(int, "1").result(60.0)  # both are there
         monkeypatch.setattr("crosscheck.run.cluster.HERE", "3.1")
-        with pytest.raises(
-            InputError, match=r"has Python 3\.\d+, this machine has 3\.1; start workers with Python 3\.1"
-        ):
-            with workers(address, 1):
-                pass
+        words = r"has Python 3\.\d+, this machine has 3\.1; start workers with Python 3\.1"
+        with pytest.raises(InputError, match=words), workers(address, 1):
+            pass
