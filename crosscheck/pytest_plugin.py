@@ -54,9 +54,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--crosscheck-engine", action="append", default=[], metavar="MODULE:NAME", help="A Python object as an engine."
     )
     group.addoption(
+        "--crosscheck-trust-commands",
         "--crosscheck-trust",
+        dest="crosscheck_trust_commands",
         action="store_true",
-        help="Run programs of crosscheck.toml without crosscheck trust (in CI).",
+        help="Run programs of crosscheck.toml without crosscheck trust (in CI), as --trust-commands of crosscheck run.",
     )
 
 
@@ -156,7 +158,9 @@ def _engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
     try:
         known = doors(models, Path(stated) if stated else None, config.getoption("--crosscheck-engine"))
         wanted = _wanted(config, known.engines)
-        known.admit(wanted, bool(config.getoption("--crosscheck-trust")), config.stash.setdefault(SAID, set()).add)
+        known.admit(
+            wanted, bool(config.getoption("crosscheck_trust_commands")), config.stash.setdefault(SAID, set()).add
+        )
     except InputError as error:
         raise pytest.UsageError(str(error)) from error
     return known.engines
