@@ -21,7 +21,7 @@ except ImportError:  # Windows: each process compiles for itself
 PATIENCE = 300.0  # [s]
 PAUSE = 0.02  # [s] between two looks
 NOTE = "compiling kernels, up to a minute; the machine code is kept for the next time"
-SLOW = 2.0  # [s] of compiling after which it is said
+SLOW_COMPILING = 2.0  # [s] of compiling after which it is said
 LONGEST_KERNEL = 60.0  # [s] between kernels of two calls; one kernel takes less
 _BEGUN: list[float] = []  # when kernels of a call began to be compiled [s]
 _SAID: list[str] = []
@@ -39,14 +39,14 @@ def telling(say: Callable[[], None]) -> Iterator[None]:
 
 
 def say_if_slow(now: float) -> None:
-    """Say once in a process that kernels are compiled, where that has taken longer than `SLOW` [s]; now : [s].
+    """Say once in a process that kernels are compiled, where that has taken longer than `SLOW_COMPILING` [s]; now : [s].
 
     A program that waits for its first answer shall know why.  The words go through `logging`, so that they can be switched off.
     """
     if _BEGUN and now - _BEGUN[-1] > LONGEST_KERNEL:
         _BEGUN.clear()
     _BEGUN.append(now)
-    if now - _BEGUN[0] > SLOW and not _SAID:
+    if now - _BEGUN[0] > SLOW_COMPILING and not _SAID:
         _SAID.append(NOTE)
         logging.getLogger("flexinv").warning(NOTE)
 
