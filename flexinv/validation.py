@@ -145,7 +145,7 @@ def floats(name: str, value: Any) -> NDArray[np.float64]:
     raise InputError(f"{name}: expected numbers, got {what}{write}")
 
 
-def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
     """Return finite numbers [any unit] of a shape as an array of floats; None in the shape is any number.
 
     Raises InputError as `floats` does, and for another shape or a number that is not finite.
@@ -198,6 +198,14 @@ def table(name: str, value: object, expected: str, write: str) -> Mapping[Any, A
     if not isinstance(value, Mapping):
         refuse(name, value, expected, write)
     return value
+
+
+def renaming(name: str, value: object, expected: str, write: str) -> Mapping[str, str]:
+    """Return a table of names by names [-], an empty one for None."""
+    stated = table(name, value, expected, write)
+    if not all(isinstance(one, str) for pair in stated.items() for one in pair):
+        refuse(name, value, expected, write)
+    return stated
 
 
 def names(name: str, value: object, of: str) -> Collection[str]:

@@ -45,7 +45,7 @@ from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, o
 
 
 class Taken(NamedTuple):
-    """What steps have made of a work space: its numbers [m, rad, s, N], and as of `Flexible` what is no array."""
+    """A work space as steps have left it: its numbers [m, rad, s, N], and the rest as of `Flexible`."""
 
     numbers: list[Array]
     early_steps: int
