@@ -325,7 +325,7 @@ def files() -> Iterator[Entrance]:
     })  # fmt: skip
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,
-            "strict": slot("flag", False), "match": optional("by joint", {"elbow": "elbow"})}  # fmt: skip
+            "strict": slot("flag", False), "match": optional("renaming", {"elbow": "elbow"})}  # fmt: skip
     yield Entrance("crosscheck.compare", lambda **given: crosscheck.compare(**given).equal, both, 0.6)
     yield Entrance("crosscheck.assert_same", lambda **given: crosscheck.assert_same(**given).equal, both, 0.6)
     yield Entrance("crosscheck.lint", lambda **given: quiet(crosscheck.lint, **given), {
