@@ -220,7 +220,7 @@ RENAMING = (
     Dress("proxy", _same(MappingProxyType), True),
     Dress("a number for a name", _none(lambda table: dict.fromkeys(table, 3))),
     Dress("a number by a name", _none(lambda table: {**table, 3: "elbow"})),
-    Dress("a list for a name", _none(lambda table: dict.fromkeys(table, ["elbow"]))),
+    Dress("a list for a name", _none(lambda table: {name: ["elbow"] for name in table})),
     Dress("text", _none(lambda table: "elbow")),
     Dress("list", _none(list)),
     Dress("object", _none(lambda table: object())),
