@@ -216,7 +216,16 @@ BY_JOINT = (
     Dress("object", _none(lambda table: object())),
     Dress("two values", _none(lambda table: {**table, next(iter(table)): [0.1] * 9})),
 )
+RENAMING = (
+    Dress("proxy", _same(MappingProxyType), True),
+    Dress("a number for a name", _none(lambda table: dict.fromkeys(table, 3))),
+    Dress("a number by a name", _none(lambda table: {**table, 3: "elbow"})),
+    Dress("a list for a name", _none(lambda table: {name: ["elbow"] for name in table})),
+    Dress("text", _none(lambda table: "elbow")),
+    Dress("list", _none(list)),
+    Dress("object", _none(lambda table: object())),
+)
 KINDS: Mapping[str, tuple[Dress, ...]] = {
     "numbers": NUMBERS, "number": NUMBER, "whole": WHOLE, "flag": FLAG, "choice": CHOICE, "names": NAMES, "thing": THING,
-    "text": TEXT, "by joint": BY_JOINT,
+    "text": TEXT, "by joint": BY_JOINT, "renaming": RENAMING,
 }  # fmt: skip

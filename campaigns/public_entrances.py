@@ -223,7 +223,7 @@ def torques() -> Iterator[Entrance]:
         "regressor": slot("thing", flexinv.torque_regressor(arm, *state)),
     })  # fmt: skip
     bent = flexinv.Controller.of(model("flex_one_link"), step=1e-3)
-    single = {name: slot("numbers", [x]) for name, x in zip(one, VECTOR, strict=True)}
+    single = {name: slot("numbers", [x]) for name, x in zip(one, (1.8e-5, 6e-3, 1.0), strict=True)}
     yield Entrance("Controller.step", _steps(bent), single, 4.0)
     rigid = flexinv.Controller.of(arm)
     yield Entrance("Controller.step, rigid", lambda **given: rigid.step(**given).copy(), one, 2.0)
@@ -239,10 +239,10 @@ def _steps(controller: Any) -> Call:
     """A start, a step, and the step that is asked for."""
 
     def call(q: Any, qd: Any, qdd: Any) -> Any:
-        rest = np.zeros(1)
-        controller.start(rest, rest, rest)
-        for k in range(5):  # beyond the parts of a sudden start
-            controller.step(rest + 1e-4 * k, rest, rest)
+        rest, push = np.zeros(1), np.ones(1)
+        controller.start(rest, rest, push)
+        for time in 1e-3 * np.arange(1, 6):  # beyond the parts of a sudden start
+            controller.step(0.5 * time**2 * push, time * push, push)
         return controller.step(q, qd, qdd).copy()
 
     return call
@@ -269,8 +269,8 @@ def verbs() -> Iterator[Entrance]:
         "threads": optional("whole", 1),
     })  # fmt: skip
     yield Entrance("simulate", flexinv.simulate, {
-        "mechanism": thing, "time": slot("numbers", [0.0, 0.125, 0.25]), "torque": slot("numbers", [[0.0], [0.5], [0.0]]),
-        "step": slot("number", 1 / 64), "spectral_radius": radius, "start": optional("by joint", {"hub": 0.1}),
+        "mechanism": thing, "time": slot("numbers", [0.0, 0.125, 0.25]), "torque": slot("numbers", [[0.0], [0.05], [0.0]]),
+        "step": slot("number", 1 / 512), "spectral_radius": radius, "start": optional("by joint", {"hub": 0.1}),
         "start_rate": optional("by joint", {"hub": 0.25}),
     }, 2.0)  # fmt: skip
     force = slot("numbers", [0.0, 0.1, 0.0])
@@ -325,7 +325,7 @@ def files() -> Iterator[Entrance]:
     })  # fmt: skip
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,
-            "strict": slot("flag", False), "match": optional("by joint", {"elbow": "elbow"})}  # fmt: skip
+            "strict": slot("flag", False), "match": optional("renaming", {"elbow": "elbow"})}  # fmt: skip
     yield Entrance("crosscheck.compare", lambda **given: crosscheck.compare(**given).equal, both, 0.6)
     yield Entrance("crosscheck.assert_same", lambda **given: crosscheck.assert_same(**given).equal, both, 0.6)
     yield Entrance("crosscheck.lint", lambda **given: quiet(crosscheck.lint, **given), {

@@ -71,7 +71,7 @@ def refuse(name: str, value: object, expected: str, write: str = "") -> NoReturn
 def whole(name: str, value: object, least: int, expected: str = "") -> int:
     """Return a whole number [-], ``least`` or more; of floats none is, whole or not."""
     found = None
-    if not isinstance(value, bool):
+    if not isinstance(value, bool | np.bool_):
         with suppress(TypeError):
             found = operator.index(value)  # type: ignore[arg-type]
     if found is None or found < least:
@@ -127,7 +127,7 @@ def floats(name: str, value: Any) -> NDArray[np.float64]:
     Raises InputError for texts, truths, dates, complex numbers, other objects, and for entries that a mask hides.
     """
     if type(value) is ARRAY_TYPE and value.dtype is FLOAT_TYPE and value.flags.aligned:
-        return value  # type: ignore[no-any-return]
+        return value
     if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
         hidden = np.count_nonzero(np.ma.getmaskarray(value))
         advice = "write .filled(...) with numbers for them, or leave these samples out"
@@ -145,7 +145,7 @@ def floats(name: str, value: Any) -> NDArray[np.float64]:
     raise InputError(f"{name}: expected numbers, got {what}{write}")
 
 
-def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
     """Return finite numbers [any unit] of a shape as an array of floats; None in the shape is any number.
 
     Raises InputError as `floats` does, and for another shape or a number that is not finite.
@@ -198,6 +198,14 @@ def table(name: str, value: object, expected: str, write: str) -> Mapping[Any, A
     if not isinstance(value, Mapping):
         refuse(name, value, expected, write)
     return value
+
+
+def renaming(name: str, value: object, expected: str, write: str) -> Mapping[str, str]:
+    """Return a table of names by names [-], an empty one for None."""
+    stated = table(name, value, expected, write)
+    if not all(isinstance(one, str) for pair in stated.items() for one in pair):
+        refuse(name, value, expected, write)
+    return stated
 
 
 def names(name: str, value: object, of: str) -> Collection[str]:

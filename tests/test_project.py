@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 PROJECT = "flexinv"
 
@@ -45,6 +46,31 @@ def test_a_missing_or_wrong_pin_is_found() -> None:
     groups = {"": [Requirement("numpy>=2.0"), Requirement("scipy>=1.13")]}
     assert unpinned(groups, {"numpy": "1.26", "scipy": "1.17"}) == ["numpy>=2.0"]
     assert unpinned(groups, {"numpy": "2.1"}) == ["scipy>=1.13"]
+
+
+def not_lowest(groups: dict[str, list[Requirement]], lowest: dict[str, str]) -> list[str]:
+    """Requirements whose lower bound is not the version of the list of lower bounds, and names that nothing asks for."""
+    asked = [r for lines in groups.values() for r in lines if r.name != PROJECT]
+    found = []
+    for r in asked:
+        bounds = [Version(one.version) for one in r.specifier if one.operator in (">=", "==")]
+        own = lowest.get(canonicalize_name(r.name))
+        if own is None or bounds != [Version(own)]:
+            found.append(f"{r}: {own}")
+    return found + sorted(set(lowest) - {canonicalize_name(r.name) for r in asked})
+
+
+def test_lower_bounds_are_the_versions_that_were_tried(root: Path) -> None:
+    lowest = pins((root / "docs" / "release" / "lower-bounds.txt").read_text())
+    assert not_lowest(requirements(root), lowest) == []
+    text = (root / "docs" / "release" / "publish.md").read_text()
+    assert "--constraint docs/release/lower-bounds.txt" in text
+
+
+def test_a_lower_bound_that_was_not_tried_is_found() -> None:
+    groups = {"": [Requirement("numpy>=2.0"), Requirement("scipy>=1.13"), Requirement("numba")]}
+    tried = {"numpy": "2.0.0", "scipy": "1.14.0", "click": "8.2.0"}
+    assert not_lowest(groups, tried) == ["scipy>=1.13: 1.14.0", "numba: None", "click"]
 
 
 def test_all_means_every_extra(root: Path) -> None:

@@ -36,7 +36,7 @@ from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
-from flexinv.validation import flag, names, number, refuse, table
+from flexinv.validation import flag, names, number, refuse, renaming
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
 SINGLE = 30.0  # rounding errors of a reader that add up in an effort
@@ -65,7 +65,7 @@ def compare(
     """
     begun = clock.perf_counter()
     families, strict = checked(tolerance, judge), flag("strict", strict)
-    stated = checked_names(match)
+    stated = renaming("match", match, "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}')
     first, second = describe_pair(a, b)
     found = replace(compared(first, second, tolerance, stated, tuple(ignore)), unproven=unproven)
     return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
@@ -82,16 +82,6 @@ def checked(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
     if not (np.isfinite(asked) and asked > 0.0):
         refuse("tolerance", tolerance, expected)
     return families
-
-
-def checked_names(match: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Return a table of joints of a by joints of b [-].  Raises InputError for what is none."""
-    expected, write = "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}'
-    stated = table("match", match, expected, write)
-    for name in (*stated, *stated.values()):
-        if not isinstance(name, str):
-            refuse("match", match, expected, write)
-    return stated
 
 
 @dataclass(frozen=True)

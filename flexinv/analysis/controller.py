@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,7 +46,7 @@ from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, o
 
 
 class Taken(NamedTuple):
-    """What steps have made of a work space: its numbers [m, rad, s, N], and as of `Flexible` what is no array."""
+    """A work space as steps have left it: its numbers [m, rad, s, N], and the rest as of `Flexible`."""
 
     numbers: list[Array]
     early_steps: int
@@ -287,7 +288,10 @@ class Controller:
         if f is None or not self.begun:
             write = "write controller.start(q, qd, qdd) once, where the motion begins, before step"
             raise InputError(f"controller: {write}")
-        if f.early_steps > 0 or not (_is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)):
+        plain = f.early_steps == 0 and _is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)
+        if not plain or not isfinite(
+            q.dot(q) + qd.dot(qd) + qdd.dot(qdd)
+        ):  # a number that is none spoils every step after it
             q, qd, qdd = self._checked(q, qd, qdd)
         if f.early_steps > 0:
             f.go_in_parts(q, qd, qdd)

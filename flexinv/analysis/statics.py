@@ -51,8 +51,8 @@ class Load(Frozen):
     follower: bool = False
 
     RULES: ClassVar[rules.Rules] = {
-        "link": rules.text, "force": rules.reals((3,), "N"), "moment": rules.reals((3,), "N m"),
-        "station": rules.real("-, of the length", 0.0, most=1.0), "point": rules.reals((3,), "m"), "follower": rules.truth,
+        "link": rules.text, "force": rules.real_array((3,), "N"), "moment": rules.real_array((3,), "N m"),
+        "station": rules.real("-, of the length", 0.0, most=1.0), "point": rules.real_array((3,), "m"), "follower": rules.truth,
     }  # fmt: skip
 
     def _name(self) -> str:

@@ -60,7 +60,7 @@ class Limit(Frozen):
 
     RULES: ClassVar[rules.Rules] = {
         "quantity": rules.text, "engines": rules.several(rules.text), "maximum": rules.real("-", 0.0), "reason": rules.text,
-        "reference": rules.text, "source": rules.text, "expires": rules.optional(rules.of(datetime.date)),
+        "reference": rules.text, "source": rules.text, "expires": rules.or_none(rules.of(datetime.date)),
         "versions": rules.text,
     }  # fmt: skip
 
@@ -98,10 +98,10 @@ class Case(Frozen):
         "name": rules.text, "title": rules.text, "step": rules.real("s", 0.0, above=True),
         "end": rules.real("s", 0.0, above=True), "sample": rules.real("s", 0.0, above=True),
         "quantities": rules.several(rules.text), "limits": rules.several(rules.of(Limit)),
-        "spectral_radius": rules.real("-", 0.0, most=1.0), "initial": rules.one_of(("consistent", "static")),
-        "mesh": rules.optional(rules.pair(rules.count(1), rules.count(1))), "source": rules.text,
-        "notes": rules.several(rules.text), "measured": rules.optional(rules.of(Path)),
-        "accuracy": rules.optional(rules.real("-", 0.0, above=True)),
+        "spectral_radius": rules.real("-", 0.0, most=1.0), "initial": rules.option(("consistent", "static")),
+        "mesh": rules.or_none(rules.pair(rules.count(1), rules.count(1))), "source": rules.text,
+        "notes": rules.several(rules.text), "measured": rules.or_none(rules.of(Path)),
+        "accuracy": rules.or_none(rules.real("-", 0.0, above=True)),
     }  # fmt: skip
 
     def meshed(self, mechanism: Mechanism) -> Mechanism:

@@ -21,7 +21,8 @@ from numba.core.compiler import Compiler, DefaultPassBuilder
 
 from flexinv.kernels.records import RecordType
 
-PROMISES = "noalias", "captures(none)"  # of a record: nobody writes there meanwhile, and its address is not kept
+# Of a record: nobody writes there meanwhile, and its address is not kept: in words of LLVM 21, or else 20 (Numba 0.62).
+NOT_WRITTEN, NOT_KEPT, NOT_KEPT_BEFORE = "noalias", "captures(none)", "nocapture"
 # Loops over lanes are long, and take vectors of 512 bits where the processor has them.  For some (Intel's server processors,
 # and x86-64-v4, for which wheels bring code) LLVM prefers 256: a batch of Panda's torques then takes 62.6 ns a sample instead of
 # 45.5 (Emerald Rapids; with code for x86-64-v4 47.8 instead of 29.7 on a Zen 5).
@@ -52,9 +53,17 @@ class KernelLibrary(JITCodeLibrary):
                     set.add(function.attributes, WIDE)  # llvmlite knows no attributes with values
                 for argument in function.args:
                     if argument.name in self.records:
-                        for promise in PROMISES:
-                            argument.add_attribute(promise)
+                        _promise(argument)
         super().add_ir_module(ir_module)
+
+
+def _promise(argument: Any) -> None:
+    """Promise that nobody writes into a record meanwhile or keeps its address."""
+    argument.add_attribute(NOT_WRITTEN)
+    try:
+        argument.add_attribute(NOT_KEPT)
+    except ValueError:  # a word that this llvmlite does not know
+        argument.add_attribute(NOT_KEPT_BEFORE)
 
 
 class InnerLibrary(KernelLibrary):

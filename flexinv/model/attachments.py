@@ -64,7 +64,7 @@ class TableLaw(Frozen):
     length: Array
     force: Array
 
-    RULES: ClassVar[rules.Rules] = {"length": rules.reals((None,), "m"), "force": rules.reals((None,), "N")}
+    RULES: ClassVar[rules.Rules] = {"length": rules.real_array((None,), "m"), "force": rules.real_array((None,), "N")}
 
     def _check(self, where: str) -> None:
         if len(self.length) < 2 or (np.diff(self.length) <= 0.0).any():
@@ -148,9 +148,9 @@ class Closure(Frozen):
     offset: float = 0.0
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "kind": rules.one_of(CLOSURES), "first": rules.of(Attachment), "second": rules.of(Attachment),
+        "name": rules.text, "kind": rules.option(CLOSURES), "first": rules.of(Attachment), "second": rules.of(Attachment),
         "axis": rules.unit_vector, "second_axis": rules.unit_vector, "active": rules.several(rules.pair(_INSTANT, _INSTANT)),
-        "capture": rules.truth, "impact": rules.one_of(IMPACTS),
+        "capture": rules.truth, "impact": rules.option(IMPACTS),
         "factors": rules.several(rules.pair(rules.text, rules.real("-"))), "offset": rules.real("rad or m"),
     }  # fmt: skip
 
@@ -179,7 +179,7 @@ class Spring(Frozen):
     RULES: ClassVar[rules.Rules] = {
         "name": rules.text, "first": rules.of(Attachment), "second": rules.of(Attachment),
         "stiffness": rules.real("N/m", 0.0), "rest": rules.real("m"), "damping": rules.real("N s/m", 0.0),
-        "law": rules.optional(rules.of(GasLaw, TableLaw)),
+        "law": rules.or_none(rules.of(GasLaw, TableLaw)),
     }  # fmt: skip
 
     def pull(self, length: Array) -> Array:
@@ -202,8 +202,8 @@ class Force(Frozen):
     follower: bool = False
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "at": rules.of(Attachment), "wrench": rules.reals((None, 6), "N, N m"),
-        "time": rules.reals((None,), "s"), "follower": rules.truth,
+        "name": rules.text, "at": rules.of(Attachment), "wrench": rules.real_array((None, 6), "N, N m"),
+        "time": rules.real_array((None,), "s"), "follower": rules.truth,
     }  # fmt: skip
 
     def _check(self, where: str) -> None:

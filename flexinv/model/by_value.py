@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -32,11 +33,8 @@ def is_same(one: Any, other: Any) -> bool:
     if is_dataclass(one):
         compared = [field.name for field in fields(one) if field.compare]
         return all(is_same(getattr(one, name), getattr(other, name)) for name in compared)
-    if (
-        type(one).__eq__ is object.__eq__
-        and hasattr(one, "__dict__")
-        and not callable(type(one).__dict__.get("__get__"))
-    ):
+    kind: Any = type(one)
+    if kind.__eq__ is object.__eq__ and hasattr(one, "__dict__") and not isinstance(one, FunctionType):
         return is_same(vars(one), vars(other))
     return bool(one == other) or bool(one != one and other != other)
 
@@ -69,4 +67,6 @@ class ByValue:
             return NotImplemented
         return is_same(self, other)
 
-    __hash__ = None  # type: ignore[assignment]  # their arrays can be written to
+    def __hash__(self) -> int:
+        """Raise a TypeError: their arrays can be written to [-]."""
+        raise TypeError(f"unhashable type: {type(self).__name__!r}, whose arrays can be written to")

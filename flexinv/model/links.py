@@ -78,10 +78,10 @@ class Placement(Frozen):
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
 
-    RULES: ClassVar[rules.Rules] = {"position": rules.reals((3,), "m"), "rotation": rules.rotation}
+    RULES: ClassVar[rules.Rules] = {"position": rules.real_array((3,), "m"), "rotation": rules.rotation}
 
 
-STATION = rules.optional(rules.real("-", 0.0, most=1.0))
+STATION = rules.or_none(rules.real("-", 0.0, most=1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +132,8 @@ class Inertia(Frozen):
 
     RULES: ClassVar[rules.Rules] = {
         "mass": rules.real("kg"),
-        "com": rules.reals((3,), "m"),
-        "tensor": rules.reals((3, 3), "kg m^2"),
+        "com": rules.real_array((3,), "m"),
+        "tensor": rules.real_array((3, 3), "kg m^2"),
     }
 
     def _check(self, where: str) -> None:
@@ -192,11 +192,11 @@ class Section(Frozen):
     damping: Array | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "stations": rules.reals((None,), "-", least=0.0),
-        "stiffness": rules.reals((None, 6), "N, N m^2", least=0.0),
-        "mass_per_length": rules.reals((None,), "kg/m", least=0.0),
-        "rotary_inertia": rules.reals((None, 3), "kg m", least=0.0),
-        "damping": rules.optional(rules.reals((None, 6), "N s, N m^2 s", least=0.0)),
+        "stations": rules.real_array((None,), "-", least=0.0),
+        "stiffness": rules.real_array((None, 6), "N, N m^2", least=0.0),
+        "mass_per_length": rules.real_array((None,), "kg/m", least=0.0),
+        "rotary_inertia": rules.real_array((None, 3), "kg m", least=0.0),
+        "damping": rules.or_none(rules.real_array((None, 6), "N s, N m^2 s", least=0.0)),
     }
 
     def _check(self, where: str) -> None:
@@ -228,7 +228,7 @@ class Beam(Frozen):
 
     RULES: ClassVar[rules.Rules] = {
         "length": rules.real("m", 0.0, above=True), "section": rules.of(Section), "elements": rules.count(1),
-        "order": rules.count(1), "curvature": rules.reals((3,), "1/m"), "placement": rules.of(Placement),
+        "order": rules.count(1), "curvature": rules.real_array((3,), "1/m"), "placement": rules.of(Placement),
     }  # fmt: skip
 
 
@@ -245,8 +245,8 @@ class Link(Frozen):
     tip: Array = field(default_factory=lambda: np.zeros(3))
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "bodies": rules.several(rules.of(Body)), "beam": rules.optional(rules.of(Beam)),
-        "tip": rules.reals((3,), "m"),
+        "name": rules.text, "bodies": rules.several(rules.of(Body)), "beam": rules.or_none(rules.of(Beam)),
+        "tip": rules.real_array((3,), "m"),
     }  # fmt: skip
 
     def _check(self, where: str) -> None:

@@ -16,9 +16,8 @@ from flexinv.validation import (
     ARRAY_TYPE,
     FLOAT_TYPE,
     LARGEST_INTEGER,
-    finite,
+    finite_array,
     flag,
-    floats,
     in_words,
     number,
     of_kind,
@@ -28,28 +27,28 @@ from flexinv.validation import (
 
 Rule = Callable[[str, Any], Any]
 Rules = Mapping[str, Rule]
-LARGEST = float(np.finfo(float).max)
+LARGEST_REAL = float(np.finfo(float).max)
 # By how much a unit axis or a rotation may be off: numbers of single precision are by 1e-7, ones with six decimals by 1e-6.
 NOT_UNIT = 1e-5
 
 
 def real(
-    unit: str, least: float = -LARGEST, above: bool = False, most: float = LARGEST, infinite: bool = False
+    unit: str, least: float = -LARGEST_REAL, above: bool = False, most: float = LARGEST_REAL, infinite: bool = False
 ) -> Rule:
     """Return the rule of a number [any unit] from ``least`` to ``most``, with ``above`` more than the least.
 
     infinite : it may be beyond all numbers (limits that are not stated)
     """
     words = "a number" if infinite else "a finite number"
-    if most < LARGEST:
+    if most < LARGEST_REAL:
         words += f" from {least:g} to {most:g}"
-    elif least > -LARGEST:
+    elif least > -LARGEST_REAL:
         words += f" above {least:g}" if above else f", {least:g} or more"
     expected = f"{words} [{unit}]"
 
     def rule(name: str, value: Any) -> float:
         given = value if type(value) is float else number(name, value, expected)
-        unbounded = infinite and (given == np.inf or (given == -np.inf and least == -LARGEST))
+        unbounded = infinite and (given == np.inf or (given == -np.inf and least == -LARGEST_REAL))
         inside = least <= given <= most and not (above and given == least)
         if not (inside or unbounded):
             refuse(name, value, expected)
@@ -58,13 +57,13 @@ def real(
     return rule
 
 
-def reals(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST) -> Rule:
+def real_array(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST_REAL) -> Rule:
     """Return the rule of an array [any unit] of finite numbers of a shape (None: any number), none below ``least``."""
     words = f"{in_words(shape)} [{unit}]"
 
     def rule(name: str, value: Any) -> Any:
-        given = finite(name, value, shape, unit)
-        if least > -LARGEST and (given < least).any():
+        given = finite_array(name, value, shape, unit)
+        if least > -LARGEST_REAL and (given < least).any():
             refuse(f"{name}, smallest {float(given.min()):g}", value, f"numbers {words}, {least:g} or more")
         return frozen_copy(given)
 
@@ -73,7 +72,7 @@ def reals(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST) -> 
 
 def unit_vector(name: str, value: Any) -> Any:
     """Return a direction of length 1, (3,) [-]; raises InputError for another length."""
-    given = finite(name, value, (3,), "-")
+    given = finite_array(name, value, (3,), "-")
     length = float(np.linalg.norm(given))
     if abs(length - 1.0) > NOT_UNIT:
         advice = str((given / length).round(9).tolist()) if length else "[0, 0, 1]"
@@ -83,7 +82,7 @@ def unit_vector(name: str, value: Any) -> Any:
 
 def rotation(name: str, value: Any) -> Any:
     """Return a rotation matrix R, (3, 3) [-]; raises InputError unless R R^T = 1 and det R = 1."""
-    given = finite(name, value, (3, 3), "-")
+    given = finite_array(name, value, (3, 3), "-")
     off = float(np.abs(given @ given.T - np.eye(3)).max())
     if off > NOT_UNIT or np.linalg.det(given) < 0.0:
         why = f"R R^T is off the identity by {off:.3g}" if off > NOT_UNIT else "det R = -1, a reflection"
@@ -122,7 +121,7 @@ def count(least: int) -> Rule:
     return rule
 
 
-def one_of(options: Collection[str]) -> Rule:
+def option(options: Collection[str]) -> Rule:
     """Return the rule of a text that is one of the options [-]."""
 
     def rule(name: str, value: Any) -> str:
@@ -146,7 +145,7 @@ def of(*kinds: type) -> Rule:
     return rule
 
 
-def optional(rule: Rule) -> Rule:
+def or_none(rule: Rule) -> Rule:
     """Return the rule [-] of a value that may be None, too."""
 
     def either(name: str, value: Any) -> Any:
@@ -175,8 +174,3 @@ def pair(first: Rule, second: Rule) -> Rule:
         return first(f"{name}[0]", parts[0]), second(f"{name}[1]", parts[1])
 
     return both
-
-
-def numbers(name: str, value: Any) -> Any:
-    """Return an array of floats of any shape [any unit] that nobody can write to."""
-    return frozen_copy(floats(name, value))

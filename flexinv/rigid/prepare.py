@@ -59,7 +59,7 @@ class _Own(local):
         self.work = cleared(threads, size + -size % LINE)
         self.counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
         # What `sample` needs, looked up at once: the data of a thread are slow to come by.
-        self.of_sample = self.work, self.counter, memoryview(self.counter)
+        self.of_sample = self.work, self.counter, memoryview(self.counter)  # type: ignore[arg-type]
 
     def cells(self, samples: int) -> NDArray[np.uint64]:
         """The counter, with a cell for every block."""

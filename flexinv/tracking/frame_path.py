@@ -22,7 +22,7 @@ from flexinv.model import rules
 from flexinv.model.links import Frozen
 from flexinv.model.track import LAWS, find_law, progress
 from flexinv.typing import Array
-from flexinv.validation import finite, floats, number, seconds, shown
+from flexinv.validation import finite_array, floats, number, seconds, shown
 
 # u (samples,) [-] -> c, dc/du, d2c/du2 (samples, 3) [m]
 Curve = Callable[[Array], tuple[Array, Array, Array]]
@@ -60,7 +60,7 @@ class Path(Frozen):
 
     RULES: ClassVar[rules.Rules] = {
         "duration": rules.real("s", 0.0, above=True), "law": rules.text, "text": rules.text,
-        "turn": rules.optional(rules.reals((2, 3, 3), "-")),
+        "turn": rules.or_none(rules.real_array((2, 3, 3), "-")),
     }  # fmt: skip
 
     @staticmethod
@@ -117,7 +117,7 @@ class Path(Frozen):
         at = floats("time", time)
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
-        s = finite("time", at, (None,), "s") / self.duration
+        s = finite_array("time", at, (None,), "s") / self.duration
         u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
         u1, u2 = (speed / self.duration)[:, None], (rate / self.duration**2)[:, None]  # (sample, 1)
         c, c1, c2 = self.curve(u)

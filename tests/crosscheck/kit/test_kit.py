@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pydantic
 import pytest
 from click.testing import CliRunner
+from packaging.version import Version
 
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES, adapter
@@ -138,6 +140,9 @@ def _pair(root: Path, name: str) -> tuple[Any, Any]:
     return mechanism, next(iter(load_cases(root / "models" / name, mechanism).values()))
 
 
+@pytest.mark.skipif(
+    Version(pydantic.VERSION) < Version("2.12"), reason="an older pydantic writes the same schemas in other words"
+)
 @pytest.mark.parametrize("name", schemas.NAMES)
 def test_the_shipped_schemas_are_those_of_the_tables(name: str) -> None:
     assert schemas.shipped(name) == schemas.text(name)  # else: crosscheck/kit/schema/ is to be written anew
