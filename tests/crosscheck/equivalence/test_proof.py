@@ -207,9 +207,21 @@ def test_a_mechanism_of_ours_is_the_source_itself(root: Path) -> None:
 
 
 def test_a_urdf_is_held_against_pinocchio(tmp_path: Path) -> None:
-    found = prove(with_dynamics(describe(arm(tmp_path))))
+    found = prove(with_dynamics(describe(arm(tmp_path, ('<mimic joint="grip"/>', "")))))
     assert found.state == PROVEN
     assert found.reader.startswith("Pinocchio")
+    assert "MuJoCo" not in found.reader
+
+
+def test_a_joint_that_mimics_another_is_held_against_mujoco(tmp_path: Path) -> None:
+    """Pinocchio's parser leaves it independent: its model has no equation for it."""
+    found = with_dynamics(describe(arm(tmp_path)))
+    assert (prove(found).state, prove(found).reason) == (PROVEN, "")
+    assert "its closures against MuJoCo" in prove(found).reader
+    (closure,) = found.mechanism.closures
+    wrong = replace(closure, factors=(closure.factors[0], (closure.factors[1][0], 1.0)))
+    lost = prove(replace(found, mechanism=replace(found.mechanism, closures=(wrong,))))
+    assert lost.state == LOST
 
 
 def test_a_urdf_that_pinocchio_refuses_is_held_against_mujoco(tmp_path: Path) -> None:
