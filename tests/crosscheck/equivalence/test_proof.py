@@ -362,6 +362,18 @@ def test_a_floating_base_that_starts_elsewhere_is_asked_where_it_stands(tmp_path
     assert not found.unexplained
 
 
+def test_actuators_that_are_switched_off_are_told_by_name(tmp_path: Path) -> None:
+    files = []
+    for group in ("1", "2"):
+        option = f'<option actuatorgroupdisable="{group}" gravity='
+        text = attributes.MODEL.replace("<option gravity=", option)
+        text = text.replace('<motor name="drive"', '<motor name="drive" group="1"')
+        text = text.replace('<motor name="winch"', '<motor name="winch" group="2"')
+        files.append(attributes.write(tmp_path, f"{group}.xml", text))
+    assert [d.cause for d in crosscheck.compare(*files).differences] == ["actuation"]
+    assert crosscheck.compare(files[0], files[0]).equal
+
+
 def test_readers_of_one_file_say_their_state(tmp_path: Path) -> None:
     run = CliRunner().invoke(main, ["compare", str(data("ball_spring")), "--readers", "mujoco,pinocchio", "--json"])
     rows = {row["reader"]: row for row in json.loads(run.output)}
