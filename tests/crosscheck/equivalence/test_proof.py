@@ -24,6 +24,7 @@ from crosscheck.equivalence.proving.provers import with_dynamics
 from crosscheck.equivalence.result import Comparison
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.reader_dynamics import Answers
 from flexinv.model.mechanism import Inertia, Joint, Mechanism
 
 DATA = Path(__file__).resolve().parents[2] / "data" / "lifting"
@@ -137,7 +138,6 @@ WRONG: dict[str, tuple[Callable[[Mechanism], Mechanism], str]] = {
     "axis": (of_joint("slide", axis=lambda axis: np.array([axis[0], axis[1], 1e-6])), "slide"),
     "place": (of_joint("hip", placement=lambda at: replace(at, position=at.position + ASIDE)), "float"),
     "gravity": (lambda mechanism: replace(mechanism, gravity=mechanism.gravity + ASIDE), "float"),
-    "no number": (of_joint("hip", damping=lambda _: np.nan), "hip"),
 }
 
 
@@ -148,6 +148,13 @@ def test_a_wrong_number_in_a_lifted_mechanism_is_found(kind: str, bench: Descrip
     found = prove(replace(bench, mechanism=change(bench.mechanism)))
     assert found.state == LOST
     assert joint in [one.joint for one in found.lost]
+
+
+def test_a_reader_that_answers_no_number_reproduces_nothing(bench: Description) -> None:
+    silent = Answers("a reader", lambda q, qd, qdd, gravity, without: np.full_like(qd, np.nan))
+    found = prove(replace(bench, dynamics=silent))
+    assert found.state == LOST
+    assert {one.joint for one in found.lost} == {joint.name for joint in bench.mechanism.joints if joint.nv}
 
 
 def test_two_lifts_that_are_wrong_alike_are_not_the_same_machine(bench: Description) -> None:
