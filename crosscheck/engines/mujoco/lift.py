@@ -64,7 +64,13 @@ KINDS = {
 }
 # Inertial frames that MuJoCo takes along the body's axes: what it finds to be less than about 1e-8 is zero for it.
 ALONG_BODY = (mujoco.mjtSameFrame.mjSAMEFRAME_BODY, mujoco.mjtSameFrame.mjSAMEFRAME_BODYROT)
-PARTS = (("ntendon", "tendon"), ("nflex", "flexible body"), ("nplugin", "plugin"), ("npair", "contact pair"))
+NO_PART = "no part of a mechanism"
+PARTS = (
+    ("ntendon", "tendon", "limits and actuators on them are not compared"),
+    ("nflex", "flexible body", NO_PART),
+    ("nplugin", "plugin", NO_PART),
+    ("npair", "contact pair", NO_PART),
+)
 
 
 def lifts(source: Any) -> bool:
@@ -360,8 +366,8 @@ def _anchor(model: Any, body: int) -> Array:
 
 def _others(model: Any) -> Iterator[str]:
     """Yield what a mechanism has no word for, and no effort feels."""
-    for attribute, word in PARTS:
+    for attribute, word, why in PARTS:
         if count := int(getattr(model, attribute, 0)):
-            yield f"{count} {word}{'s' * (count > 1)}: no part of a mechanism"
+            yield f"{count} {word}{'s' * (count > 1)}: {why}"
     if np.any(model.actuator_biastype):
         yield "actuators with feedback of position or velocity: their gains are no part of a mechanism"

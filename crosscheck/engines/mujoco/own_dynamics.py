@@ -98,7 +98,8 @@ class OwnDynamics:
         built = Built(model, self.built.q_at, self.built.v_at, self.built.body)
         data = mujoco.MjData(model)
         data.qpos[:] = to_engine(self.mechanism, built, q[None], none, none).q[0]
-        mujoco.mj_fwdPosition(model, data)
+        for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
+            stage(model, data)
         rows = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         jacobian = data.efc_J.reshape(-1, model.nv)[rows]
         theirs = effort_from_engine(self.mechanism, built, np.tile(q, (len(jacobian), 1)), jacobian)
@@ -123,7 +124,8 @@ class OwnDynamics:
             model.dof_solref[:] = STIFF_FRICTION
             model.tendon_solref_fri[:] = STIFF_FRICTION
             self.switch_off(model, without)
-            mujoco.mj_setConst(model, mujoco.MjData(model))  # what it has computed of armatures and masses
+            if "free-armature" in without:  # which MuJoCo has summed into the inertia of bodies of their own
+                mujoco.mj_setConst(model, mujoco.MjData(model))
             self._models[without] = model
         return self._models[without]
 

@@ -1,20 +1,23 @@
 """Provers: which engine's own model a description is held against, where its reader has none of its own.
 
 A URDF that this project reads itself is held against Pinocchio's model of the same file, or MuJoCo's where Pinocchio is not
-installed or refuses; then against those of packages that offer ``dynamics``.  A mechanism of ours is the source itself.
+installed or refuses; then against those of packages that offer ``dynamics``.  Pinocchio has no equations for joints that mimic
+others: those are held against the first engine that has.  A mechanism of ours is the source itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 from crosscheck.doors.packages import installed
 from crosscheck.engines import ENGINES, loaded, missing
 from crosscheck.engines.base import offered
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.reader_dynamics import ReaderDynamics
 from flexinv.errors import InputError
+from flexinv.typing import Array
 
 OURS = ("toml", "kit", "live")  # formats in which a mechanism of ours is the source itself
 FIRST = ("pinocchio", "mujoco")
@@ -30,13 +33,54 @@ def with_dynamics(description: Description) -> Description:
     if description.format in OURS or description.file is None:
         return description
     refused: list[str] = []
+    first: ReaderDynamics | None = None
     for name, dynamics in _offering(description.format):
         try:
-            return replace(description, dynamics=dynamics(description.file, description.mechanism))
+            found: ReaderDynamics = dynamics(description.file, description.mechanism)
         except InputError as error:
             refused.append(f"{name}: {' '.join(str(error).split())}")
+            continue
+        tied = not description.mechanism.closures or found.closing(description.mechanism.neutral) is not None
+        if tied:
+            return replace(description, dynamics=found if first is None else Joined(first, found))
+        first = found if first is None else first
+    if first is not None:
+        return replace(description, dynamics=first)
     none = f"no engine is installed that has a model of its own of {description.format.upper()}"
     return replace(description, unproven="; ".join(refused) or none)
+
+
+@dataclass(frozen=True)
+class Joined:
+    """`ReaderDynamics` of two engines: efforts of the one, equations of closures of the other."""
+
+    moved: ReaderDynamics
+    tied: ReaderDynamics
+
+    @property
+    def reader(self) -> str:
+        """Return both engines with their versions [-]."""
+        return f"{self.moved.reader}, its closures against {self.tied.reader}"
+
+    @property
+    def precision(self) -> float:
+        """Return the relative rounding of the coarser arithmetic [-]."""
+        return max(self.moved.precision, self.tied.precision)
+
+    @property
+    def start(self) -> Array | None:
+        """Return the configuration (nq,) [rad], [m] near which loops close."""
+        return self.tied.start
+
+    def efforts(
+        self, q: Array, qd: Array, qdd: Array, gravity: Array | None = None, without: Collection[str] = ()
+    ) -> Array:
+        """Return efforts (samples, nv) [N m], [N] of the first engine."""
+        return self.moved.efforts(q, qd, qdd, gravity, without)
+
+    def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
+        """Return residual (rows,) [m], [rad] and Jacobian (rows, nv) of the second engine."""
+        return self.tied.closing(q, without)
 
 
 def _offering(kind: str) -> Iterator[tuple[str, Any]]:

@@ -24,6 +24,7 @@ from crosscheck.equivalence.proving.provers import with_dynamics
 from crosscheck.equivalence.result import Comparison
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.reader_dynamics import Answers
 from flexinv.model.mechanism import Inertia, Joint, Mechanism
 
 DATA = Path(__file__).resolve().parents[2] / "data" / "lifting"
@@ -137,7 +138,6 @@ WRONG: dict[str, tuple[Callable[[Mechanism], Mechanism], str]] = {
     "axis": (of_joint("slide", axis=lambda axis: np.array([axis[0], axis[1], 1e-6])), "slide"),
     "place": (of_joint("hip", placement=lambda at: replace(at, position=at.position + ASIDE)), "float"),
     "gravity": (lambda mechanism: replace(mechanism, gravity=mechanism.gravity + ASIDE), "float"),
-    "no number": (of_joint("hip", damping=lambda _: np.nan), "hip"),
 }
 
 
@@ -148,6 +148,13 @@ def test_a_wrong_number_in_a_lifted_mechanism_is_found(kind: str, bench: Descrip
     found = prove(replace(bench, mechanism=change(bench.mechanism)))
     assert found.state == LOST
     assert joint in [one.joint for one in found.lost]
+
+
+def test_a_reader_that_answers_no_number_reproduces_nothing(bench: Description) -> None:
+    silent = Answers("a reader", lambda q, qd, qdd, gravity, without: np.full_like(qd, np.nan))
+    found = prove(replace(bench, dynamics=silent))
+    assert found.state == LOST
+    assert {one.joint for one in found.lost} == {joint.name for joint in bench.mechanism.joints if joint.nv}
 
 
 def test_two_lifts_that_are_wrong_alike_are_not_the_same_machine(bench: Description) -> None:
@@ -207,9 +214,21 @@ def test_a_mechanism_of_ours_is_the_source_itself(root: Path) -> None:
 
 
 def test_a_urdf_is_held_against_pinocchio(tmp_path: Path) -> None:
-    found = prove(with_dynamics(describe(arm(tmp_path))))
+    found = prove(with_dynamics(describe(arm(tmp_path, ('<mimic joint="grip"/>', "")))))
     assert found.state == PROVEN
     assert found.reader.startswith("Pinocchio")
+    assert "MuJoCo" not in found.reader
+
+
+def test_a_joint_that_mimics_another_is_held_against_mujoco(tmp_path: Path) -> None:
+    """Pinocchio's parser leaves it independent: its model has no equation for it."""
+    found = with_dynamics(describe(arm(tmp_path)))
+    assert (prove(found).state, prove(found).reason) == (PROVEN, "")
+    assert "its closures against MuJoCo" in prove(found).reader
+    (closure,) = found.mechanism.closures
+    wrong = replace(closure, factors=(closure.factors[0], (closure.factors[1][0], 1.0)))
+    lost = prove(replace(found, mechanism=replace(found.mechanism, closures=(wrong,))))
+    assert lost.state == LOST
 
 
 def test_a_urdf_that_pinocchio_refuses_is_held_against_mujoco(tmp_path: Path) -> None:
@@ -348,6 +367,18 @@ def test_a_floating_base_that_starts_elsewhere_is_asked_where_it_stands(tmp_path
     found = crosscheck.compare(*files)
     assert {d.cause for d in found.differences} <= {"pose at zero"}
     assert not found.unexplained
+
+
+def test_actuators_that_are_switched_off_are_told_by_name(tmp_path: Path) -> None:
+    files = []
+    for group in ("1", "2"):
+        option = f'<option actuatorgroupdisable="{group}" gravity='
+        text = attributes.MODEL.replace("<option gravity=", option)
+        text = text.replace('<motor name="drive"', '<motor name="drive" group="1"')
+        text = text.replace('<motor name="winch"', '<motor name="winch" group="2"')
+        files.append(attributes.write(tmp_path, f"{group}.xml", text))
+    assert [d.cause for d in crosscheck.compare(*files).differences] == ["actuation"]
+    assert crosscheck.compare(files[0], files[0]).equal
 
 
 def test_readers_of_one_file_say_their_state(tmp_path: Path) -> None:

@@ -167,7 +167,8 @@ def _find_plastic(model: Any) -> Iterator[Feature]:
     for index in range(model.njnt):
         if model.jnt_plasticadr[index] >= 0:
             numbers: dict[str, Parameter] = {"yield": float(model.jnt_springyield[index])}
-            yield Feature("plastic", f"joint {joint_name(model, index)}", numbers, felt=False)
+            name = joint_name(model, index)
+            yield Feature("plastic", f"joint {name}", numbers, felt=False, joints=(name,))
     for index in range(model.ntendon):
         if model.tendon_plasticadr[index] >= 0:
             numbers = {"yield": float(model.tendon_springyield[index])}
@@ -240,8 +241,8 @@ def _find_actuation(model: Any) -> Iterator[Feature]:
         yield Feature("actuation", "the world", {"actuators": "switched off"}, felt=False)
     groups = [k for k in range(model.nactuator) if model.opt.disableactuator >> int(model.actuator_group[k]) & 1]
     if groups:
-        names = [name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k, "actuator") for k in groups]
-        yield Feature("actuation", f"actuators {', '.join(names)}", {"actuators": "switched off"}, felt=False)
+        names = ", ".join(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k, "actuator") for k in groups)
+        yield Feature("actuation", f"actuators {names}", {"switched off": names}, felt=False)
 
 
 def _nothing(model: Any) -> None:
