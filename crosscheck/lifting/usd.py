@@ -25,6 +25,7 @@ import numpy as np
 
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.rigid import between, on, turned
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Array, Inertia, Limits, Placement
@@ -91,16 +92,20 @@ class _Stage:
         self.up = UsdGeom.GetStageUpAxis(self.stage)
         self.world = turned(AXES["X"], np.pi / 2) if self.up == "Y" else np.eye(3)
         self.cache = UsdGeom.XformCache()
-        bodies = [p for p in self.stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI) and _enabled(p)]
-        short = [p.GetName() for p in bodies]
-        self.names = {
-            p.GetPath(): p.GetName() if short.count(p.GetName()) == 1 else str(p.GetPath()).lstrip("/") for p in bodies
-        }
+        every = list(self.stage.Traverse())
+        self.names = self.named("bodies", [p for p in every if p.HasAPI(UsdPhysics.RigidBodyAPI) and _enabled(p)])
+        self.tied = [p for p in every if p.IsA(UsdPhysics.Joint) and _on(p)]
+        self.joint_names = self.named("joints", self.tied)
+
+    def named(self, kind: str, prims: list[Any]) -> dict[Any, str]:
+        """Return names of bodies or joints by prim path [-]: where one stands twice, the path; said in `dropped`."""
+        plain, paths = [p.GetName() for p in prims], [p.GetPath() for p in prims]
+        names = unique_names(plain, [str(path).lstrip("/") for path in paths], (WORLD,))
+        self.dropped += name_words(kind, plain, names)
+        return dict(zip(paths, names, strict=True))
 
     def description(self) -> Description:
         """Return the description of the stage [m, kg, rad]."""
-        from pxr import UsdPhysics
-
         if not self.names:
             raise InputError(
                 f"{self.path}\n  given:    a stage without bodies\n  expected: prims with PhysicsRigidBodyAPI\n"
@@ -110,7 +115,7 @@ class _Stage:
             self.dropped.append("up axis Y: the world is turned so that Z is up")
         bodies = {name: self.inertia(self.stage.GetPrimAtPath(path)) for path, name in self.names.items()}
         poses = {name: self.pose(self.stage.GetPrimAtPath(path))[0] for path, name in self.names.items()}
-        joints = [one for p in self.stage.Traverse() if p.IsA(UsdPhysics.Joint) and _on(p) for one in self.joints(p)]
+        joints = [one for p in self.tied for one in self.joints(p)]
         bodies |= {name: Inertia(0.0) for name in self.between}
         gravity, stated = self.gravity()
         label = self.path.name
@@ -170,7 +175,7 @@ class _Stage:
         """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
         from pxr import UsdPhysics
 
-        name, steps = prim.GetName(), self.steps(prim)
+        name, steps = self.joint_names[prim.GetPath()], self.steps(prim)
         joint = UsdPhysics.Joint(prim)
         first, second = self.end(joint, 0), self.end(joint, 1)
         if first[0] == second[0] or not steps:
@@ -193,7 +198,8 @@ class _Stage:
 
     def steps(self, prim: Any) -> list[tuple[str, str]]:
         """Return kind and axis of the joints, one after the other, that a joint is [-]; none where all is free."""
-        name, kind = prim.GetName(), prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
+        name = self.joint_names[prim.GetPath()]
+        kind = prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
         if kind == "":
             return self.free_axes(prim)
         if kind not in ("revolute", "prismatic", "spherical", "fixed"):
@@ -215,7 +221,7 @@ class _Stage:
         slides, turns = (
             [f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot")
         )
-        name, steps = prim.GetName(), [("prismatic", axis) for axis in slides]
+        name, steps = self.joint_names[prim.GetPath()], [("prismatic", axis) for axis in slides]
         if len(turns) == 2:
             one, two = (axis[-1] for axis in turns)
             self.dropped.append(
@@ -272,7 +278,7 @@ class _Stage:
             gains = [prim.GetAttribute(f"drive:{turn}:physics:{key}").Get() or 0.0 for key in ("stiffness", "damping")]
             told = [f"{float(gain) * force / unit:.6g}" for gain in gains]
             words = f"stiffness {told[0]}, damping {told[1]} per {'radian' if kind == 'revolute' else 'metre'}"
-            self.dropped.append(f"drive of joint {prim.GetName()}: {words} are gains of a controller")
+            self.dropped.append(f"drive of joint {self.joint_names[prim.GetPath()]}: {words} are gains of a controller")
             most = prim.GetAttribute(f"drive:{turn}:physics:maxForce").Get()
             effort = np.inf if most is None or not np.isfinite(most) or most <= 0 else float(most) * force
         limits = Limits(effort, np.inf, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))

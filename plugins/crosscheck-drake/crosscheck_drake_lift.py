@@ -23,6 +23,7 @@ from pydrake.multibody import plant as multibody
 
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.printed import printed_of_sdf
 from crosscheck.lifting.urdf import mimics
 from flexinv.errors import InputError
@@ -94,10 +95,14 @@ def _hold(plant: Any) -> None:
 
 
 def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | None = None) -> Description:
-    names = _names(plant)
+    names = _names(plant, told)
     bodies = {names[k]: _inertia(plant.get_body(tree.BodyIndex(k))) for k in range(1, plant.num_bodies())}
-    rotors, gears, efforts = _actuators(plant)
-    joints = [_joint(plant.get_joint(tree.JointIndex(k)), names, rotors, efforts) for k in range(plant.num_joints())]
+    called = _joint_names(plant, told)
+    rotors, gears, efforts = _actuators(plant, called)
+    joints = [
+        _joint(plant.get_joint(tree.JointIndex(k)), called[k], names, rotors, efforts)
+        for k in range(plant.num_joints())
+    ]
     gravity = np.array(plant.gravity_field().gravity_vector())
     mechanism = assembled(label, bodies, joints, gravity, {})
     closures = (*mechanism.closures, *_couplings(plant, mechanism, path, told))
@@ -110,15 +115,23 @@ def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | 
     )
 
 
-def _names(plant: Any) -> list[str]:
-    """Names of bodies by number, with that of their model where two are called the same."""
-    bodies = [plant.get_body(tree.BodyIndex(k)) for k in range(plant.num_bodies())]
-    plain = [body.name() for body in bodies]
-    told = [
-        name if plain.count(name) == 1 else f"{plant.GetModelInstanceName(body.model_instance())}::{name}"
-        for name, body in zip(plain, bodies, strict=True)
-    ]
-    return [WORLD, *(f"{name} body" if name == WORLD else name for name in told[1:])]
+def _names(plant: Any, told: list[str]) -> list[str]:
+    """Names of bodies by number, with that of their model where two are called the same; what is, is told."""
+    bodies = [plant.get_body(tree.BodyIndex(k)) for k in range(1, plant.num_bodies())]
+    return [WORLD, *_named("links", plant, bodies, told)]
+
+
+def _joint_names(plant: Any, told: list[str]) -> list[str]:
+    """Names of joints by number, as those of bodies."""
+    return _named("joints", plant, [plant.get_joint(tree.JointIndex(k)) for k in range(plant.num_joints())], told)
+
+
+def _named(kind: str, plant: Any, parts: list[Any], told: list[str]) -> list[str]:
+    plain = [part.name() for part in parts]
+    paths = [f"{plant.GetModelInstanceName(part.model_instance())}::{part.name()}" for part in parts]
+    names = unique_names(plain, paths, (WORLD,))
+    told += name_words(kind, plain, names)
+    return names
 
 
 def _inertia(body: Any) -> Inertia:
@@ -130,23 +143,25 @@ def _inertia(body: Any) -> Inertia:
     return Inertia(mass, com, about - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
 
-def _actuators(plant: Any) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+def _actuators(plant: Any, called: list[str]) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Reflected rotors [kg m^2], gears [-] and largest efforts [N m] by joint."""
     rotors: dict[str, float] = {}
     gears: dict[str, float] = {}
     efforts: dict[str, float] = {}
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
-        name, gear = actuator.joint().name(), float(actuator.default_gear_ratio())
+        name, gear = called[int(actuator.joint().index())], float(actuator.default_gear_ratio())
         rotors[name] = rotors.get(name, 0.0) + float(actuator.default_rotor_inertia()) * gear**2
         gears[name], efforts[name] = gear, float(actuator.effort_limit())
     return rotors, gears, efforts
 
 
-def _joint(joint: Any, names: list[str], rotors: dict[str, float], efforts: dict[str, float]) -> Between:
+def _joint(
+    joint: Any, name: str, names: list[str], rotors: dict[str, float], efforts: dict[str, float]
+) -> Between:  # fmt: skip
     word = joint.type_name()
     if word not in KINDS:
-        raise InputError(f"joint {joint.name()!r} is {word}: expected one of {', '.join(KINDS)}")
+        raise InputError(f"joint {name!r} is {word}: expected one of {', '.join(KINDS)}")
     kind = KINDS[word]
     on_parent = joint.frame_on_parent().GetFixedPoseInBodyFrame()
     on_child = joint.frame_on_child().GetFixedPoseInBodyFrame()
@@ -159,24 +174,24 @@ def _joint(joint: Any, names: list[str], rotors: dict[str, float], efforts: dict
         get = {"revolute": "revolute_axis", "prismatic": "translation_axis", "helical": "screw_axis"}[kind]
         axes = {"axis": np.array(getattr(joint, get)())}
     ends = names[int(joint.parent_body().index())], names[int(joint.child_body().index())]
-    own = dict(_own(joint, kind, rotors, efforts))
-    return Between(joint.name(), kind, *ends, _placement(on_parent), _placement(on_child), **axes, own=own)
+    own = dict(_own(joint, kind, rotors.get(name, 0.0), efforts.get(name, np.inf)))
+    return Between(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, own=own)
 
 
-def _own(joint: Any, kind: str, rotors: dict[str, float], efforts: dict[str, float]) -> Iterator[tuple[str, Any]]:
+def _own(joint: Any, kind: str, rotor: float, effort: float) -> Iterator[tuple[str, Any]]:
     """Yield limits [rad], [m] and passive numbers [N m s], [kg m^2] of a joint."""
     if kind in ("fixed", "free"):
         return
     if hasattr(joint, "default_damping"):
         yield "damping", float(np.ravel(joint.default_damping())[0])
-    if rotors.get(joint.name()):
-        yield "rotor_inertia", rotors[joint.name()]
+    if rotor:
+        yield "rotor_inertia", rotor
     if kind == "helical":
         yield "pitch", float(joint.screw_pitch())
     if kind in ("revolute", "prismatic"):
         bounds = [float(f()[0]) for f in (joint.position_lower_limits, joint.position_upper_limits)]
         speed = float(joint.velocity_upper_limits()[0])
-        yield "limits", Limits(efforts.get(joint.name(), np.inf) or np.inf, speed or np.inf, *bounds)
+        yield "limits", Limits(effort or np.inf, speed or np.inf, *bounds)
 
 
 def _placement(pose: Any) -> Placement:

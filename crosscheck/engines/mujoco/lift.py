@@ -33,7 +33,15 @@ from crosscheck.engines.mujoco.compiled.features import (
     find_features,
     switch_off,
 )
-from crosscheck.engines.mujoco.compiled.names import OBJECT, actuators_on, gear_of, joint_name, joint_names, name_of
+from crosscheck.engines.mujoco.compiled.names import (
+    OBJECT,
+    actuators_on,
+    free_name,
+    gear_of,
+    joint_name,
+    joint_names,
+    name_of,
+)
 from crosscheck.engines.mujoco.compiled.tendons import active, linear_law, off
 from crosscheck.engines.mujoco.effort_limits import effort_limits
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
@@ -148,7 +156,7 @@ def _without_files(spec: Any, path: Path) -> None:
 def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
     links, joints = _tree(model)
     efforts, uneven = effort_limits(model)
-    names = {name_of(model, OBJECT.mjOBJ_JOINT, index, "joint"): effort for index, effort in efforts.items()}
+    names = {joint_name(model, index): effort for index, effort in efforts.items()}
     joints = [replace(j, limits=replace(j.limits, effort=names.get(j.name, np.inf))) for j in joints]
     closures, lost = _closures(model, {joint.name: joint for joint in joints})
     mechanism = Mechanism(
@@ -178,7 +186,8 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         carrier, anchor = names[parent], np.zeros(3)
         for k in range(count):
-            child = name if k == count - 1 else f"{name} before joint {k + 2}"
+            between = free_name(model, OBJECT.mjOBJ_BODY, f"{name} before joint {k + 2}")
+            child = name if k == count - 1 else between
             free = model.jnt_type[first + k] == JOINT_KIND.mjJNT_FREE
             point = np.zeros(3) if free else np.array(model.jnt_pos[first + k])
             at = Placement(frame.position + frame.rotation @ (point - anchor), frame.rotation)
@@ -186,7 +195,8 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
             links.append(Link(child))
             carrier, frame, anchor = child, Placement(), point
         if not count:
-            joints.append(Joint(f"{name} on {carrier}", "fixed", carrier, name, frame, actuated=False))
+            weld = free_name(model, OBJECT.mjOBJ_JOINT, f"{name} on {carrier}")
+            joints.append(Joint(weld, "fixed", carrier, name, frame, actuated=False))
             links.append(Link(name))
         anchors[body] = anchor
         links[-1] = Link(name, tuple(_bodies(model, body, name, anchor)))
@@ -203,7 +213,7 @@ def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
-    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], name_of(model, OBJECT.mjOBJ_JOINT, index, "joint")
+    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], joint_name(model, index)
     start = int(model.jnt_qposadr[index])
     axis = np.array(model.jnt_axis[index])
     if kind not in ("revolute", "prismatic"):
@@ -331,10 +341,10 @@ def _coupling(model: Any, k: int, name: str) -> Closure:
     here, (first, second) = Attachment(WORLD), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
     start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
     offset = start + float(model.qpos0[model.jnt_qposadr[first]])
-    factors = [(name_of(model, OBJECT.mjOBJ_JOINT, first, "joint"), 1.0)]
+    factors = [(joint_name(model, first), 1.0)]
     if second >= 0:
         offset -= slope * float(model.qpos0[model.jnt_qposadr[second]])
-        factors.append((name_of(model, OBJECT.mjOBJ_JOINT, second, "joint"), -slope))
+        factors.append((joint_name(model, second), -slope))
     return Closure(name, "coupling", here, here, factors=tuple(factors), offset=offset)
 
 

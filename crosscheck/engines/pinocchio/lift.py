@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from crosscheck.engines.pinocchio.own_dynamics import dynamics_of
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.names import unique_names
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import (
@@ -59,6 +60,7 @@ def _mjcf(path: Path) -> Any:
 
 
 def _described(model: Any, label: str, kind: str, path: Path | None) -> Description:
+    model = _named(model)
     names = _bodies(model)
     joints: list[Joint] = []
     links: list[Link] = []
@@ -97,7 +99,24 @@ def _bodies(model: Any) -> list[str]:
         if frame.type == pin.FrameType.BODY:
             found.setdefault(frame.parentJoint, frame.name)
     names = [found.get(k, f"body of {model.names[k]}") for k in range(model.njoints)]
-    return ["base" if name == WORLD or k == 0 else name for k, name in enumerate(names)]
+    plain = ["base" if name == WORLD else name for name in names[1:]]
+    paths = [f"{name} of {joint}" for name, joint in zip(plain, list(model.names)[1:], strict=True)]
+    moving = unique_names(plain, paths)
+    return ["held base" if "base" in moving else "base", *moving]
+
+
+def _named(model: Any) -> Any:
+    """The model with joints that have a name each, after those before them where a model in memory has one twice."""
+    paths = [""]
+    for k in range(1, model.njoints):
+        paths.append(f"{paths[model.parents[k]]}/{model.names[k]}")
+    names = unique_names(list(model.names), [path.lstrip("/") for path in paths])
+    if names == list(model.names):
+        return model
+    named = model.copy()
+    for k, name in enumerate(names):
+        named.names[k] = name
+    return named
 
 
 def _inertia(found: Any) -> Inertia:

@@ -16,6 +16,7 @@ import crosscheck
 from crosscheck.equivalence.result import REPAIRED
 from flexinv.errors import InputError
 
+CASES = Path(__file__).parents[3] / "tests" / "data" / "cases"
 PLAIN = ('<mimic joint="grip"/>', ""), (' friction="0.1"', "")
 GEARED = (
     "</robot>",
@@ -82,3 +83,15 @@ def test_a_plant_in_memory_is_a_description(tmp_path: Path) -> None:
 def test_a_bad_file_is_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Drake refuses it"):
         crosscheck.compare(sdf(tmp_path, "<child>upper</child>", "<child>nothing</child>"), arm(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["c49_duo.sdf", "c49_duo_heavy.sdf"])
+def test_an_sdf_with_names_in_nested_models_is_itself(name: str) -> None:
+    assert crosscheck.compare(CASES / name, CASES / name).equal
+
+
+def test_names_in_nested_models_are_paths_and_a_heavier_link_is_named_by_its_own() -> None:
+    found = crosscheck.compare(CASES / "c49_duo.sdf", CASES / "c49_duo_heavy.sdf")
+    assert [(d.cause, d.place, d.size) for d in found.differences] == [("mass", "link duo::right::rod", 2.0)]
+    assert "name swing of 2 joints: called by their paths, duo::left::swing, duo::right::swing" in found.dropped[0][1]
+    assert crosscheck.compare(CASES / "c49_duo_heavy.sdf", CASES / "c49_duo.xml").equal
