@@ -46,6 +46,7 @@ from crosscheck.engines.mujoco.compiled.tendons import active, linear_law, off
 from crosscheck.engines.mujoco.effort_limits import effort_limits
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.hinges import with_hinges
 from crosscheck.lifting.printed import printed_of_mjcf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -285,44 +286,7 @@ def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list
         elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD):
             tie = _tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _tie_of_sites
             made.append(tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
-    return _hinges(made), dropped
-
-
-def _hinges(closures: list[Closure]) -> list[Closure]:
-    """Make one revolute closure of two points that hold the same two bodies: whatever turns about their line stays free."""
-    made: list[Closure] = []
-    for closure in closures:
-        ends = closure.first.link, closure.second.link
-        like = [k for k, one in enumerate(made) if one.kind == "spherical" == closure.kind]
-        same = next((k for k in like if (made[k].first.link, made[k].second.link) == ends), None)
-        if same is None or (hinge := _hinge(made[same], closure)) is None:
-            made.append(closure)
-        else:
-            made[same] = hinge
-    return made
-
-
-def _hinge(one: Closure, two: Closure) -> Closure | None:
-    """The hinge through two points; None where they are one, or farther apart on one body than on the other."""
-    seats = []
-    for a, b in ((one.first, two.first), (one.second, two.second)):
-        along = b.placement.position - a.placement.position
-        seats.append((a, along, float(np.linalg.norm(along))))
-    (first, u, length), (second, w, other) = seats
-    if length == 0.0 or abs(length - other) > 1e-9 * length:
-        return None
-    ends = [
-        Attachment(at.link, Placement(at.placement.position, _onto(line))) for at, line in ((first, u), (second, w))
-    ]
-    return Closure(one.name, "revolute", ends[0], ends[1])
-
-
-def _onto(line: Array) -> Array:
-    """The rotation (3, 3) [-] whose third column is the direction of a line."""
-    z = line / np.linalg.norm(line)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    return with_hinges(made), dropped
 
 
 def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
