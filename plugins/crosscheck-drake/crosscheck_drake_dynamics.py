@@ -45,6 +45,7 @@ class OwnDynamics:
     joints: Mapping[str, Any]
     friction: Array
     precision: float = 0.0
+    start: Array | None = None
 
     @property
     def reader(self) -> str:
@@ -69,7 +70,7 @@ class OwnDynamics:
         field.set_gravity_vector(stated)
         return out
 
-    def closing(self, q: Array) -> tuple[Array, Array] | None:
+    def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
         """Return None: Drake's Python interface does not tell the constraints of a plant."""
         return None
 
