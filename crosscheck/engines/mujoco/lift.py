@@ -139,9 +139,11 @@ def _words(error: Exception) -> str:
 def _without_files(spec: Any, path: Path) -> None:
     """Take what names other files out of a specification; InputError where masses come from it."""
     shaped = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
-    for geom in [g for g in spec.geoms if g.type in shaped]:
+    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    for geom in [g for g in spec.geoms if g.type in shaped or g.meshname]:  # a primitive may be fitted to a mesh
         body = geom.parent
-        if body.name != WORLD and not body.explicitinertial and geom.mass != 0.0 and geom.density != 0.0:
+        weighs = always or not body.explicitinertial
+        if body.name != WORLD and weighs and geom.mass != 0.0 and geom.density != 0.0:
             raise InputError(
                 f"{path}: body {body.name!r} gets its mass from a mesh that is not there; "
                 "put the mesh where the file says, or write <inertial> in the body"
