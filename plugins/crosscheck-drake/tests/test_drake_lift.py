@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("pydrake", reason="Drake is not installed (python -m pip install --no-deps drake)")
 
 from arm_texts import ARM_SDF, arm
+from case_files import BY_DRAKE, Case, complaints
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -184,3 +185,8 @@ def test_a_mechanism_that_is_not_the_plant_s_is_not_reproduced(tmp_path: Path) -
     heavy = replace(body, inertia=replace(body.inertia, mass=body.inertia.mass + 1e-3))
     links = [replace(link, bodies=(heavy,)) if one is link else one for one in found.mechanism.links]
     assert prove(replace(found, mechanism=replace(found.mechanism, links=tuple(links)))).state == LOST
+
+
+@pytest.mark.parametrize("one", BY_DRAKE, ids=lambda one: one.name)
+def test_a_case_file_is_right(one: Case) -> None:
+    assert complaints(one) == []
