@@ -4,7 +4,8 @@
     PyBullet 3.2.7, DART 6.20.0      1 kg each
     Pinocchio 4.1.0, Drake 1.51.1    nothing
 
-Measured with each on one link on a moving one: a cylinder of 3 cm length and 5 cm radius, that collides, that is seen, both.
+Measured with each on a link that is fixed to a moving one: a cylinder of 3 cm length and 5 cm radius, that collides, that is seen,
+both.  An <inertial> with a mass of zero and a tensor of zeros is nothing in all of them.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ WATER = 1000.0  # [kg/m^3]: what MuJoCo takes for a shape without mass
 MADE_UP = "PyBullet and DART take 1 kg"
 
 
-def shape_findings(robot: Element, masses: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield links that move, have shapes, and no mass; masses : by link [kg]."""
+def shape_findings(robot: Element) -> Iterator[Finding]:
+    """Yield links that move, have shapes, and no <inertial> [kg]."""
     carried = {_end(joint, "child"): joint for joint in robot.findall("joint")}
     for link in robot.findall("link"):
         name = link.get("name", "")
         touched, seen = link.findall("collision"), link.findall("visual")
-        if masses.get(name, 0.0) > 0.0 or not (touched or seen) or not _moves(name, carried):
+        if link.find("inertial") is not None or not (touched or seen) or not _moves(name, carried):
             continue
         if touched:
             given, why = (
-                "collides, and has no mass",
+                "collides, and has no <inertial>",
                 f"MuJoCo takes {_taken(touched)}, {MADE_UP}, Pinocchio and Drake nothing",
             )
         else:
-            given, why = "is seen, and has no mass", f"{MADE_UP}, MuJoCo, Pinocchio and Drake nothing"
-        write = "<inertial> with mass and tensor; without its shape, if it weighs nothing"
+            given, why = "is seen, and has no <inertial>", f"{MADE_UP}, MuJoCo, Pinocchio and Drake nothing"
+        write = "<inertial> with mass and tensor; of zeros, if it weighs nothing, which all readers take alike"
         yield warning("shape without inertia", f"link {name}", given, why, write)
 
 

@@ -33,7 +33,7 @@ def urdf_findings(robot: Element, path: Path, meshes: bool = True) -> Iterator[F
     yield from problems
     yield from body_findings(links, _size(robot))
     yield from _without_inertia(robot, links)
-    yield from shape_findings(robot, {name: link.inertia.mass for name, link in links.items()})
+    yield from shape_findings(robot)
     for joint in robot.findall("joint"):
         yield from _joint(joint)
     yield from _mimics(robot)

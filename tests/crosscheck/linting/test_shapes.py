@@ -28,7 +28,7 @@ def pad(folder: Path, *edits: tuple[str, str]) -> list[Finding]:
 def test_a_pad_that_collides_weighs_what_each_reader_makes_of_it(tmp_path: Path) -> None:
     """By hand pi 0.05^2 0.03 m^3 of 1000 kg/m^3: 0.2356 kg, which is what MuJoCo's reader adds."""
     (found,) = pad(tmp_path)
-    assert (found.place, found.given, found.level) == ("link pad", "collides, and has no mass", "warning")
+    assert (found.place, found.given, found.level) == ("link pad", "collides, and has no <inertial>", "warning")
     assert found.why == (
         "MuJoCo takes 0.236 kg, 1000 kg/m^3 of its shape, PyBullet and DART take 1 kg, Pinocchio and Drake nothing"
     )
