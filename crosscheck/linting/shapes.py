@@ -4,8 +4,8 @@
     PyBullet 3.2.7, DART 6.20.0      1 kg each
     Pinocchio 4.1.0, Drake 1.51.1    nothing
 
-Measured with each on a link that is fixed to a moving one: a cylinder of 3 cm length and 5 cm radius, that collides, that is seen,
-both.  An <inertial> with a mass of zero and a tensor of zeros is nothing in all of them.
+Measured with each on a link that is fixed to a moving one: a cylinder of 3 cm length and 5 cm radius, that collides, that is
+seen, both.  An <inertial> with a mass of zero and a tensor of zeros is nothing in all of them.
 """
 
 from __future__ import annotations

@@ -226,10 +226,12 @@ class Mechanism(Frozen):
                 {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ()
             ):
                 raise InputError(f"{where}{kind} named twice: {', '.join(twice)}; expected a name of its own for each")
-        for names in (self.coordinate_names, self.velocity_names):
-            if len(set(names)) < len(names):
-                twice = sorted({name for name in names if names.count(name) > 1})
-                raise InputError(f"{where}coordinates named twice: {', '.join(twice)}; expected other names of joints")
+        for coordinates in (self.coordinate_names, self.velocity_names):
+            if len(set(coordinates)) < len(coordinates):
+                several = sorted({name for name in coordinates if coordinates.count(name) > 1})
+                raise InputError(
+                    f"{where}coordinates named twice: {', '.join(several)}; expected other names of joints"
+                )
         links = {link.name: link for link in self.links}
         placed = {WORLD}
         for joint in self.joints:
