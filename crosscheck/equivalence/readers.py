@@ -101,7 +101,7 @@ def _reference(file: str, names: list[str]) -> str:
 
 
 def _refusal(file: str, name: str) -> str:
-    """Why a reader does not read a file, "" where it does; whatever it raises is its own."""
+    """The reason of a reader for not reading a file, "" where it does; any exception is its own."""
     try:
         describe(f"{file}@{name}")
     except InputError as error:

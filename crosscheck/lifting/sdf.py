@@ -1,4 +1,4 @@
-"""What an SDF says and the readers of Drake and DART leave out: dry friction, mimics, added mass, gravity, by scoped names.
+"""Statements of an SDF that the readers of Drake and DART leave out: dry friction, mimics, added mass, gravity.
 
     names         "crane::luff" of joint or link luff in model crane; a model that is merged adds no name
     friction      <axis> <dynamics> <friction> [N m], [N]
@@ -40,7 +40,7 @@ class Mimic:
 
 @dataclass
 class Stated:
-    """What an SDF states, by scoped names of joints and links; gravity (3,) [m/s^2], None where no world states it.
+    """Statements of an SDF by scoped names of joints and links; gravity (3,) [m/s^2], None where no world states it.
 
     unread : files that it includes and that are not looked at
     """
@@ -54,7 +54,7 @@ class Stated:
 
 
 def read_stated(path: Path) -> Stated:
-    """Return what an SDF states beside what readers of it make of it [N m], [kg].  Raises InputError for what is no number."""
+    """Return the statements of an SDF [N m], [kg], included files beside it among them.  Raises InputError for no numbers."""
     found = Stated()
     root = read_xml(path)
     for world in root.findall("world"):
@@ -178,7 +178,7 @@ def _laws(
 
 
 def features_of(stated: Stated, links: Mapping[str, str]) -> tuple[Feature, ...]:
-    """Return what an SDF says and neither mechanism nor reader does [-]; links : the mechanism's names by scoped names."""
+    """Return the features of an SDF, of which no reader makes anything [-]; links : the mechanism's names by scoped names."""
     found = []
     for scoped, entries in stated.added.items():
         numbers: dict[str, Parameter] = dict(entries)

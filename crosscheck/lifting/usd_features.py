@@ -41,7 +41,7 @@ def pulls(scene: Any) -> bool:
 
 
 def in_radians(stage: Any) -> bool | None:
-    """Return whether MuJoCo's attributes have angles in radians; None where no scene says so."""
+    """Return True if MuJoCo's attributes have angles in radians; None where no scene states it."""
     for prim in scenes(stage):
         attribute = prim.GetAttribute("mjc:compiler:angle")
         if attribute.HasAuthoredValue():

@@ -57,7 +57,7 @@ class Attribute:
     unit: str = "inertia"
 
     def value(self, prim: Any, kind: str, instances: tuple[str, ...], units: Units) -> float | None:
-        """Return what a joint states [kg m^2], [N m], [N m s/rad]; None where it states nothing."""
+        """Return the number of a joint [kg m^2], [N m], [N m s/rad]; None where it states none."""
         for instance in instances if "{}" in self.key else ("",):
             stated = number(prim, self.key.format(instance))
             if stated is not None:

@@ -57,7 +57,7 @@ def _end(joint: Element, tag: str) -> str:
 
 
 def _taken(collisions: list[Element]) -> str:
-    """What MuJoCo takes for shapes, in words [kg]."""
+    """MuJoCo's mass of shapes in words [kg]."""
     volumes = [_volume(collision.find("geometry")) for collision in collisions]
     if any(volume is None for volume in volumes):
         return f"{WATER:g} kg/m^3 of its shape"

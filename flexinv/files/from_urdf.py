@@ -278,7 +278,7 @@ def read_xml(path: Path) -> Element:
 
 
 def xml_repairs(path: Path) -> list[str]:
-    """Return what `read_xml` puts right in a file before it parses it [-]: what the standard forbids and others read."""
+    """Return the repairs of `read_xml` in a file [-], a line each: the standard forbids it as it is, and others read it."""
     data = path.read_bytes()
     try:
         fromstring(data, forbid_dtd=True)
