@@ -181,7 +181,7 @@ def _code(rows: list[Loaded]) -> int:
 
 
 def _readers_table(file: str, rows: list[Loaded]) -> Table:
-    table = Table(title=f"{file}, as each engine reads it, against our reader", title_justify="left")
+    table = Table(title=f"{file}, as each engine reads it, against {rows[0].reader}", title_justify="left")
     for name in ("reader", "joints", "mass [kg]", "result", "differences"):
         table.add_column(name, overflow="fold")
     for row in rows:

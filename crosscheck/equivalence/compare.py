@@ -125,15 +125,17 @@ def compared(
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
     told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
-    every = with_couplings(one, two, pairs.pairs, moving, told)
-    every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size)
+    rounding = SINGLE * max(first.precision, second.precision)
+    every = with_couplings(one, two, pairs.pairs, moving, told, max(SAME, rounding))
+    tied = first.mechanism, second.mechanism
+    every += loop_differences(tied, (one, two), pairs.pairs, moving, size, max(SAME, rounding))
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
     if names:
         theirs = efforts(_cut(second.mechanism), mapped(states, trees.first, moving), names)
         wanted = mapped_back(theirs, trees.first, moving)
-    bound = max(tolerance, SINGLE * max(first.precision, second.precision))
+    bound = max(tolerance, rounding)
     judged = _with_beams(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
     if any(side.features or side.dynamics is not None for side in lifted):
         silent = trees.first.changed(c for d in every if not d.cause for c in d.changes)

@@ -23,9 +23,12 @@ SHOWN = 4  # names of joints
 
 
 def with_couplings(
-    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference]
-) -> list[Difference]:
+    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference],
+    tolerance: float = SAME,
+) -> list[Difference]:  # fmt: skip
     """Return the differences given and those of couplings [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
+
+    tolerance : of factors [-] and offsets [rad], [m]: rounding of the readers' numbers
 
     A law that both files write alike, over a coordinate that counts another way in B, moves what it couples another way.  That is
     one difference, of the coordinate, and counts as a difference of what drives add: a convention is what no torque feels.
@@ -33,10 +36,10 @@ def with_couplings(
     back = {theirs: ours for ours, theirs in pairs.items()}
     ours, plain = dict(_laws(one)), dict(_laws(two, back))
     theirs = {key: _mapped(law, back, seats) for key, law in plain.items()}
-    apart = [key for key in ours if key in theirs and not _same(ours[key], theirs[key])]
+    apart = [key for key in ours if key in theirs and not _same(ours[key], theirs[key], tolerance)]
     told = list(found)
     counted = [(d.cause, d.place.removeprefix("joint ")) for d in told if d.cause in CONVENTIONS]
-    follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats, counted)
+    follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats, counted, tolerance)
     told = [_felt(difference, follows) for difference in told]
     for key in [*ours, *(k for k in theirs if k not in ours)]:
         a, b = ours.get(key), theirs.get(key)
@@ -47,21 +50,21 @@ def with_couplings(
             values = (_words(law), "none") if side == "A" else ("none", _words(law))
             told.append(Difference("drive", f"coupling that only {side} has", place, 1.0, "-", *values))
         elif key in apart and key not in follows:
-            told += _differences(place, a, b)
+            told += _differences(place, a, b, tolerance)
     return told
 
 
-def _differences(place: str, a: Law, b: Law) -> Iterator[Difference]:
+def _differences(place: str, a: Law, b: Law, tolerance: float) -> Iterator[Difference]:
     gap = max(abs(a[0][name] - b[0].get(name, 0.0)) for name in a[0])
-    if gap > SAME:
+    if gap > tolerance:
         yield Difference("drive", "factor of coupling", place, gap, "-", _words(a), _words(b))
-    if abs(a[1] - b[1]) > SAME:
+    if abs(a[1] - b[1]) > tolerance:
         yield Difference("drive", "offset of coupling", place, abs(a[1] - b[1]), "rad", _words(a), _words(b))
 
 
-def _same(a: Law, b: Law) -> bool:
+def _same(a: Law, b: Law, tolerance: float) -> bool:
     gaps = [abs(a[0].get(name, 0.0) - b[0].get(name, 0.0)) for name in {*a[0], *b[0]}]
-    return max([*gaps, abs(a[1] - b[1])]) <= SAME
+    return max([*gaps, abs(a[1] - b[1])]) <= tolerance
 
 
 def _followed(
@@ -69,13 +72,14 @@ def _followed(
     back: Mapping[str, str],
     seats: Mapping[str, Aligned],
     counted: list[Counted],
+    tolerance: float,
 ) -> Follows:
     """Couplings that differ because coordinates count another way: with the fewest of them, and with those of most couplings."""
     ways: dict[Joints, list[tuple[Counted, ...]]] = {}
     for key, (ours, theirs) in apart.items():
         for number in range(1, MOST + 1):
             tried = combinations([one for one in counted if one[1] in key and one[1] in seats], number)
-            alike = [some for some in tried if _same(ours, _mapped(theirs, back, _without(seats, some)))]
+            alike = [some for some in tried if _same(ours, _mapped(theirs, back, _without(seats, some)), tolerance)]
             if alike:
                 ways[key] = alike
                 break

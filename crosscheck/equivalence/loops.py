@@ -61,10 +61,12 @@ def loop_differences(
     pairs: Mapping[str, str],
     seats: Mapping[str, Aligned],
     size: float,
+    tolerance: float = SAME,
 ) -> Iterator[Difference]:
     """Yield loops that only one closes [-], and those of both whose points or axes differ [m], [rad].
 
     mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; seats : alignment by joint of A; size : [m]
+    tolerance : of points over the size [-] and of axes [rad]: rounding of the readers' numbers
     """
     frames = {joint: seat.frame for joint, seat in seats.items()}
     own = {joint: joint for joint in pairs}
@@ -78,7 +80,7 @@ def loop_differences(
             continue
         nearest = min(like, key=lambda other: sum(_gaps(one, other)))
         theirs.remove(nearest)
-        yield from _compared(one, nearest, size)
+        yield from _compared(one, nearest, size, tolerance)
     for other in theirs:
         yield _alone("B", other)
 
@@ -88,12 +90,12 @@ def _alone(side: str, one: Tied) -> Difference:
     return Difference("rigid", f"loop that only {side} closes", one.place, 1.0, "-", a, b, structural=True)
 
 
-def _compared(one: Tied, other: Tied, size: float) -> Iterator[Difference]:
+def _compared(one: Tied, other: Tied, size: float, tolerance: float) -> Iterator[Difference]:
     way, turn = _gaps(one, other)
-    if way > SAME * size:
+    if way > tolerance * size:
         shown = [" and ".join(map(_point, (tied.first, tied.second))) for tied in (one, other)]
         yield Difference("rigid", "point of closure", one.place, way, "m", shown[0], shown[1])
-    if turn > SAME:
+    if turn > tolerance:
         yield Difference("rigid", "axis of closure", one.place, turn, "rad", "", "")
 
 

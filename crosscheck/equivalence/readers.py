@@ -1,4 +1,4 @@
-"""Table of readers: what each engine's own reader makes of one file, against the reader of this project."""
+"""Table of readers: what each engine's own reader makes of one file, against the reader that knows its format best."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from crosscheck.equivalence.sources import describe, describe_pair, is_xml, kind
 from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from flexinv.errors import InputError
 
-REFERENCE = {"urdf": "flexinv"}  # by format the reader that the others are compared with; else the first that reads it
+# By format the reader that the others are compared with: the format's own compiler, where there is one; else the first that
+# reads the file.
+REFERENCE = {"urdf": "flexinv", "mjcf": "mujoco", "sdf": "drake"}
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,10 @@ class Measure:
 
 
 def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -> list[Loaded]:
-    """Return a row for every reader of a file; wanted : "all", or engines by comma.  Raises InputError."""
+    """Return a row for every reader of a file, first that which the others are held against; what one refuses is in its row.
+
+    wanted : "all", or engines by comma.  Raises InputError for a file that nobody has a reader for.
+    """
     path, measure = Path(file), measure or Measure()
     checked(measure.tolerance, measure.families)
     if not path.is_file():
@@ -80,11 +85,35 @@ def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -
         raise InputError(
             f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
         )
-    first = REFERENCE.get(kind) or known[0]
+    first = _reference(file, list(dict.fromkeys([*_preferred(kind, known), *known])))
     return [_row(file, first, name, measure) for name in (first, *(n for n in names if n != first))]
 
 
+def _preferred(kind: str, known: list[str]) -> list[str]:
+    """The reader that knows a format best, if it is there; flexinv's own always is."""
+    best = REFERENCE.get(kind)
+    return [best] if best == "flexinv" or best in known else []
+
+
+def _reference(file: str, names: list[str]) -> str:
+    """The first reader that reads the file; the first of all where none does."""
+    return next((name for name in names if not _refusal(file, name)), names[0])
+
+
+def _refusal(file: str, name: str) -> str:
+    """The reason of a reader for not reading a file, "" where it does; any exception is its own."""
+    try:
+        describe(f"{file}@{name}")
+    except InputError as error:
+        return " ".join(str(error).split())
+    except Exception as error:
+        return f"{file}: the reader {name} fails: {type(error).__name__}: {' '.join(str(error).split())}"
+    return ""
+
+
 def _row(file: str, first: str, name: str, measure: Measure) -> Loaded:
+    if refusal := _refusal(file, name):
+        return Loaded(name, "", "", "cannot", refusal)
     try:
         one, two = describe_pair(f"{file}@{first}", f"{file}@{name}")
         found = compared(one, two, measure.tolerance, {}, measure.ignored)

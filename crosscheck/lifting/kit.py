@@ -43,7 +43,11 @@ def lift_kit(path: Path) -> Description:
             raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
         raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
     features = tuple(attached_features(said.springs, said.forces))
-    return Description(f"{path.parent.name}/{path.name}", _mechanism(said), "kit", features=features, file=path)
+    try:
+        mechanism = _mechanism(said)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return Description(f"{path.parent.name}/{path.name}", mechanism, "kit", features=features, file=path)
 
 
 def _mechanism(said: MechanismData) -> Mechanism:

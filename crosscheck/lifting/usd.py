@@ -5,7 +5,9 @@
     joints        revolute, prismatic, spherical, fixed; one of six axes by those that are free, slides first, with bodies
                   without mass between; limits of revolute ones are in degrees; a joint that is excluded from
                   the articulation closes a loop
-    armature      ``physxJoint:armature``, ``newton:armature``, ``mjc:armature``; the last two also damping and friction
+    passive       armature, damping, friction, springs, mimics of engines' own attributes: `usd_joints`
+    features      what engines do and no mechanism can say: `usd_features`
+    proof         none: usd-core computes no dynamics
     drives        DriveAPI states gains of a controller, per degree: they are told, and are no part of a mechanism
     units         of the stage: metersPerUnit, kilogramsPerUnit; a stage whose up axis is Y is turned to Z
 
@@ -17,7 +19,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,11 @@ import numpy as np
 
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.names import name_words, unique_names
+from crosscheck.lifting.reader_dynamics import Feature
 from crosscheck.lifting.rigid import between, on, turned
+from crosscheck.lifting.usd_features import find_features, in_radians, pulls, scene_flags, scenes
+from crosscheck.lifting.usd_joints import Told, Units, couplings, effort, passive, speed
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Array, Inertia, Limits, Placement
 
@@ -34,12 +40,7 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np.array([0.0, 0.0, 1.0])}
 EARTH = 9.81  # [m/s^2], what a scene without a magnitude means
 SINGLE = float(np.finfo(np.float32).eps)
-PASSIVE = {
-    "rotor_inertia": ("physxJoint:armature", "newton:armature", "mjc:armature"),
-    "damping": ("newton:damping", "mjc:damping"),
-    "friction": ("newton:friction", "mjc:frictionloss"),
-}
-DEGREE = np.pi / 180
+UNPROVEN = "usd-core reads the stage and computes no dynamics to hold it against"
 
 
 def reads_usd() -> bool:
@@ -82,25 +83,34 @@ class _Stage:
     path: Path
     dropped: list[str] = field(default_factory=list)
     between: list[str] = field(default_factory=list)
+    features: list[Feature] = field(default_factory=list)
+    told: dict[Any, Told] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         from pxr import UsdGeom, UsdPhysics
 
         self.meter = float(UsdGeom.GetStageMetersPerUnit(self.stage))
         self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(self.stage))
+        self.radian = in_radians(self.stage)
+        self.units = Units(self.meter, self.kilogram, self.radian is not False)
+        self.flags_off = scene_flags(self.stage)
         self.up = UsdGeom.GetStageUpAxis(self.stage)
         self.world = turned(AXES["X"], np.pi / 2) if self.up == "Y" else np.eye(3)
         self.cache = UsdGeom.XformCache()
-        bodies = [p for p in self.stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI) and _enabled(p)]
-        short = [p.GetName() for p in bodies]
-        self.names = {
-            p.GetPath(): p.GetName() if short.count(p.GetName()) == 1 else str(p.GetPath()).lstrip("/") for p in bodies
-        }
+        every = list(self.stage.Traverse())
+        self.names = self.named("bodies", [p for p in every if p.HasAPI(UsdPhysics.RigidBodyAPI) and _enabled(p)])
+        self.tied = [p for p in every if p.IsA(UsdPhysics.Joint) and _on(p)]
+        self.joint_names = self.named("joints", self.tied)
+
+    def named(self, kind: str, prims: list[Any]) -> dict[Any, str]:
+        """Return names of bodies or joints by prim path [-]: where one stands twice, the path; said in `dropped`."""
+        plain, paths = [p.GetName() for p in prims], [p.GetPath() for p in prims]
+        names = unique_names(plain, [str(path).lstrip("/") for path in paths], (WORLD,))
+        self.dropped += name_words(kind, plain, names)
+        return dict(zip(paths, names, strict=True))
 
     def description(self) -> Description:
         """Return the description of the stage [m, kg, rad]."""
-        from pxr import UsdPhysics
-
         if not self.names:
             raise InputError(
                 f"{self.path}\n  given:    a stage without bodies\n  expected: prims with PhysicsRigidBodyAPI\n"
@@ -110,14 +120,18 @@ class _Stage:
             self.dropped.append("up axis Y: the world is turned so that Z is up")
         bodies = {name: self.inertia(self.stage.GetPrimAtPath(path)) for path, name in self.names.items()}
         poses = {name: self.pose(self.stage.GetPrimAtPath(path))[0] for path, name in self.names.items()}
-        joints = [one for p in self.stage.Traverse() if p.IsA(UsdPhysics.Joint) and _on(p) for one in self.joints(p)]
+        joints = [one for p in self.tied for one in self.joints(p)]
         bodies |= {name: Inertia(0.0) for name in self.between}
         gravity, stated = self.gravity()
         label = self.path.name
         mechanism = assembled(label, bodies, joints, gravity, poses)
+        laws, lost, features = couplings(self.told)
+        mechanism = replace(mechanism, closures=(*mechanism.closures, *laws))
+        features += [*self.features, *find_features(self.stage, self.names)]
         return Description(
-            label, mechanism, "usd", "usd-core", {}, tuple(self.dropped), file=self.path, gravity_stated=stated,
+            label, mechanism, "usd", "usd-core", {}, (*self.dropped, *lost), file=self.path, gravity_stated=stated,
             precision=SINGLE,  # its vectors and masses are single precision
+            features=tuple(features), unproven=UNPROVEN,
         )  # fmt: skip
 
     def pose(self, prim: Any) -> tuple[Placement, Array]:
@@ -142,6 +156,9 @@ class _Stage:
             mass, moments, com, turn = self.computed(prim, missing, turn)
         unit = self.kilogram * self.meter**2
         tensor = turn @ np.diag(moments) @ turn.T
+        whole = prim.GetAttribute("newton:inertia").Get()
+        if whole is not None and len(whole) == 6:
+            tensor = np.array(whole, dtype=float)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
         scale = self.pose(prim)[1]
         return Inertia.stated(float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor)
 
@@ -170,7 +187,7 @@ class _Stage:
         """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
         from pxr import UsdPhysics
 
-        name, steps = prim.GetName(), self.steps(prim)
+        name, steps = self.joint_names[prim.GetPath()], self.steps(prim)
         joint = UsdPhysics.Joint(prim)
         first, second = self.end(joint, 0), self.end(joint, 1)
         if first[0] == second[0] or not steps:
@@ -178,22 +195,27 @@ class _Stage:
             self.dropped.append(f"joint {name}: {words}")
             return
         closes, ends = bool(joint.GetExcludeFromArticulationAttr().Get()), [first]
+        kind = steps[0][0]
+        single = len(steps) == 1 and kind in ("revolute", "prismatic") and not closes
+        self.told[prim.GetPath()] = Told(prim, name if single else "", kind, self.units.coordinate(kind))
         for _, axis in steps[:-1]:
             between = f"{name} after {axis}"
             self.between.append(between)
             ends.append((between, Placement()))
         ends.append((second[0], Placement()))
         for k, (kind, axis) in enumerate(steps):
-            own = self.drive(prim, kind, axis[-1:]) if kind in ("revolute", "prismatic") else {}
+            called = f"{name}.{axis}" if len(steps) > 1 else name
+            own = self.drive(prim, called, kind, axis[-1:])
             on_child, last = (second[1], True) if k == len(steps) - 1 else (Placement(), False)
             yield Between(
-                f"{name}.{axis}" if len(steps) > 1 else name, kind, ends[k][0], ends[k + 1][0], ends[k][1], on_child,
+                called, kind, ends[k][0], ends[k + 1][0], ends[k][1], on_child,
                 AXES[axis[-1:] if kind != "spherical" else "Z"], own=own, closes=closes and last,
             )  # fmt: skip
 
     def steps(self, prim: Any) -> list[tuple[str, str]]:
         """Return kind and axis of the joints, one after the other, that a joint is [-]; none where all is free."""
-        name, kind = prim.GetName(), prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
+        name = self.joint_names[prim.GetPath()]
+        kind = prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
         if kind == "":
             return self.free_axes(prim)
         if kind not in ("revolute", "prismatic", "spherical", "fixed"):
@@ -215,7 +237,7 @@ class _Stage:
         slides, turns = (
             [f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot")
         )
-        name, steps = prim.GetName(), [("prismatic", axis) for axis in slides]
+        name, steps = self.joint_names[prim.GetPath()], [("prismatic", axis) for axis in slides]
         if len(turns) == 2:
             one, two = (axis[-1] for axis in turns)
             self.dropped.append(
@@ -257,43 +279,51 @@ class _Stage:
             return WORLD, on(frame, local)
         return self.names[prim.GetPath()], on(between(self.pose(prim)[0], frame), local)
 
-    def drive(self, prim: Any, kind: str, axis: str) -> dict[str, Any]:
+    def drive(self, prim: Any, name: str, kind: str, axis: str) -> dict[str, Any]:
         """Return limits [rad], [m] and passive numbers of a joint; gains of its drive are dropped."""
-        unit = DEGREE if kind == "revolute" else self.meter
+        if kind == "fixed":
+            return {}
+        found = passive(prim, name, kind, axis, self.units, self.flags_off)
+        self.dropped += found.words
+        self.features += found.features
+        if kind == "revolute" and found.own.get("rest") and self.radian is None:
+            self.dropped.append(f"mjc:springref of joint {name}: no scene states mjc:compiler:angle; read as radians")
+        if kind == "spherical":
+            return found.own
+        return {"limits": self.limits(prim, name, kind, axis), **found.own}
+
+    def limits(self, prim: Any, name: str, kind: str, axis: str) -> Limits:
+        """Return the limits of a joint [rad], [m], [N m], [N], [rad/s], [m/s]; gains of its drive are told."""
+        unit, force = self.units.coordinate(kind), self.units.effort(kind)
         turn, keys = ("angular" if kind == "revolute" else "linear"), ("physics:lowerLimit", "physics:upperLimit")
-        if prim.GetTypeName() == "PhysicsJoint":
+        six = prim.GetTypeName() == "PhysicsJoint"
+        if six:
             turn = f"{'rot' if kind == 'revolute' else 'trans'}{axis}"
             keys = (f"limit:{turn}:physics:low", f"limit:{turn}:physics:high")
         stated = [prim.GetAttribute(key).Get() for key in keys]
         low, high = (end if value is None else value for value, end in zip(stated, (-np.inf, np.inf), strict=True))
-        force = self.kilogram * self.meter ** (2 if kind == "revolute" else 1)
-        effort = np.inf
+        most = effort(prim, kind, self.units)
         if prim.HasAttribute(f"drive:{turn}:physics:stiffness") or prim.HasAttribute(f"drive:{turn}:physics:damping"):
             gains = [prim.GetAttribute(f"drive:{turn}:physics:{key}").Get() or 0.0 for key in ("stiffness", "damping")]
             told = [f"{float(gain) * force / unit:.6g}" for gain in gains]
             words = f"stiffness {told[0]}, damping {told[1]} per {'radian' if kind == 'revolute' else 'metre'}"
-            self.dropped.append(f"drive of joint {prim.GetName()}: {words} are gains of a controller")
-            most = prim.GetAttribute(f"drive:{turn}:physics:maxForce").Get()
-            effort = np.inf if most is None or not np.isfinite(most) or most <= 0 else float(most) * force
-        limits = Limits(effort, np.inf, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))
-        return {"limits": limits, **dict(self.passive(prim))}
-
-    def passive(self, prim: Any) -> Iterator[tuple[str, float]]:
-        """Yield armature [kg m^2], damping [N m s/rad] and friction [N m] where an engine's own attribute states them."""
-        for name, keys in PASSIVE.items():
-            stated = [v for key in keys if prim.HasAttribute(key) and (v := prim.GetAttribute(key).Get())]
-            if stated:
-                yield name, float(np.ravel(stated[0])[0]) * self.kilogram * self.meter**2
+            self.dropped.append(f"drive of joint {name}: {words} are gains of a controller")
+            drawn = prim.GetAttribute(f"drive:{turn}:physics:maxForce").Get()
+            if drawn is not None and np.isfinite(drawn) and drawn > 0:
+                most = min(most, float(drawn) * force)
+        fastest = speed(prim, kind, axis if six else "", self.units)
+        return Limits(most, fastest, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))
 
     def gravity(self) -> tuple[Array, bool]:
         """Return gravity (3,) [m/s^2] as the scene states it, and whether there is a scene that does."""
         from pxr import UsdPhysics
 
-        scenes = [p for p in self.stage.Traverse() if p.IsA(UsdPhysics.Scene)]
-        down = -AXES[self.up]
-        if not scenes:
+        down, prims = -AXES[self.up], scenes(self.stage)
+        if not prims:
             return self.world @ down * EARTH, False
-        scene = UsdPhysics.Scene(scenes[0])
+        if not pulls(prims[0]):
+            return np.zeros(3), True
+        scene = UsdPhysics.Scene(prims[0])
         along = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
         size = float(scene.GetGravityMagnitudeAttr().Get())
         length = float(np.linalg.norm(along))

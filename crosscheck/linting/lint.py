@@ -16,7 +16,7 @@ from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.urdf import urdf_findings
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import read_xml
+from flexinv.files.from_urdf import read_xml, xml_repairs
 from flexinv.validation import flag
 
 LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
@@ -63,12 +63,13 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
     strict, meshes = flag("strict", strict), flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and path.is_file() and is_xml(path) and kind_of(path) == "urdf":
-        found = [*urdf_findings(read_xml(path), path, meshes)]
+        found = [*_xml_findings(path), *urdf_findings(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _unread(path)
         return Linted(path.name, _sorted(found), strict)
     description = describe(source)
-    return Linted(description.label, _sorted([*machine_findings(description)]), strict)
+    written = _xml_findings(path) if path is not None and path.is_file() and is_xml(path) else []
+    return Linted(description.label, _sorted([*written, *machine_findings(description)]), strict)
 
 
 def lint_each(sources: Iterable[Any], strict: bool = False, meshes: bool = True) -> list[Linted]:
@@ -85,6 +86,14 @@ def lint_each(sources: Iterable[Any], strict: bool = False, meshes: bool = True)
             finding = error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
             found.append(Linted(name, (finding,), strict, words))
     return found
+
+
+def _xml_findings(path: Path) -> Iterator[Finding]:
+    """Yield what the standard of XML forbids and some readers take."""
+    for words in xml_repairs(path):
+        write = "one hyphen in comments" if "comment" in words else "the declaration in the first tag"
+        why = "XML forbids it: MuJoCo, DART and urdfdom read it, strict readers refuse the file"
+        yield warning("xml", path.name, words, why, write)
 
 
 def _unread(path: Path) -> Iterator[Finding]:
@@ -142,6 +151,8 @@ def machine_findings(description: Description) -> Iterator[Finding]:
                 "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
             )
     for words in description.dropped:
+        if words.startswith("geometry"):
+            yield warning("file", description.label, words, "shapes of it are not there", "the file where it is named")
         if words.startswith(("equality", "mimic", "transmission")):
             yield warning(
                 "dropped", description.label, words, "readers make different things of it", "compare with --readers all"

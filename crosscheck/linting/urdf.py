@@ -13,6 +13,7 @@ import numpy as np
 from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.meshes import mesh_findings, mesh_path
+from crosscheck.linting.shapes import shape_findings
 from flexinv.files.joints import rotation_from_rpy
 from flexinv.model.mechanism import Array, Inertia
 
@@ -32,6 +33,7 @@ def urdf_findings(robot: Element, path: Path, meshes: bool = True) -> Iterator[F
     yield from problems
     yield from body_findings(links, _size(robot))
     yield from _without_inertia(robot, links)
+    yield from shape_findings(robot)
     for joint in robot.findall("joint"):
         yield from _joint(joint)
     yield from _mimics(robot)

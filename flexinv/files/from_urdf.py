@@ -17,6 +17,7 @@ from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
+from flexinv.files.lenient_xml import repaired_xml
 from flexinv.files.schema import UrdfTable
 from flexinv.files.toml_tables import Location, complaint, read_bytes
 from flexinv.files.values import LARGEST_NUMBER, LONGEST_NAME
@@ -262,7 +263,7 @@ def read_xml(path: Path) -> Element:
     existing = near or "the path of a file that exists"
     data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
     try:
-        root: Element = fromstring(data, forbid_dtd=True)
+        root: Element = _parsed(data)
     except DefusedXmlException:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
         raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
@@ -274,6 +275,32 @@ def read_xml(path: Path) -> Element:
             write = "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
         raise complaint(str(path), given, "well-formed XML", write) from None
     return root
+
+
+def xml_repairs(path: Path) -> list[str]:
+    """Return the repairs of `read_xml` in a file [-], a line each: the standard forbids it as it is, and others read it."""
+    data = path.read_bytes()
+    try:
+        fromstring(data, forbid_dtd=True)
+    except (ParseError, ValueError, LookupError):
+        return repaired_xml(data)[1]
+    return []
+
+
+def _parsed(data: bytes) -> Element:
+    """The root of a text; of one that the standard forbids and others read, as they do.  Raises ParseError."""
+    try:
+        strict: Element = fromstring(data, forbid_dtd=True)
+        return strict
+    except ParseError as error:
+        text, repairs = repaired_xml(data)
+        if not repairs:
+            raise
+        try:
+            lenient: Element = fromstring(text, forbid_dtd=True)
+            return lenient
+        except ParseError:
+            raise error from None
 
 
 def location(path: Path, element: Element, key: str = "") -> str:

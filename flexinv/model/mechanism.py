@@ -114,6 +114,12 @@ class Mechanism(Frozen):
                 {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ()
             ):
                 raise InputError(f"{where}{kind} named twice: {', '.join(twice)}; expected a name of its own for each")
+        for coordinates in (self.coordinate_names, self.velocity_names):
+            if len(set(coordinates)) < len(coordinates):
+                several = sorted({name for name in coordinates if coordinates.count(name) > 1})
+                raise InputError(
+                    f"{where}coordinates named twice: {', '.join(several)}; expected other names of joints"
+                )
         links = {link.name: link for link in self.links}
         placed = {WORLD}
         for joint in self.joints:

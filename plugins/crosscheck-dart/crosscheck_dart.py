@@ -46,6 +46,7 @@ KINDS = {
 
 READS = ("urdf", "sdf")  # formats of files that `lift` takes
 lift, lifts = beside("crosscheck_dart_lift", "lift"), beside("crosscheck_dart_lift", "lifts")
+dynamics = beside("crosscheck_dart_dynamics", "dynamics")
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,11 @@ from xml.etree.ElementTree import tostring
 
 import dartpy as dart
 import numpy as np
+from crosscheck_dart_dynamics import dynamics_of
 
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.sdf import Stated, features_of, read_stated
 from crosscheck.lifting.urdf import mimics
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -46,14 +48,23 @@ def lift(source: Any) -> Description:
     if lifts(source):
         return _described(source, source.getName() or "Skeleton", "live", ())
     path = Path(source)
+    skeleton, kind = read_skeleton(path)
+    return _described(skeleton, path.name, kind, (TURNED,) if kind == "sdf" else (), path)
+
+
+def read_skeleton(path: Path) -> tuple[Any, str]:
+    """Return the skeleton of a file as DART's parsers read it, and the file's format [-].  Raises InputError."""
     tag = read_xml(path).tag
     kind = {"robot": "urdf", "sdf": "sdf"}.get(tag)
     if kind is None:
         raise InputError(f"{path}: DART reads URDF and SDF; its reader of <{tag}> leaves masses and stiffnesses out")
-    skeleton = _urdf(path) if kind == "urdf" else _sdf(path)
+    try:
+        skeleton = _urdf(path) if kind == "urdf" else _sdf(path)
+    except RuntimeError as error:
+        raise InputError(f"{path}: DART refuses it: {' '.join(str(error).split())}") from None
     if skeleton is None:
         raise InputError(f"{path}: DART refuses it without a reason; it does so for SDF beyond 1.6")
-    return _described(skeleton, path.name, kind, (TURNED,) if kind == "sdf" else (), path)
+    return skeleton, kind
 
 
 def _urdf(path: Path) -> Any:
@@ -81,18 +92,16 @@ def _described(skeleton: Any, label: str, kind: str, dropped: tuple[str, ...], p
     made = assembled(label, bodies, joints, gravity, {})
     couplings, lost = _couplings([node.getParentJoint() for node in nodes], made, path)
     mechanism = replace(made, closures=(*made.closures, *couplings))
-    dropped = (*dropped, *lost)
-    return Description(
-        label,
-        mechanism,
-        kind,
-        "dart",
-        {},
-        dropped,
-        file=path,
-        root_stated=kind != "urdf",
-        gravity_stated=kind == "live",
-    )
+    stated = read_stated(path) if kind == "sdf" and path is not None else Stated()
+    links = {scoped: scoped.rpartition("::")[2] for scoped in (*stated.added, *stated.floating)}
+    found = Description(
+        label, mechanism, kind, "dart", {}, (*dropped, *lost), file=path, root_stated=kind != "urdf",
+        gravity_stated=kind == "live", features=features_of(stated, links),
+    )  # fmt: skip
+    try:
+        return replace(found, dynamics=dynamics_of(skeleton, mechanism, label))
+    except InputError as error:
+        return replace(found, unproven=str(error))
 
 
 def _name(name: str) -> str:

@@ -44,6 +44,7 @@ KINDS = ("revolute", "continuous", "prismatic", "fixed")
 
 READS = ("urdf", "sdf", "mjcf")  # formats of files that `lift` takes
 lift, lifts = beside("crosscheck_drake_lift", "lift"), beside("crosscheck_drake_lift", "lifts")
+dynamics = beside("crosscheck_drake_dynamics", "dynamics")
 
 
 @dataclass(frozen=True)

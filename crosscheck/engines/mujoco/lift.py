@@ -33,11 +33,20 @@ from crosscheck.engines.mujoco.compiled.features import (
     find_features,
     switch_off,
 )
-from crosscheck.engines.mujoco.compiled.names import OBJECT, actuators_on, gear_of, joint_name, joint_names, name_of
+from crosscheck.engines.mujoco.compiled.names import (
+    OBJECT,
+    actuators_on,
+    free_name,
+    gear_of,
+    joint_name,
+    joint_names,
+    name_of,
+)
 from crosscheck.engines.mujoco.compiled.tendons import active, linear_law, off
 from crosscheck.engines.mujoco.effort_limits import effort_limits
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.hinges import with_hinges
 from crosscheck.lifting.printed import printed_of_mjcf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -136,9 +145,11 @@ def _words(error: Exception) -> str:
 def _without_files(spec: Any, path: Path) -> None:
     """Take what names other files out of a specification; InputError where masses come from it."""
     shaped = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
-    for geom in [g for g in spec.geoms if g.type in shaped]:
+    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    for geom in [g for g in spec.geoms if g.type in shaped or g.meshname]:  # a primitive may be fitted to a mesh
         body = geom.parent
-        if body.name != WORLD and not body.explicitinertial and geom.mass != 0.0 and geom.density != 0.0:
+        weighs = always or not body.explicitinertial
+        if body.name != WORLD and weighs and geom.mass != 0.0 and geom.density != 0.0:
             raise InputError(
                 f"{path}: body {body.name!r} gets its mass from a mesh that is not there; "
                 "put the mesh where the file says, or write <inertial> in the body"
@@ -154,7 +165,7 @@ def _without_files(spec: Any, path: Path) -> None:
 def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
     links, joints = _tree(model)
     efforts, uneven = effort_limits(model)
-    names = {name_of(model, OBJECT.mjOBJ_JOINT, index, "joint"): effort for index, effort in efforts.items()}
+    names = {joint_name(model, index): effort for index, effort in efforts.items()}
     joints = [replace(j, limits=replace(j.limits, effort=names.get(j.name, np.inf))) for j in joints]
     closures, lost = _closures(model, {joint.name: joint for joint in joints})
     mechanism = Mechanism(
@@ -184,7 +195,8 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         carrier, anchor = names[parent], np.zeros(3)
         for k in range(count):
-            child = name if k == count - 1 else f"{name} before joint {k + 2}"
+            between = free_name(model, OBJECT.mjOBJ_BODY, f"{name} before joint {k + 2}")
+            child = name if k == count - 1 else between
             free = model.jnt_type[first + k] == JOINT_KIND.mjJNT_FREE
             point = np.zeros(3) if free else np.array(model.jnt_pos[first + k])
             at = Placement(frame.position + frame.rotation @ (point - anchor), frame.rotation)
@@ -192,7 +204,8 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
             links.append(Link(child))
             carrier, frame, anchor = child, Placement(), point
         if not count:
-            joints.append(Joint(f"{name} on {carrier}", "fixed", carrier, name, frame, actuated=False))
+            weld = free_name(model, OBJECT.mjOBJ_JOINT, f"{name} on {carrier}")
+            joints.append(Joint(weld, "fixed", carrier, name, frame, actuated=False))
             links.append(Link(name))
         anchors[body] = anchor
         links[-1] = Link(name, tuple(_bodies(model, body, name, anchor)))
@@ -209,7 +222,7 @@ def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
-    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], name_of(model, OBJECT.mjOBJ_JOINT, index, "joint")
+    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], joint_name(model, index)
     start = int(model.jnt_qposadr[index])
     axis = np.array(model.jnt_axis[index])
     if kind not in ("revolute", "prismatic"):
@@ -281,44 +294,7 @@ def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list
         elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD):
             tie = _tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _tie_of_sites
             made.append(tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
-    return _hinges(made), dropped
-
-
-def _hinges(closures: list[Closure]) -> list[Closure]:
-    """Make one revolute closure of two points that hold the same two bodies: whatever turns about their line stays free."""
-    made: list[Closure] = []
-    for closure in closures:
-        ends = closure.first.link, closure.second.link
-        like = [k for k, one in enumerate(made) if one.kind == "spherical" == closure.kind]
-        same = next((k for k in like if (made[k].first.link, made[k].second.link) == ends), None)
-        if same is None or (hinge := _hinge(made[same], closure)) is None:
-            made.append(closure)
-        else:
-            made[same] = hinge
-    return made
-
-
-def _hinge(one: Closure, two: Closure) -> Closure | None:
-    """The hinge through two points; None where they are one, or farther apart on one body than on the other."""
-    seats = []
-    for a, b in ((one.first, two.first), (one.second, two.second)):
-        along = b.placement.position - a.placement.position
-        seats.append((a, along, float(np.linalg.norm(along))))
-    (first, u, length), (second, w, other) = seats
-    if length == 0.0 or abs(length - other) > 1e-9 * length:
-        return None
-    ends = [
-        Attachment(at.link, Placement(at.placement.position, _onto(line))) for at, line in ((first, u), (second, w))
-    ]
-    return Closure(one.name, "revolute", ends[0], ends[1])
-
-
-def _onto(line: Array) -> Array:
-    """The rotation (3, 3) [-] whose third column is the direction of a line."""
-    z = line / np.linalg.norm(line)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    return with_hinges(made), dropped
 
 
 def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
@@ -337,10 +313,10 @@ def _coupling(model: Any, k: int, name: str) -> Closure:
     here, (first, second) = Attachment(WORLD), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
     start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
     offset = start + float(model.qpos0[model.jnt_qposadr[first]])
-    factors = [(name_of(model, OBJECT.mjOBJ_JOINT, first, "joint"), 1.0)]
+    factors = [(joint_name(model, first), 1.0)]
     if second >= 0:
         offset -= slope * float(model.qpos0[model.jnt_qposadr[second]])
-        factors.append((name_of(model, OBJECT.mjOBJ_JOINT, second, "joint"), -slope))
+        factors.append((joint_name(model, second), -slope))
     return Closure(name, "coupling", here, here, factors=tuple(factors), offset=offset)
 
 

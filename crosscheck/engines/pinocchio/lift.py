@@ -7,6 +7,7 @@ damping and friction of ``dynamics``.  Source: pinocchio 4.1, joint-*.hpp.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ import pinocchio as pin
 
 from crosscheck.engines.pinocchio.own_dynamics import dynamics_of
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.hinges import with_hinges
+from crosscheck.lifting.names import unique_names
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import (
@@ -47,18 +50,20 @@ def lift(source: Any, label: str = "") -> Description:
     path = Path(source)
     kind = "urdf" if read_xml(path).tag == "robot" else "mjcf"
     try:
-        model = pin.buildModelFromUrdf(str(path)) if kind == "urdf" else _mjcf(path)
+        model, ties = (pin.buildModelFromUrdf(str(path)), []) if kind == "urdf" else _mjcf(path)
     except (ValueError, RuntimeError, IndexError, TypeError) as error:
         raise InputError(f"{path}: Pinocchio refuses it: {' '.join(str(error).split())}") from None
-    return _described(model, label or path.name, kind, path)
+    return _described(model, label or path.name, kind, path, ties)
 
 
-def _mjcf(path: Path) -> Any:
-    model = pin.buildModelFromMJCF(str(path))
-    return model[0] if isinstance(model, tuple) else model
+def _mjcf(path: Path) -> tuple[Any, list[Any]]:
+    """The model of an MJCF, and what closes its loops: anchors of points and of frames."""
+    model, points, frames = pin.buildModelAndConstraintsFromMJCF(str(path))
+    return model, [*points, *frames]
 
 
-def _described(model: Any, label: str, kind: str, path: Path | None) -> Description:
+def _described(model: Any, label: str, kind: str, path: Path | None, ties: Iterable[Any] = ()) -> Description:
+    model = _named(model)
     names = _bodies(model)
     joints: list[Joint] = []
     links: list[Link] = []
@@ -75,6 +80,7 @@ def _described(model: Any, label: str, kind: str, path: Path | None) -> Descript
         links.append(Link(names[k], (Body(names[k], body),) if body.mass or body.tensor.any() else ()))
         if "Mimic" in model.joints[k].shortname():
             closures.append(_mimic(model, k))
+    closures += with_hinges(_tie(tie, [WORLD, *names[1:]], k) for k, tie in enumerate(ties))
     mechanism = Mechanism(
         name=label,
         links=tuple(links),
@@ -97,7 +103,24 @@ def _bodies(model: Any) -> list[str]:
         if frame.type == pin.FrameType.BODY:
             found.setdefault(frame.parentJoint, frame.name)
     names = [found.get(k, f"body of {model.names[k]}") for k in range(model.njoints)]
-    return ["base" if name == WORLD or k == 0 else name for k, name in enumerate(names)]
+    plain = ["base" if name == WORLD else name for name in names[1:]]
+    paths = [f"{name} of {joint}" for name, joint in zip(plain, list(model.names)[1:], strict=True)]
+    moving = unique_names(plain, paths)
+    return ["held base" if "base" in moving else "base", *moving]
+
+
+def _named(model: Any) -> Any:
+    """The model with joints that have a name each, after those before them where a model in memory has one twice."""
+    paths = [""]
+    for k in range(1, model.njoints):
+        paths.append(f"{paths[model.parents[k]]}/{model.names[k]}")
+    names = unique_names(list(model.names), [path.lstrip("/") for path in paths])
+    if names == list(model.names):
+        return model
+    named = model.copy()
+    for k, name in enumerate(names):
+        named.names[k] = name
+    return named
 
 
 def _inertia(found: Any) -> Inertia:
@@ -158,6 +181,16 @@ def _kind(joint: Any, name: str) -> tuple[str, tuple[Array, ...], float]:
     if plain in ("Spherical", "FreeFlyer"):
         return {"Spherical": "spherical", "FreeFlyer": "free"}[plain], (z,), 0.0
     raise InputError(f"joint {name!r}: a mechanism has no joint like Pinocchio's {word}")
+
+
+def _tie(tie: Any, links: list[str], number: int) -> Closure:
+    """The closure of an anchor of points or frames; links : by joint, the world first."""
+    ends = [
+        Attachment(links[joint], Placement(np.array(at.translation), np.array(at.rotation)))
+        for joint, at in ((tie.joint1_id, tie.joint1_placement), (tie.joint2_id, tie.joint2_placement))
+    ]
+    kind = "spherical" if isinstance(tie, pin.PointAnchorConstraintModel) else "fixed"
+    return Closure(f"{kind} {number}", kind, ends[0], ends[1])
 
 
 def _mimic(model: Any, k: int) -> Closure:

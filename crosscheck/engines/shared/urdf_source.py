@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from xml.etree.ElementTree import Element, tostring
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError, tostring
 
-from defusedxml.ElementTree import parse
+from defusedxml.ElementTree import fromstring
 
+from flexinv.files.lenient_xml import repaired_xml
 from flexinv.model.mechanism import WORLD, Body, Mechanism
 
 KEPT = ("link", "joint")
@@ -37,12 +39,23 @@ def read_source(mechanism: Mechanism) -> UrdfSource:
     A moving root that the URDF calls "world" has another name in the mechanism.  A link's first body is the URDF's own
     where the URDF states a mass or an inertia for it; all others were laid over it.
     """
-    robot = parse(str(mechanism.urdf)).getroot()
+    robot = _root(mechanism.urdf)
     stated = {link.get("name", ""): _has_inertia(link) for link in robot.iter("link")}
     named = {link.name: link.name if link.name in stated else WORLD for link in mechanism.links}
     overlays = [(k.name, body) for k in mechanism.links for body in k.bodies[1 if stated[named[k.name]] else 0 :]]
     other = {theirs: ours for ours, theirs in named.items() if ours != theirs}
     return UrdfSource(_plain(robot, other), named, tuple(overlays))
+
+
+def _root(path: Path | None) -> Element:
+    """The root of a file, hyphens in comments and undeclared prefixes put right as other readers take them."""
+    assert path is not None
+    data = path.read_bytes()
+    try:
+        found: Element = fromstring(data)
+    except ParseError:
+        found = fromstring(repaired_xml(data)[0])
+    return found
 
 
 def _has_inertia(link: Element) -> bool:

@@ -44,6 +44,8 @@ def sentence(rows: Sequence[Loaded]) -> str:
     }  # fmt: skip
     counts = {word: [row.reader for row in rows[1:] if row.result == word] for word in words}
     parts = [f"{', '.join(names)}: {words[word]}" for word, names in counts.items() if names]
+    if rows[0].result == "cannot":
+        return f"No reader reads it: {', '.join(row.reader for row in rows)}."
     return f"Against the reader {rows[0].reader}, {'; '.join(parts)}." if parts else f"Read by {rows[0].reader} alone."
 
 

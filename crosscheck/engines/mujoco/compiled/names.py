@@ -14,12 +14,23 @@ ON_TENDON = (mujoco.mjtTrn.mjTRN_TENDON,)
 
 def name_of(model: Any, kind: Any, index: int, default: str) -> str:
     """Return the name of a part of a model, its kind and number where it has none."""
-    return mujoco.mj_id2name(model, kind, index) or f"{default}{index}"
+    return mujoco.mj_id2name(model, kind, index) or free_name(model, kind, f"{default}{index}")
+
+
+def free_name(model: Any, kind: Any, name: str) -> str:
+    """Return a name, with underlines behind it where a part of this kind [-] bears it in the file."""
+    while mujoco.mj_name2id(model, kind, name) >= 0:
+        name += "_"
+    return name
 
 
 def joint_name(model: Any, index: int) -> str:
-    """Return the name of a joint."""
-    return name_of(model, OBJECT.mjOBJ_JOINT, index, "joint")
+    """Return the name of a joint, by its body where it has none: "arm (unnamed)" is no joint of a name in another file."""
+    if name := mujoco.mj_id2name(model, OBJECT.mjOBJ_JOINT, index):
+        return str(name)
+    body = int(model.jnt_bodyid[index])
+    number = f" {index - int(model.body_jntadr[body]) + 1}" if model.body_jntnum[body] > 1 else ""
+    return free_name(model, OBJECT.mjOBJ_JOINT, f"{body_name(model, body)} (unnamed{number})")
 
 
 def body_name(model: Any, index: int) -> str:
