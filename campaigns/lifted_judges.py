@@ -1,0 +1,389 @@
+"""Judges of lifted mechanisms: a reader's own inverse dynamics, by code that shares nothing with the project's own proof.
+
+    mujoco        mj_inverse of the model that MuJoCo compiles; contacts, limits, equality constraints and dry friction are off
+    pinocchio     rnea of the model that Pinocchio's parser makes, and its damping; rotors of Drake's tags are added
+    drake         CalcInverseDynamics of the plant that Drake's parser makes, with its springs and dampers
+    newton        mj_inverse of the model that Newton's importer of USD writes for MuJoCo, in single precision
+
+A judge gives the efforts of every joint of a mechanism at random states, dry friction apart, and which parts of the model a
+mechanism has no word for: each part is taken out of the model, and what changes by that is its share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexinv.model.mechanism import Array, Joint, Mechanism
+
+SAMPLES, SEED = 6, 7
+SLIDE = 0.5  # [m], the largest displacement of a random state
+# Springs, dampers and the rest, by the names that a description gives them, and the arrays of MuJoCo's model that are they.
+PARTS: Mapping[str, tuple[str, ...]] = {
+    "gravcomp": ("body_gravcomp",),
+    "fluid": ("opt.density", "opt.viscosity"),
+    "spring-law": ("jnt_stiffnesspoly",),
+    "damper-law": ("dof_dampingpoly", "actuator_dampingpoly"),
+    "tendon-spring": ("tendon_stiffness", "tendon_stiffnesspoly"),
+    "tendon-damper": ("tendon_damping", "tendon_dampingpoly"),
+    "tendon-armature": ("tendon_armature",),
+    "flex": ("flex_stiffness", "flex_bending", "flex_damping", "flex_edgestiffness", "flex_edgedamping"),
+}
+
+
+class NoJudge(Exception):
+    """A reader cannot judge a file; the words say why."""
+
+
+@dataclass(frozen=True)
+class States:
+    """Random states (samples, nq), (samples, nv) of a mechanism in its own coordinates [rad], [m], [1/s]."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Efforts (samples, nv) [N m], [N] of a reader's own model.
+
+    efforts : all but dry friction; friction : by joint, the dry friction that it states [N m], [N]
+    parts : efforts that are left when some named parts are taken out, by their names; single : of single precision
+    """
+
+    efforts: Array
+    friction: Mapping[str, float]
+    parts: tuple[str, ...] = ()
+    without: Array | None = None
+    single: bool = False
+
+
+def draw_states(mechanism: Mechanism, seed: int = SEED, count: int = SAMPLES) -> States:
+    """Return random states of a mechanism [rad], [m]: turns all round, slides up to ``SLIDE``, rates and accelerations."""
+    rng = np.random.default_rng(seed)
+    q = np.zeros((count, mechanism.nq))
+    for joint in mechanism.joints:
+        if not joint.nv:
+            continue
+        own = mechanism.q_slices[joint.name]
+        q[:, own] = _draw_place(joint, rng, count)
+    rates = rng.standard_normal((2, count, mechanism.nv))
+    return States(q, rates[0], rates[1])
+
+
+def _draw_place(joint: Joint, rng: np.random.Generator, count: int) -> Array:
+    if joint.kind == "continuous":
+        angle = rng.uniform(-np.pi, np.pi, count)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if joint.kind in ("spherical", "free"):
+        turn = rng.standard_normal((count, 4))
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        return turn if joint.kind == "spherical" else np.hstack([rng.uniform(-1, 1, (count, 3)), turn])
+    reach = SLIDE if joint.kind == "prismatic" else np.pi
+    return rng.uniform(-reach, reach, (count, joint.nq))
+
+
+# MuJoCo
+
+
+def judge_by_mujoco(path: Path, mechanism: Mechanism, states: States) -> Judgement:
+    """Return MuJoCo's own efforts of a file [N m], [N].  Raises NoJudge."""
+    return judge_compiled(_compile(path), mechanism, states)
+
+
+def judge_compiled(model: Any, mechanism: Mechanism, states: States, single: bool = False) -> Judgement:
+    """Return the efforts of a compiled model of MuJoCo [N m], [N].  Raises NoJudge."""
+    import mujoco
+
+    seats = _seats(model, mechanism)
+    switches = model.opt.disableflags
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model.opt.enableflags = 0
+    whole = _inverse(model, mechanism, seats, states)
+    parts = []
+    for name, take_out in _removals(model):
+        before = _inverse(model, mechanism, seats, states)
+        take_out()
+        after = _inverse(model, mechanism, seats, states)
+        if _differ(before, after):
+            parts.append(name)
+    without = _inverse(model, mechanism, seats, states) if parts else None
+    off = int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    friction = {
+        name: 0.0 if switches & off else float(model.dof_frictionloss[model.jnt_dofadr[index]])
+        for name, index in seats.items()
+    }
+    return Judgement(whole, friction, tuple(parts), without, single)
+
+
+def _compile(path: Path) -> Any:
+    """The model of a file; a URDF whose shapes are not found is read without shapes, if all of its masses are stated."""
+    import mujoco
+
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, OSError) as error:
+        words = " ".join(str(error).split())
+    spec = mujoco.MjSpec.from_file(str(path))
+    for body in spec.bodies:
+        shapes = [g for g in body.geoms if g.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)]
+        if shapes and not body.explicitinertial and body.name != "world":
+            raise NoJudge(f"MuJoCo refuses it: {words}")
+        for geom in shapes:
+            spec.delete(geom)
+    for part in [*spec.meshes, *spec.hfields, *spec.skins, *spec.textures, *spec.materials]:
+        spec.delete(part)
+    for geom in [*spec.geoms, *spec.sites]:
+        geom.material = ""
+    try:
+        return spec.compile()
+    except (ValueError, OSError):
+        raise NoJudge(f"MuJoCo refuses it: {words}") from None
+
+
+def _seats(model: Any, mechanism: Mechanism) -> dict[str, int]:
+    """By joint of the mechanism its number in the model: both come depth-first, whatever they are called."""
+    import mujoco
+
+    words = {"revolute": "HINGE", "continuous": "HINGE", "prismatic": "SLIDE", "spherical": "BALL", "free": "FREE"}
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    kinds = [mujoco.mjtJoint(int(kind)).name.removeprefix("mjJNT_") for kind in model.jnt_type]
+    named = {model.joint(k).name: k for k in range(model.njnt) if model.joint(k).name}
+    if len(moving) != model.njnt:
+        raise NoJudge(f"the model has {model.njnt} joints, the mechanism {len(moving)}")
+    seats = {joint.name: named.get(joint.name, k) for k, joint in enumerate(moving)}
+    wrong = [joint.name for joint in moving if words.get(joint.kind) != kinds[seats[joint.name]]]
+    if wrong or len(set(seats.values())) < len(moving):
+        raise NoJudge(f"the model has other joints than the mechanism: {', '.join(wrong[:5])}")
+    return seats
+
+
+def _inverse(model: Any, mechanism: Mechanism, seats: Mapping[str, int], states: States) -> Array:
+    """Efforts (samples, nv) of mj_inverse in the mechanism's coordinates."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    found = np.empty_like(states.qd)
+    for k in range(len(states.qd)):
+        for joint in mechanism.joints:
+            if joint.nv:
+                _place(data, model, seats[joint.name], joint, mechanism, states, k)
+        mujoco.mj_inverse(model, data)
+        for joint in mechanism.joints:
+            if not joint.nv:
+                continue
+            first = int(model.jnt_dofadr[seats[joint.name]])
+            own = np.array(data.qfrc_inverse[first : first + joint.nv])
+            if joint.kind == "free":
+                own[:3] = _turn(states.q[k, mechanism.q_slices[joint.name]][3:]).T @ own[:3]
+            found[k, mechanism.v_slices[joint.name]] = own
+    return found
+
+
+def _place(data: Any, model: Any, index: int, joint: Joint, mechanism: Mechanism, states: States, k: int) -> None:
+    """Write one joint's state of one sample into MuJoCo's; a free joint's velocity is the child's there, the world's here."""
+    place = states.q[k, mechanism.q_slices[joint.name]]
+    rate = states.qd[k, mechanism.v_slices[joint.name]].copy()
+    push = states.qdd[k, mechanism.v_slices[joint.name]].copy()
+    if joint.kind == "continuous":
+        place = np.array([np.arctan2(place[1], place[0])])
+    elif joint.kind == "spherical":
+        place = place[[3, 0, 1, 2]]
+    elif joint.kind == "free":
+        turn = _turn(place[3:])
+        push[:3] = turn @ (push[:3] + np.cross(rate[3:], rate[:3]))
+        rate[:3] = turn @ rate[:3]
+        place = np.concatenate([place[:3], place[[6, 3, 4, 5]]])
+    start, first = int(model.jnt_qposadr[index]), int(model.jnt_dofadr[index])
+    data.qpos[start : start + len(place)] = place
+    data.qvel[first : first + joint.nv] = rate
+    data.qacc[first : first + joint.nv] = push
+
+
+def _turn(quaternion: Array) -> Array:
+    """The rotation (3, 3) [-] of a quaternion x, y, z, w."""
+    vector, w = quaternion[:3], quaternion[3]
+    skew = np.cross(np.eye(3), vector)
+    return np.eye(3) + 2.0 * w * skew + 2.0 * skew @ skew
+
+
+def _removals(model: Any) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Yield names of parts, and what takes each of them out of the model."""
+    import mujoco
+
+    for name, arrays in PARTS.items():
+        yield name, _Zero(model, arrays)
+    for name, kind in (("ball-spring", mujoco.mjtJoint.mjJNT_BALL), ("free-spring", mujoco.mjtJoint.mjJNT_FREE)):
+        yield name, _Zero(model, ("jnt_stiffness", "jnt_stiffnesspoly"), model.jnt_type == int(kind))
+    free = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+    dofs = [int(model.jnt_dofadr[k]) + i for k in free for i in range(6)]
+    yield "free-armature", _Zero(model, ("dof_armature",), np.array(dofs, dtype=int))
+    by_tendon = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
+    yield "tendon-damper", _Zero(model, ("actuator_damping", "actuator_dampingpoly"), by_tendon)
+    yield "tendon-armature", _Zero(model, ("actuator_armature",), by_tendon)
+
+
+@dataclass(frozen=True)
+class _Zero:
+    """What sets arrays of a model to zero, all of them or some rows."""
+
+    model: Any
+    arrays: tuple[str, ...]
+    rows: Any = field(default_factory=lambda: slice(None))
+
+    def __call__(self) -> None:
+        for name in self.arrays:
+            if name.startswith("opt."):
+                setattr(self.model.opt, name.removeprefix("opt."), 0.0)
+            else:
+                getattr(self.model, name)[self.rows] = 0.0
+
+
+def _differ(one: Array, two: Array) -> bool:
+    size = np.maximum(np.abs(one), np.abs(two)).max(initial=0.0)
+    return bool(np.abs(one - two).max(initial=0.0) > 1e-15 * size)
+
+
+# Pinocchio
+
+
+def judge_by_pinocchio(path: Path, mechanism: Mechanism, states: States) -> Judgement:
+    """Return Pinocchio's own efforts of a URDF [N m], [N]; rotors, which its parser does not read, are those of the file's tags.
+
+    Raises NoJudge.
+    """
+    import pinocchio as pin
+
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError, IndexError, TypeError) as error:
+        raise NoJudge(f"Pinocchio refuses it: {' '.join(str(error).split())[:160]}") from None
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    seats = {joint.name: model.joints[model.getJointId(joint.name)] for joint in moving if model.existJointName(joint.name)}
+    wrong = [j.name for j in moving if j.name not in seats or seats[j.name].nv != j.nv]
+    if wrong or model.njoints != len(moving) + 1:
+        raise NoJudge(f"Pinocchio has other joints than the mechanism: {', '.join(wrong[:5])}")
+    model.gravity = pin.Motion(np.array(mechanism.gravity), np.zeros(3))
+    data = model.createData()
+    rotors = _rotors(path)
+    found = np.empty_like(states.qd)
+    for k in range(len(states.qd)):
+        q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+        for joint in moving:
+            seat = seats[joint.name]
+            q[seat.idx_q : seat.idx_q + seat.nq] = states.q[k, mechanism.q_slices[joint.name]]
+            v[seat.idx_v : seat.idx_v + seat.nv] = states.qd[k, mechanism.v_slices[joint.name]]
+            a[seat.idx_v : seat.idx_v + seat.nv] = states.qdd[k, mechanism.v_slices[joint.name]]
+        efforts = pin.rnea(model, data, q, v, a) + model.damping * v
+        for joint in moving:
+            seat = seats[joint.name]
+            own = efforts[seat.idx_v : seat.idx_v + seat.nv]
+            rotor = rotors.get(joint.name, 0.0) * states.qdd[k, mechanism.v_slices[joint.name]]
+            found[k, mechanism.v_slices[joint.name]] = own + rotor
+    friction = {name: float(model.upperDryFrictionLimit[seat.idx_v]) for name, seat in seats.items()}
+    return Judgement(found, friction)
+
+
+def _rotors(path: Path) -> dict[str, float]:
+    """Inertias of rotors, reflected by their gears, as Drake's tags state them, by joint [kg m^2]."""
+    from defusedxml import ElementTree
+
+    found: dict[str, float] = {}
+    for transmission in ElementTree.fromstring(path.read_bytes()).iter("transmission"):
+        joint = transmission.find("joint")
+        for actuator in transmission.iter("actuator"):
+            numbers = {"rotor_inertia": 0.0, "gear_ratio": 1.0}
+            for part in actuator:
+                key = part.tag.rpartition("}")[2].rpartition(":")[2]
+                if key in numbers:
+                    numbers[key] = float(part.get("value", "nan"))
+            if joint is not None and numbers["rotor_inertia"]:
+                name = joint.get("name", "")
+                found[name] = found.get(name, 0.0) + numbers["rotor_inertia"] * numbers["gear_ratio"] ** 2
+    return found
+
+
+# Drake
+
+
+def judge_by_drake(path: Path, mechanism: Mechanism, states: States) -> Judgement:
+    """Return Drake's own efforts of a file [N m], [N]: inverse dynamics less the forces of its elements.  Raises NoJudge."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import JointIndex, MultibodyForces
+
+    plant = MultibodyPlant(0.0)
+    try:
+        Parser(plant).AddModels(str(path.resolve()))
+        plant.mutable_gravity_field().set_gravity_vector(np.array(mechanism.gravity))
+        plant.Finalize()
+    except (RuntimeError, ValueError) as error:
+        raise NoJudge(f"Drake refuses it: {' '.join(str(error).split())[:160]}") from None
+    joints = [plant.get_joint(JointIndex(k)) for k in range(plant.num_joints())]
+    names = [joint.name() for joint in joints]
+    seats = {}
+    for joint in mechanism.joints:
+        if joint.nv:
+            own = [one for one, name in zip(joints, names, strict=True) if name == joint.name]
+            if len(own) != 1 or own[0].num_velocities() != joint.nv:
+                raise NoJudge(f"Drake has no joint, or several, like {joint.name}")
+            seats[joint.name] = own[0]
+    if plant.num_velocities() != mechanism.nv:
+        raise NoJudge(f"Drake has {plant.num_velocities()} rates, the mechanism {mechanism.nv}")
+    context = plant.CreateDefaultContext()
+    found = np.empty_like(states.qd)
+    for k in range(len(states.qd)):
+        push = np.zeros(plant.num_velocities())
+        turns: dict[str, Array] = {}
+        for name, seat in seats.items():
+            joint = mechanism.joint_of[name]
+            turns[name] = _place_in_drake(plant, context, seat, joint, mechanism, states, k, push)
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        efforts = plant.CalcInverseDynamics(context, push, forces)
+        for name, seat in seats.items():
+            first = seat.velocity_start()
+            own = np.array(efforts[first : first + seat.num_velocities()])
+            found[k, mechanism.v_slices[name]] = turns[name].T @ own
+    return Judgement(found, {})
+
+
+def _place_in_drake(plant: Any, context: Any, seat: Any, joint: Joint, mechanism: Mechanism, states: States, k: int, push: Array) -> Array:
+    """Write one joint's state into Drake's context; the matrix (nv, nv) from the mechanism's rates to Drake's."""
+    from pydrake.common.eigen_geometry import Quaternion
+    from pydrake.math import RigidTransform
+
+    place = states.q[k, mechanism.q_slices[joint.name]]
+    rate = states.qd[k, mechanism.v_slices[joint.name]]
+    acceleration = states.qdd[k, mechanism.v_slices[joint.name]]
+    first = seat.velocity_start()
+    if joint.kind == "free":
+        turn = _turn(place[3:])
+        w, x, y, z = place[[6, 3, 4, 5]]
+        body = seat.child_body()
+        plant.SetFreeBodyPose(context, body, RigidTransform(Quaternion(w, x, y, z), place[:3]))
+        to_drake = np.zeros((6, 6))  # Drake has the turn first, both in the world
+        to_drake[:3, 3:] = turn
+        to_drake[3:, :3] = turn
+        spin = np.concatenate([acceleration[:3] + np.cross(rate[3:], rate[:3]), acceleration[3:]])
+        velocities = plant.GetVelocities(context)
+        velocities[first : first + 6] = to_drake @ rate
+        plant.SetVelocities(context, velocities)
+        push[first : first + 6] = to_drake @ spin
+        return to_drake
+    if joint.nv != 1:
+        raise NoJudge(f"joint {joint.name}: a {joint.kind} joint of Drake has other coordinates")
+    if joint.kind == "continuous":
+        place = np.array([np.arctan2(place[1], place[0])])
+    positions, velocities = plant.GetPositions(context), plant.GetVelocities(context)
+    positions[seat.position_start()] = place[0]
+    velocities[first] = rate[0]
+    plant.SetPositions(context, positions)
+    plant.SetVelocities(context, velocities)
+    push[first] = acceleration[0]
+    return np.eye(1)
