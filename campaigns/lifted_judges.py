@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from flexinv.model.mechanism import Array, Joint, Mechanism
 
@@ -180,7 +181,7 @@ def _inverse(model: Any, mechanism: Mechanism, seats: Mapping[str, int], states:
             first = int(model.jnt_dofadr[seats[joint.name]])
             own = np.array(data.qfrc_inverse[first : first + joint.nv])
             if joint.kind == "free":
-                own[:3] = _turn(states.q[k, mechanism.q_slices[joint.name]][3:]).T @ own[:3]
+                own[:3] = _pose(joint, states.q[k, mechanism.q_slices[joint.name]])[1].T @ own[:3]
             found[k, mechanism.v_slices[joint.name]] = own
     return found
 
@@ -195,14 +196,25 @@ def _place(data: Any, model: Any, index: int, joint: Joint, mechanism: Mechanism
     elif joint.kind == "spherical":
         place = place[[3, 0, 1, 2]]
     elif joint.kind == "free":
-        turn = _turn(place[3:])
+        position, turn = _pose(joint, place)
         push[:3] = turn @ (push[:3] + np.cross(rate[3:], rate[:3]))
         rate[:3] = turn @ rate[:3]
-        place = np.concatenate([place[:3], place[[6, 3, 4, 5]]])
+        place = np.concatenate([position, _quaternion(turn)])
     start, first = int(model.jnt_qposadr[index]), int(model.jnt_dofadr[index])
     data.qpos[start : start + len(place)] = place
     data.qvel[first : first + joint.nv] = rate
     data.qacc[first : first + joint.nv] = push
+
+
+def _pose(joint: Joint, place: Array) -> tuple[Array, Array]:
+    """Position (3,) [m] and rotation (3, 3) [-] in the world of what a free joint carries; its coordinates begin at its placement."""
+    seat = joint.placement
+    return seat.position + seat.rotation @ place[:3], seat.rotation @ _turn(place[3:])
+
+
+def _quaternion(turn: Array) -> Array:
+    """The quaternion w, x, y, z [-] of a rotation."""
+    return Rotation.from_matrix(turn).as_quat()[[3, 0, 1, 2]]
 
 
 def _turn(quaternion: Array) -> Array:
@@ -363,10 +375,9 @@ def _place_in_drake(plant: Any, context: Any, seat: Any, joint: Joint, mechanism
     acceleration = states.qdd[k, mechanism.v_slices[joint.name]]
     first = seat.velocity_start()
     if joint.kind == "free":
-        turn = _turn(place[3:])
-        w, x, y, z = place[[6, 3, 4, 5]]
+        position, turn = _pose(joint, place)
         body = seat.child_body()
-        plant.SetFreeBodyPose(context, body, RigidTransform(Quaternion(w, x, y, z), place[:3]))
+        plant.SetFreeBodyPose(context, body, RigidTransform(Quaternion(_quaternion(turn)), position))
         to_drake = np.zeros((6, 6))  # Drake has the turn first, both in the world
         to_drake[:3, 3:] = turn
         to_drake[3:, :3] = turn
