@@ -37,18 +37,18 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "campaigns")]
+sys.path.insert(0, str(ROOT))
 
-from lifted_judges import (  # noqa: E402
+from campaigns.lifted_judges import (  # noqa: E402
     Judgement,
     NoJudge,
     States,
     draw_states,
     judge_by_drake,
     judge_by_mujoco,
+    judge_by_newton,
     judge_by_pinocchio,
 )
-
 from crosscheck.equivalence.proof import LOST, PROVEN, SOURCE, UNPROVEN, prove  # noqa: E402
 from crosscheck.equivalence.sources import describe, is_xml, kind_of  # noqa: E402
 from crosscheck.lifting.description import Description  # noqa: E402
@@ -68,6 +68,7 @@ ROUNDING = 1e-14
 PATIENCE = 180.0  # [s] for one file
 JUDGES = {
     ("mjcf", ""): judge_by_mujoco, ("urdf", ""): judge_by_pinocchio, ("sdf", ""): judge_by_drake,
+    ("usd", ""): judge_by_newton,
     ("urdf", "mujoco"): judge_by_mujoco, ("urdf", "pinocchio"): judge_by_pinocchio,
     ("urdf", "drake"): judge_by_drake, ("mjcf", "drake"): judge_by_drake,
 }  # fmt: skip

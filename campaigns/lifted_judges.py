@@ -94,14 +94,16 @@ def _draw_place(joint: Joint, rng: np.random.Generator, count: int) -> Array:
 
 def judge_by_mujoco(path: Path, mechanism: Mechanism, states: States) -> Judgement:
     """Return MuJoCo's own efforts of a file [N m], [N].  Raises NoJudge."""
-    return judge_compiled(_compile(path), mechanism, states)
+    model = _compile(path)
+    return judge_compiled(model, mechanism, states, _seats(model, mechanism))
 
 
-def judge_compiled(model: Any, mechanism: Mechanism, states: States, single: bool = False) -> Judgement:
-    """Return the efforts of a compiled model of MuJoCo [N m], [N].  Raises NoJudge."""
+def judge_compiled(
+    model: Any, mechanism: Mechanism, states: States, seats: Mapping[str, int], single: bool = False
+) -> Judgement:
+    """Return the efforts of a compiled model of MuJoCo [N m], [N]; seats : by joint its number in the model.  Raises NoJudge."""
     import mujoco
 
-    seats = _seats(model, mechanism)
     switches = model.opt.disableflags
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model.opt.enableflags = 0
@@ -149,19 +151,25 @@ def _compile(path: Path) -> Any:
 
 def _seats(model: Any, mechanism: Mechanism) -> dict[str, int]:
     """By joint of the mechanism its number in the model: both come depth-first, whatever they are called."""
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    named = {model.joint(k).name: k for k in range(model.njnt) if model.joint(k).name}
+    if len(moving) != model.njnt:
+        raise NoJudge(f"the model has {model.njnt} joints, the mechanism {len(moving)}")
+    seats = {joint.name: named.get(joint.name, k) for k, joint in enumerate(moving)}
+    _check_kinds(model, mechanism, seats)
+    return seats
+
+
+def _check_kinds(model: Any, mechanism: Mechanism, seats: Mapping[str, int]) -> None:
+    """Raise NoJudge where a joint sits on one of another kind, or two on one."""
     import mujoco
 
     words = {"revolute": "HINGE", "continuous": "HINGE", "prismatic": "SLIDE", "spherical": "BALL", "free": "FREE"}
     moving = [joint for joint in mechanism.joints if joint.nv]
     kinds = [mujoco.mjtJoint(int(kind)).name.removeprefix("mjJNT_") for kind in model.jnt_type]
-    named = {model.joint(k).name: k for k in range(model.njnt) if model.joint(k).name}
-    if len(moving) != model.njnt:
-        raise NoJudge(f"the model has {model.njnt} joints, the mechanism {len(moving)}")
-    seats = {joint.name: named.get(joint.name, k) for k, joint in enumerate(moving)}
     wrong = [joint.name for joint in moving if words.get(joint.kind) != kinds[seats[joint.name]]]
     if wrong or len(set(seats.values())) < len(moving):
         raise NoJudge(f"the model has other joints than the mechanism: {', '.join(wrong[:5])}")
-    return seats
 
 
 def _inverse(model: Any, mechanism: Mechanism, seats: Mapping[str, int], states: States) -> Array:
@@ -259,6 +267,43 @@ class _Zero:
 def _differ(one: Array, two: Array) -> bool:
     size = np.maximum(np.abs(one), np.abs(two)).max(initial=0.0)
     return bool(np.abs(one - two).max(initial=0.0) > 1e-15 * size)
+
+
+# Newton
+
+
+def judge_by_newton(path: Path, mechanism: Mechanism, states: States) -> Judgement:
+    """Return the efforts of what Newton's importer of USD makes for MuJoCo, in single precision [N m], [N].  Raises NoJudge."""
+    try:
+        import newton
+        from newton.solvers import SolverMuJoCo
+    except ImportError:
+        raise NoJudge("USD is judged by Newton, which is not installed") from None
+    try:
+        builder = newton.ModelBuilder()
+        SolverMuJoCo.register_custom_attributes(builder)
+        builder.add_usd(str(path))
+        model = SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
+    except Exception as error:  # what any package of others raises is its word
+        raise NoJudge(f"Newton refuses it: {type(error).__name__} {' '.join(str(error).split())[:160]}") from None
+    if model is None:
+        raise NoJudge("Newton makes no model of MuJoCo of it")
+    if model.nv != mechanism.nv:
+        raise NoJudge(f"Newton has {model.nv} rates, the mechanism {mechanism.nv}")
+    model.opt.gravity[:] = mechanism.gravity
+    seats = {}
+    for joint in mechanism.joints:
+        if joint.nv:
+            ends = f"_{joint.child if joint.kind == 'free' else joint.name}"
+            names = [model.body(b).name if joint.kind == "free" else model.joint(k).name for k, b in enumerate(model.jnt_bodyid)]
+            own = [k for k, name in enumerate(names) if f"_{name}".endswith(ends)]
+            if len(own) != 1:
+                raise NoJudge(f"Newton has {len(own)} joints like {joint.name}")
+            seats[joint.name] = own[0]
+    _check_kinds(model, mechanism, seats)
+    found = judge_compiled(model, mechanism, states, seats, single=True)
+    # Newton's tables of friction are of its own defaults: what the stage states is judged by nobody here.
+    return Judgement(found.efforts, {}, found.parts, found.without, found.single)
 
 
 # Pinocchio
