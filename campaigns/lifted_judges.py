@@ -257,11 +257,15 @@ class _Zero:
     rows: Any = field(default_factory=lambda: slice(None))
 
     def __call__(self) -> None:
+        import mujoco
+
         for name in self.arrays:
             if name.startswith("opt."):
                 setattr(self.model.opt, name.removeprefix("opt."), 0.0)
             else:
                 getattr(self.model, name)[self.rows] = 0.0
+        if "dof_armature" in self.arrays:  # bodies that MuJoCo calls simple keep their diagonal of M, with it, from compilation
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
 
 def _differ(one: Array, two: Array) -> bool:
@@ -276,13 +280,15 @@ def judge_by_newton(path: Path, mechanism: Mechanism, states: States) -> Judgeme
     """Return the efforts of what Newton's importer of USD makes for MuJoCo, in single precision [N m], [N].  Raises NoJudge."""
     try:
         import newton
+        from newton import usd
         from newton.solvers import SolverMuJoCo
     except ImportError:
         raise NoJudge("USD is judged by Newton, which is not installed") from None
     try:
         builder = newton.ModelBuilder()
         SolverMuJoCo.register_custom_attributes(builder)
-        builder.add_usd(str(path))
+        resolvers = [usd.SchemaResolverNewton(), usd.SchemaResolverMjc(), usd.SchemaResolverPhysx()]
+        builder.add_usd(str(path), schema_resolvers=resolvers)
         model = SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
     except Exception as error:  # what any package of others raises is its word
         raise NoJudge(f"Newton refuses it: {type(error).__name__} {' '.join(str(error).split())[:160]}") from None
