@@ -29,6 +29,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
@@ -44,15 +45,16 @@ from campaigns.lifted_judges import (  # noqa: E402
     NoJudge,
     States,
     draw_states,
-    judge_by_drake,
     judge_by_mujoco,
     judge_by_newton,
-    judge_by_pinocchio,
 )
+from campaigns.lifted_judges_of_trees import judge_by_drake, judge_by_pinocchio  # noqa: E402
 from crosscheck.equivalence.proof import LOST, PROVEN, SOURCE, UNPROVEN, prove  # noqa: E402
+from crosscheck.equivalence.proving.provers import with_dynamics  # noqa: E402
 from crosscheck.equivalence.sources import describe, is_xml, kind_of  # noqa: E402
 from crosscheck.lifting.description import Description  # noqa: E402
 from flexinv.errors import InputError  # noqa: E402
+from flexinv.files.from_urdf import robots_folder  # noqa: E402
 from flexinv.model.mechanism import Mechanism  # noqa: E402
 from flexinv.rigid.joint_torques import joint_torques  # noqa: E402
 from flexinv.typing import Array  # noqa: E402
@@ -119,7 +121,7 @@ def judge(path: Path, reader: str = "") -> Row:
     row = Row(str(path), reader, REFUSED)
     try:
         kind = kind_of(path)
-        description = describe(f"{path}@{reader}" if reader else path)
+        description = with_dynamics(describe(f"{path}@{reader}" if reader else path))
     except InputError as error:
         return replace(row, words=" ".join(str(error).split())[:300])
     proof = prove(description)
@@ -132,7 +134,9 @@ def judge(path: Path, reader: str = "") -> Row:
         if ask is None:
             raise NoJudge(f"no independent judge of {kind} by {reader or 'its own reader'}")
         if not mechanism.nv:
-            return replace(row, outcome=RIGHT if proof.state in (PROVEN, SOURCE) else INCOMPARABLE, words="nothing moves")
+            return replace(
+                row, outcome=RIGHT if proof.state in (PROVEN, SOURCE) else INCOMPARABLE, words="nothing moves"
+            )
         judgement = ask(path, mechanism, states)
     except NoJudge as error:
         outcome = INCOMPARABLE if proof.state in (LOST, UNPROVEN) else UNJUDGED
@@ -231,13 +235,17 @@ def judge_apart(path: Path, reader: str, patience: float = PATIENCE) -> Row:
 def default_folders() -> list[Path]:
     """Return the folders of robots of installed packages, and of this project."""
     found = [ROOT / "models", ROOT / "tests"]
-    for package, folder in (("mujoco", "testdata"), ("pydrake", "share"), ("newton", "."), ("robosuite", "."), ("dm_control", ".")):
+    for package, folder in (
+        ("mujoco", "testdata"),
+        ("pydrake", "share"),
+        ("newton", "."),
+        ("robosuite", "."),
+        ("dm_control", "."),
+    ):
         spec = find_spec(package)
         if spec is not None and spec.origin is not None:
             found.append(Path(spec.origin).parent / folder)
-    if find_spec("example_robot_data") is not None:
-        from flexinv.files.from_urdf import robots_folder
-
+    with suppress(InputError):  # it is not installed
         found.append(robots_folder())
     return [folder for folder in found if folder.is_dir()]
 
@@ -271,7 +279,8 @@ def show(rows: dict[Path, list[Row]], most: int = 40) -> str:
 
 def line_of(row: Row) -> str:
     """Return a row in a line [-]."""
-    return f"{row.outcome:14} {row.file}{'@' + row.reader if row.reader else ''}  {row.joint} {row.size:.2g}  {row.words}  [{row.proof}]"
+    place = f"{row.file}@{row.reader}" if row.reader else row.file
+    return f"{row.outcome:14} {place}  {row.joint} {row.size:.2g}  {row.words}  [{row.proof}]"
 
 
 def main() -> int:
@@ -314,9 +323,8 @@ def _reads(path: Path, reader: str) -> bool:
 
 def _warm_up() -> None:
     """Load once what every process needs."""
-    import mujoco  # noqa: F401
-    import pinocchio  # noqa: F401
-
+    import crosscheck.engines.mujoco.lift
+    import crosscheck.engines.pinocchio.lift  # noqa: F401
     from flexinv.files.load_mechanism import load_mechanism
 
     mechanism = load_mechanism(ROOT / "models" / "rigid_3r" / "mechanism.toml")
