@@ -3,8 +3,9 @@
     mujoco        mj_inverse of the model that MuJoCo compiles; contacts, limits, equality constraints and dry friction are off
     newton        mj_inverse of the model that Newton's importer of USD writes for MuJoCo, in single precision
 
-Pinocchio and Drake judge in `lifted_judges_of_trees`.  A judge gives the efforts of every joint of a mechanism at random states, dry friction apart, and which parts of the model a
-mechanism has no word for: each part is taken out of the model, and what changes by that is its share.
+Pinocchio and Drake judge in `lifted_judges_of_trees`.  A judge gives the efforts of every joint of a mechanism at random states,
+dry friction apart, and which parts of the model a mechanism has no word for: each part is taken out of the model, and what
+changes by that is its share.
 """
 
 from __future__ import annotations
