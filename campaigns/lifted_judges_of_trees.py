@@ -84,9 +84,10 @@ def judge_by_drake(path: Path, mechanism: Mechanism, states: States) -> Judgemen
     from pydrake.multibody.plant import MultibodyPlant
     from pydrake.multibody.tree import JointIndex, MultibodyForces
 
-    plant = MultibodyPlant(0.0)
+    plant: Any = MultibodyPlant(0.0)
+    parser: Any = Parser(plant)
     try:
-        Parser(plant).AddModels(str(path.resolve()))
+        parser.AddModels(str(path.resolve()))
         plant.mutable_gravity_field().set_gravity_vector(np.array(mechanism.gravity))
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
@@ -115,8 +116,8 @@ def judge_by_drake(path: Path, mechanism: Mechanism, states: States) -> Judgemen
         efforts = plant.CalcInverseDynamics(context, push, forces)
         for name, seat in seats.items():
             first = seat.velocity_start()
-            own = np.array(efforts[first : first + seat.num_velocities()])
-            found[k, mechanism.v_slices[name]] = turns[name].T @ own
+            theirs = np.array(efforts[first : first + seat.num_velocities()])
+            found[k, mechanism.v_slices[name]] = turns[name].T @ theirs
     return Judgement(found, {})
 
 
@@ -124,7 +125,7 @@ def _place_in_drake(
     plant: Any, context: Any, seat: Any, joint: Joint, mechanism: Mechanism, states: States, k: int, push: Array
 ) -> Array:
     """Write one joint's state into Drake's context; the matrix (nv, nv) from the mechanism's rates to Drake's."""
-    from pydrake.common.eigen_geometry import Quaternion
+    from pydrake.common import eigen_geometry
     from pydrake.math import RigidTransform
 
     place = states.q[k, mechanism.q_slices[joint.name]]
@@ -134,7 +135,9 @@ def _place_in_drake(
     if joint.kind == "free":
         position, turn = find_pose(joint, place)
         body = seat.child_body()
-        plant.SetFreeBodyPose(context, body, RigidTransform(Quaternion(find_quaternion(turn)), position))
+        quaternion: Any = find_quaternion(turn)
+        pose = RigidTransform(eigen_geometry.Quaternion(quaternion), position)  # type: ignore[arg-type]
+        plant.SetFreeBodyPose(context, body, pose)
         to_drake = np.zeros((6, 6))  # Drake has the turn first, both in the world
         to_drake[:3, 3:] = turn
         to_drake[3:, :3] = turn
