@@ -109,7 +109,7 @@ def find_files(folders: Iterable[Path]) -> Iterator[tuple[Path, Path]]:
 
 
 def _holds_robot(path: Path) -> bool:
-    """Whether a file is a robot's: XML with one of the roots, or USD that speaks of bodies."""
+    """Return True for a file of a robot: XML with one of the roots, or USD that speaks of bodies."""
     content = path.read_bytes()
     if path.suffix.lower().startswith(".usd"):
         return b"PXR-USDC" in content[:8] or b"PhysicsRigidBodyAPI" in content
@@ -314,7 +314,7 @@ def main() -> int:
 
 
 def _reads(path: Path, reader: str) -> bool:
-    """Whether a reader is asked for a file: its own is always."""
+    """Return True if a reader is asked for a file: its own is always."""
     try:
         return not reader or (kind_of(path), reader) in JUDGES
     except InputError:

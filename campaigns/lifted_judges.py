@@ -253,7 +253,7 @@ def _removals(model: Any) -> Iterator[tuple[str, Callable[[], None]]]:
 
 @dataclass(frozen=True)
 class _Zero:
-    """What sets arrays of a model to zero, all of them or some rows."""
+    """Set arrays of a model to zero, all of them or some rows."""
 
     model: Any
     arrays: tuple[str, ...]
