@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME, Aligned, aligned
-from crosscheck.equivalence.bases import moved_base
+from crosscheck.equivalence.align import aligned
+from crosscheck.equivalence.bases import base_differences
 from crosscheck.equivalence.beams.bending import Felt, felt
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.beams.sections import Beams
@@ -31,11 +31,12 @@ from crosscheck.equivalence.proving.features import Ground, ignored_words, start
 from crosscheck.equivalence.proving.provers import with_dynamics
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.equivalence.seats import SAME, Aligned
 from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.validation import flag, names, number, refuse, table
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
@@ -101,6 +102,7 @@ class Found:
     trees: Reduced
     seats: list[Aligned]
     differences: list[Difference]
+    motion: Placement
 
 
 def compared(
@@ -136,7 +138,7 @@ def compared(
     placed = first.root_stated and second.root_stated
     told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
     every = with_couplings(one, two, pairs.pairs, moving, told)
-    every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size)
+    every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size, found.motion)
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
@@ -189,13 +191,9 @@ def _size(tree: Tree) -> float:
 
 
 def _least(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
-    """The explanation with the fewest differences: fixed links kept or merged, zeros of joints turned or where they were."""
-    kept, whole = (_found(one, two, joints, (links, True), size, printed) for links in (True, False))
-    best = kept if _count(kept) <= _count(whole) else whole
-    if _count(best) > 1:
-        plain = _found(one, two, joints, (best is kept, False), size, printed)
-        best = plain if _count(plain) < _count(best) else best
-    return best
+    """The explanation with the fewest differences: fixed links kept or merged."""
+    kept, whole = (_found(one, two, joints, links, size, printed) for links in (True, False))
+    return kept if _count(kept) <= _count(whole) else whole
 
 
 def _count(found: Found) -> int:
@@ -206,30 +204,20 @@ def _count(found: Found) -> int:
     )
 
 
-def _found(
-    one: Tree, two: Tree, joints: dict[str, str], links_zeros: tuple[bool, bool], size: float,
-    printed: Digits,
-) -> Found:  # fmt: skip
-    trees = reduced(one, two, joints, links_zeros[0])
-    seats = aligned(trees.first, trees.second, trees.pairs, size, links_zeros[1])
-    pairs = [Pair(trees.first.members[s.first], trees.second.members[s.second], s, size, printed) for s in seats]
+def _found(one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Digits) -> Found:
+    trees = reduced(one, two, joints, links)
+    alignment = aligned(trees.first, trees.second, trees.pairs, size)
+    members = trees.first.members, trees.second.members
+    pairs = [Pair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
     found: list[Difference] = []
     for pair in pairs:
         own = [*body_differences(pair)]
         lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
         found += [*joint_differences(pair), *([lost] if lost else one_body(pair) or own), *drive_differences(pair)]
-    found = moved_base(trees.first, exchanged(trees.first, trees.second, pairs, found), size)
-    found = [*trees.found, *_gravity(trees), *alike(scaled(trees.first, found))]
-    return Found(trees, seats, found)
-
-
-def _gravity(trees: Reduced) -> list[Difference]:
-    ours, theirs = trees.first.gravity, trees.second.gravity
-    off = float(np.linalg.norm(ours - theirs))
-    if off <= SAME * max(float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))):
-        return []
-    a, b = (" ".join(f"{x:.9g}" for x in g) for g in (ours, theirs))
-    return [Difference("rigid", "gravity", "the world", off, "m/s^2", a, b, ((-1, "gravity", theirs),))]
+    found = exchanged(trees.first, trees.second, pairs, found)
+    base = base_differences(trees.first, trees.second, alignment.motion, pairs)
+    found = [*trees.found, *base, *alike(scaled(trees.first, found))]
+    return Found(trees, alignment.seats, found, alignment.motion)
 
 
 def _notes(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:
