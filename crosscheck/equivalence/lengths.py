@@ -1,11 +1,11 @@
-"""Lengths of lists of differences: of two lists that explain as much, the one is taken that is shorter and whose sizes are smaller.
+"""Lengths of lists of differences: of two that explain as much, the one is taken that is shorter and whose sizes are smaller.
 
 A difference of relative size x costs one line, and the digits that are needed to tell it:
 
     length(x)  =  0  where  x <= SEEN,      1 + log10(x / SEEN)  else
 
-Conventions are differences, too; limits weigh a tenth of that: they decide between zeros, and nothing else.  What a member shows
-of its frame is counted and nothing more: a link that is round about its joint's axis adds the same length in every pose.
+Conventions are told in half of that, and so are limits: those decide between zeros.  What a member shows of its frame is counted
+and nothing more: a link that is round about its joint's axis adds the same length in every pose.
 """
 
 from __future__ import annotations
@@ -19,11 +19,8 @@ from crosscheck.equivalence.tree import SCALARS, Member, Tree
 from crosscheck.lifting.rigid import angle, moved, on
 from flexinv.model.mechanism import Array, Inertia, Placement
 
-LIMIT, FRAME, UNFELT = (
-    0.1,
-    0.01,
-    0.05,
-)  # weights: of a limit, of a frame elsewhere, of a motion of the base that nothing feels
+HALF = 0.5  # of the length of a difference: how conventions and limits weigh
+FRAME = 0.01  # length of a frame that stands elsewhere: what is said of it in a note
 HINGES = ("revolute", "helical")
 
 
@@ -72,7 +69,7 @@ class Lengths:
             total += length(float(np.linalg.norm(np.cross(one.axis, frame.rotation @ two.axis)))) + float(
                 seat.sign < 0.0
             )
-            total += length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
+            total += HALF * length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
             total += self._of_bounds(one, two, seat)
         return total
 
@@ -81,7 +78,8 @@ class Lengths:
         total = 0.0
         ends = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
         for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
-            total += LIMIT * float(ours != theirs and not abs(ours - theirs) <= ROUGH * max(abs(ours), 1.0))
+            if ours != theirs and not abs(ours - theirs) <= ROUGH * max(abs(ours), 1.0):
+                total += HALF * length(min(abs(ours - theirs), 2 * np.pi))
         if one.stiffness and two.stiffness:
             total += length(abs(seat.sign * two.rest + seat.offset - one.rest))
         return total
@@ -145,4 +143,6 @@ class Lengths:
             return felt
         changed = length(float(np.linalg.norm(theirs - ours)) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
-        return length(size) + (FRAME if felt and not changed else felt - UNFELT if not felt else felt)
+        if felt:
+            return length(size) + (felt if changed else FRAME)
+        return HALF * length(size)
