@@ -150,10 +150,10 @@ def test_axes_that_are_one_to_rounding_are_one() -> None:
     body = Body("body", Inertia(1.0, np.array([0.1, 0.02, 0.03]), np.diag([0.01, 0.02, 0.025])))
     links = tuple(Link(f"link {k}", (body,)) for k in range(3))
     at = Placement(np.array([0.13, 0.02, 0.0]))
-    for _ in range(200):
-        axis = rng.normal(size=3)
+    for turn in range(200):
+        axis = rng.normal(size=3) if turn % 2 else np.array([*rng.uniform(-2e-16, 2e-16, 2), 1.0])
         axis /= np.linalg.norm(axis)
-        other = axis + rng.integers(-2, 3, 3) * np.spacing(axis)
+        other = axis * (1.0 + rng.integers(-2, 3) * np.finfo(float).eps)
         torques = []
         for second in (axis, other):
             hinges = [
