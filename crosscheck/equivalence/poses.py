@@ -43,7 +43,7 @@ class Poses:
             straight = self._straight(a, still)
             yield straight
             yield from self._turned(a, straight)
-        yield from self._alone(a)
+        yield from self.alone(a)
 
     def _pair(self, a: int):  # type: ignore[no-untyped-def]
         return self.lengths.first.members[a], self.lengths.second.members[self.lengths.partner[a]]
@@ -146,8 +146,8 @@ class Poses:
             elif kind != "prismatic":
                 yield at.position - there.position
 
-    def _alone(self, a: int) -> list[Placement]:
-        """Poses by what a member shows alone, whatever carries it, the best first."""
+    def alone(self, a: int) -> list[Placement]:
+        """Return poses by what a member shows alone, whatever carries it, the best first [m]."""
         if a not in self.known:
             tried = {}
             for pose in self._registered(a):
@@ -210,7 +210,7 @@ class Poses:
             yield Placement(rotation=_least_turn(theirs / np.linalg.norm(theirs), ours / np.linalg.norm(ours)))
         for a in roots:
             one, two = self._pair(a)
-            for pose in (self._on_axis(a, Placement()), *self._alone(a)):
+            for pose in (self._on_axis(a, Placement()), *self.alone(a)):
                 back = on(pose, inverse(two.placement))
                 yield on(one.placement, back)
                 if one.kind not in HINGES:
