@@ -311,7 +311,9 @@ def exchange_root(told: Told, dice: Dice) -> Told:
     if base is None or sum(j.parent == WORLD for j in old.joints) > 1:
         return told
     ways = {j.child: _way(old, base.child, j.child) for j in old.joints if j is not base}
-    ends = [name for name, way in ways.items() if all(j.kind in REVERSIBLE for j in way) and old.link_of[name].bodies]
+    known = {seat.name for seat in told.links.values()}
+    ends = [name for name, way in ways.items() if name in known and all(j.kind in REVERSIBLE for j in way)]
+    ends = [name for name in ends if old.link_of[name].bodies]
     if not ends:
         return told
     return _told_from(told, base, ways[ends[int(dice.integers(len(ends)))]])

@@ -24,7 +24,7 @@ import numpy as np
 from efforts_agree import Written, disagreement
 from faults import Fault, fits, plant
 from machines import ROOT, machine, names_of_machines
-from retelling import CHANGES, Told, told_first
+from retelling import CHANGES, Told, told_first, turn_base, turn_world
 
 from crosscheck.engines.mujoco.export import text_of
 from crosscheck.engines.shared.export_files import NotExported
@@ -107,9 +107,13 @@ def pair_of(number: int, folder: Path, faulty: bool = False) -> Pair | None:
         mechanism, fault = planted
         second = replace(first, mechanism=mechanism)
     made = []
+    # A URDF does not say what pulls it: under gravity that is turned it is another machine.
+    told_of_gravity = own != "urdf"
     for change, ways in CHANGES.items():
         if change in chosen:
             way = ways[int(dice.integers(len(ways)))]
+            if way is turn_world and not told_of_gravity:
+                way = turn_base
             second = way(second, dice)
             made.append(change if len(ways) == 1 else way.__name__.replace("_", " "))
     other = own

@@ -38,13 +38,18 @@ class Alignment:
 
 
 def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float) -> Alignment:
-    """Return the alignment of every pair of members, parents first; size : of the machines [m]."""
+    """Return the alignment of every pair of members, parents first; size : of the machines [m].
+
+    First all stands as it is, and a member in which that leaves no difference is not looked at again.  Where differences are
+    left, they may be owed to any member before them, and to the base: for those all poses are tried.
+    """
     lengths = Lengths(first, second, dict(pairs), size)
     search = Search(lengths, Poses(lengths))
     best = search.under(Placement())
-    if best.length <= lengths.nothing or not search.stands_elsewhere(best):
+    search.doubted = search.left(best)
+    if not search.doubted and lengths.of_base(Placement()) <= lengths.nothing:
         return best
-    for motion in search.bases():
+    for motion in (Placement(), *search.bases()):
         other = search.under(motion)
         if other.length < best.length - NEAR:
             best = other
@@ -53,10 +58,14 @@ def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float
 
 @dataclass
 class Search:
-    """The search for the shortest list of differences; the poses of each member that are followed are kept by its number."""
+    """The search for the shortest list of differences; the poses of each member that are followed are kept by its number.
+
+    doubted : members of which all poses are tried, also where nothing differs in them
+    """
 
     lengths: Lengths
     poses: Poses
+    doubted: set[int] = field(default_factory=set)
     kept: dict[int, list[Placement]] = field(default_factory=dict)
 
     def under(self, motion: Placement) -> Alignment:
@@ -98,10 +107,8 @@ class Search:
         found: list[tuple[float, Placement]] = []
         for before in carriers:
             still = self.poses.still(a, before)
-            if self._seen(a, before, still) <= self.lengths.nothing:
-                tried = [still]
-            else:
-                tried = [still, *self.poses.others(a, still)]
+            alone = a not in self.doubted and self._seen(a, before, still) <= self.lengths.nothing
+            tried = [still] if alone else [still, *self.poses.others(a, still)]
             for pose in tried:
                 if not any(_same(pose, other) for _, other in found):
                     found.append((self._seen(a, before, pose), pose))
@@ -111,12 +118,18 @@ class Search:
     def _seen(self, a: int, before: Placement, pose: Placement) -> float:
         return self.lengths.of_joint(a, before, pose) + self.lengths.of_content(a, pose)
 
-    def stands_elsewhere(self, best: Alignment) -> bool:
-        """Return True if something differs in how a member stands on the world that stays where it is, or what pulls it."""
-        lengths, none = self.lengths, Placement()
-        roots = [seat for seat in best.seats if lengths.first.members[seat.first].parent < 0]
-        off = [self._seen(seat.first, none, seat.frame) for seat in roots]
-        return max([*off, lengths.of_base(none)], default=0.0) > lengths.nothing
+    def left(self, best: Alignment) -> set[int]:
+        """Return the members in which something differs, and all that carry them."""
+        lengths = self.lengths
+        frames = {-1: best.motion} | {seat.first: seat.frame for seat in best.seats}
+        found: set[int] = set()
+        for a, frame in frames.items():
+            carrier = lengths.first.members[a].parent if a >= 0 else -1
+            off = a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > lengths.nothing
+            while off and a >= 0:
+                found.add(a)
+                a = lengths.first.members[a].parent
+        return found
 
     def bases(self) -> list[Placement]:
         """Return the motions of the base that most of what stands on the world agrees with, best first."""

@@ -85,7 +85,8 @@ class Costs:
         member = (self.first, self.second)[side].members[index]
         turn, arm = float(np.trace(member.tensor)), float(np.linalg.norm(member.com))
         if member.kind in SCALARS:
-            turn, arm = float(member.axis @ member.tensor @ member.axis), float(np.linalg.norm(np.cross(member.axis, member.com)))
+            turn = float(member.axis @ member.tensor @ member.axis)
+            arm = float(np.linalg.norm(np.cross(member.axis, member.com)))
         if member.kind in ("prismatic", "free"):  # the frame may be anywhere on the body
             arm = 0.0
         return member.mass, turn, arm if arm > SMALL * self.size else 0.0, _range(member.limits), member.damping
@@ -123,6 +124,8 @@ class Axes:
     def _found(self, before: int, index: int) -> tuple[float, float]:
         members = [self.tree.members[k] for k in (before, index)]
         gap = self.poses[index].position - self.poses[before].position
+        if members[0].kind == "free":
+            return 0.0, 0.0  # its frame may be anywhere on the body
         if any(member.kind not in SCALARS for member in members):
             return float(np.linalg.norm(gap)), 0.0
         one, two = (self.poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))

@@ -80,15 +80,20 @@ class LaidOn:
             yield from Poses(Lengths(one, two, {a: b, k: m}, size)).alone(a)
 
     def _gap(self, k: int, m: int, frame: Placement) -> float:
-        """Distance of two joints' axes over the size of the machines, and the sine of the angle between them."""
+        """Distance of two joints' axes, and of what they carry along these, over the size of the machines; sine of their angle."""
         ours, theirs, size = self.plain.first.members[k], self.plain.second.members[m], self.plain.size
         there = on(frame, theirs.placement)
         gap = there.position - ours.placement.position
         if ours.kind not in SCALARS:
             return min(float(np.linalg.norm(gap)) / size, FAR)
         along, other = ours.placement.rotation @ ours.axis, there.rotation @ theirs.axis
-        off = 0.0 if ours.kind == "prismatic" else float(np.linalg.norm(np.cross(along, gap))) / size
-        return min(off + float(np.linalg.norm(np.cross(along, other))), FAR)
+        total = float(np.linalg.norm(np.cross(along, other)))
+        if ours.kind != "prismatic":
+            # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
+            way = gap + there.rotation @ theirs.com - ours.placement.rotation @ ours.com
+            total += float(np.linalg.norm(np.cross(along, gap))) / size
+            total += abs(float(along @ way)) / size if ours.mass and theirs.mass else 0.0
+        return min(total, FAR)
 
 
 def subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float:
