@@ -20,7 +20,6 @@ from crosscheck.equivalence.lengths import Lengths
 from crosscheck.equivalence.poses import Poses
 from crosscheck.equivalence.seats import Aligned, joined
 from crosscheck.equivalence.tree import Tree
-from crosscheck.lifting.rigid import angle, between
 from flexinv.model.mechanism import Placement
 
 MOST = 6  # poses of a member that are followed
@@ -49,7 +48,9 @@ def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float
     search.doubted = search.left(best)
     if not search.doubted and lengths.of_base(Placement()) <= lengths.nothing:
         return best
-    for motion in (Placement(), *search.bases()):
+    for least, motion in ((0.0, Placement()), *search.bases()):
+        if least >= best.length:
+            break
         other = search.under(motion)
         if other.length < best.length - NEAR:
             best = other
@@ -105,12 +106,14 @@ class Search:
     def _followed(self, a: int, carriers: Iterable[Placement]) -> list[Placement]:
         """The poses of a member that are followed: one where nothing differs in it for any pose of its carrier."""
         found: list[tuple[float, Placement]] = []
+        known: set[bytes] = set()
         for before in carriers:
             still = self.poses.still(a, before)
             alone = a not in self.doubted and self._seen(a, before, still) <= self.lengths.nothing
             tried = [still] if alone else [still, *self.poses.others(a, still)]
             for pose in tried:
-                if not any(_same(pose, other) for _, other in found):
+                if (key := _key(pose)) not in known:
+                    known.add(key)
                     found.append((self._seen(a, before, pose), pose))
         found.sort(key=lambda one: one[0])
         return [pose for _, pose in found[:MOST]]
@@ -125,29 +128,34 @@ class Search:
         found: set[int] = set()
         for a, frame in frames.items():
             carrier = lengths.first.members[a].parent if a >= 0 else -1
-            off = a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > lengths.nothing
+            off = (
+                a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > lengths.nothing
+            )
             while off and a >= 0:
                 found.add(a)
                 a = lengths.first.members[a].parent
         return found
 
-    def bases(self) -> list[Placement]:
-        """Return the motions of the base that most of what stands on the world agrees with, best first."""
+    def bases(self) -> list[tuple[float, Placement]]:
+        """Return the motions of the base that most of what stands on the world agrees with, the shortest first [-], [m]."""
         lengths = self.lengths
         roots = [a for a in lengths.first.children(-1) if a in lengths.partner]
         found: list[tuple[float, Placement]] = []
+        known = {_key(Placement())}
         for motion in self.poses.bases(roots):
-            if any(_same(motion, other) for _, other in found):
+            if (key := _key(motion)) in known:
                 continue
+            known.add(key)
             length = lengths.of_base(motion)
             for a in roots:
                 still = self.poses.still(a, motion)
-                length += min(self._seen(a, motion, pose) for pose in (still, Placement()))
+                length += min(lengths.of_joint(a, motion, pose) for pose in (still, Placement()))
             found.append((length, motion))
         found.sort(key=lambda one: one[0])
-        return [motion for _, motion in found[:BASES]]
+        return found[:BASES]
 
 
-def _same(one: Placement, other: Placement) -> bool:
-    apart = between(one, other)
-    return float(np.linalg.norm(apart.position)) <= NEAR and angle(apart.rotation) <= NEAR
+def _key(pose: Placement) -> bytes:
+    """The same bytes for poses that are one to rounding."""
+    numbers = np.concatenate([pose.position, pose.rotation.ravel()])
+    return (np.round(numbers / NEAR) + 0.0).astype(np.int64).tobytes()

@@ -192,7 +192,10 @@ def _size(tree: Tree) -> float:
 
 def _least(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
     """The explanation with the fewest differences: fixed links kept or merged."""
-    kept, whole = (_found(one, two, joints, links, size, printed) for links in (True, False))
+    kept = _found(one, two, joints, True, size, printed)
+    if not _count(kept) or all(member.kind != "fixed" for member in kept.trees.first.members):
+        return kept
+    whole = _found(one, two, joints, False, size, printed)
     return kept if _count(kept) <= _count(whole) else whole
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from crosscheck.equivalence.seats import ROUGH, SAME, SEEN, Aligned, joined
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
-from crosscheck.lifting.rigid import angle, moved, on
+from crosscheck.lifting.rigid import angle, cross, moved, on, size_of
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 HALF = 0.5  # of the length of a difference: how conventions and limits weigh
@@ -63,12 +63,10 @@ class Lengths:
         total = FRAME if apart > SEEN else 0.0
         if one.kind == "free":
             return total
-        way = float(np.linalg.norm(seat.rest.position)) / self.size
+        way = size_of(seat.rest.position) / self.size
         total += length(way) + length(angle(seat.rest.rotation))
         if one.kind in SCALARS:
-            total += length(float(np.linalg.norm(np.cross(one.axis, frame.rotation @ two.axis)))) + float(
-                seat.sign < 0.0
-            )
+            total += length(size_of(cross(one.axis, frame.rotation @ two.axis))) + float(seat.sign < 0.0)
             total += HALF * length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
             total += self._of_bounds(one, two, seat)
         return total
@@ -92,7 +90,7 @@ class Lengths:
     def _of_bodies(self, one: Inertia, there: Inertia) -> float:
         if not one.mass or not there.mass:
             return 0.0
-        total = length(float(np.linalg.norm(there.com - one.com)) / self.size)
+        total = length(size_of(there.com - one.com) / self.size)
         largest = float(np.abs(one.tensor).max())
         return total + (length(float(np.abs(there.tensor - one.tensor).max()) / largest) if largest else 0.0)
 
@@ -107,10 +105,10 @@ class Lengths:
     ) -> float:
         gap = frame.position + frame.rotation @ theirs[0].position - ours[0].position
         if kind not in SCALARS:
-            return length(float(np.linalg.norm(gap)) / self.size)
+            return length(size_of(gap) / self.size)
         along = ours[0].rotation @ ours[1]
-        total = length(float(np.linalg.norm(np.cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1])))))
-        return total + (length(float(np.linalg.norm(np.cross(along, gap))) / self.size) if kind in HINGES else 0.0)
+        total = length(size_of(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
+        return total + (length(size_of(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
     def content(self, a: int) -> Content:
         """Return what a member and all that is fixed to it show of how they stand, found once [kg, m]."""
@@ -136,12 +134,12 @@ class Lengths:
     def of_base(self, motion: Placement) -> float:
         """Return the length of a motion of the base, or of gravity where that is what differs [m]."""
         ours, theirs = self.first.gravity, self.second.gravity
-        pull = max(float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))) or 1.0
-        felt = length(float(np.linalg.norm(motion.rotation @ theirs - ours)) / pull)
-        size = max(float(np.linalg.norm(motion.position)) / self.size, angle(motion.rotation))
+        pull = max(size_of(ours), size_of(theirs)) or 1.0
+        felt = length(size_of(motion.rotation @ theirs - ours) / pull)
+        size = max(size_of(motion.position) / self.size, angle(motion.rotation))
         if size <= SAME:
             return felt
-        changed = length(float(np.linalg.norm(theirs - ours)) / pull)
+        changed = length(size_of(theirs - ours) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
         if felt:
             return length(size) + (felt if changed else FRAME)

@@ -14,7 +14,7 @@ import numpy as np
 from crosscheck.equivalence.lengths import HINGES, Lengths
 from crosscheck.equivalence.seats import SEEN
 from crosscheck.equivalence.tree import SCALARS
-from crosscheck.lifting.rigid import between, inverse, on, turned
+from crosscheck.lifting.rigid import between, cross, inverse, on, size_of, turned
 from flexinv.model.mechanism import Array, Placement
 
 INTRINSIC = 4  # poses by what a member shows alone, that are kept
@@ -141,7 +141,7 @@ class Poses:
             there = on(frame, other)
             if kind in HINGES and axis is not None:
                 ours, theirs = at.rotation @ along, there.rotation @ across
-                if np.linalg.norm(np.cross(axis, ours)) > SPREAD:
+                if size_of(cross(axis, ours)) > SPREAD:
                     yield _nearest(axis, at.position, ours) - _nearest(axis, there.position, theirs)
             elif kind != "prismatic":
                 yield at.position - there.position
@@ -176,7 +176,7 @@ class Poses:
         points += [(ours[0].position, theirs[0].position) for _, ours, theirs in self.lengths.content(a).hung]
         for ours, theirs in points[1:]:
             arms = ours - points[0][0], theirs - points[0][1]
-            sizes = [float(np.linalg.norm(arm)) for arm in arms]
+            sizes = [size_of(arm) for arm in arms]
             if min(sizes) > SPREAD * self.lengths.size:
                 yield arms[0] / sizes[0], arms[1] / sizes[1]
 
@@ -206,8 +206,8 @@ class Poses:
     def bases(self, roots: Iterable[int]) -> Iterator[Placement]:
         """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
         ours, theirs = self.lengths.first.gravity, self.lengths.second.gravity
-        if np.linalg.norm(ours) and np.linalg.norm(theirs):
-            yield Placement(rotation=_least_turn(theirs / np.linalg.norm(theirs), ours / np.linalg.norm(ours)))
+        if size_of(ours) and size_of(theirs):
+            yield Placement(rotation=_least_turn(theirs / size_of(theirs), ours / size_of(ours)))
         for a in roots:
             one, two = self._pair(a)
             for pose in (self._on_axis(a, Placement()), *self.alone(a)):
@@ -236,22 +236,22 @@ def _offsets(one, two, sign: float) -> Iterator[float]:  # type: ignore[no-untyp
 
 def _least_turn(start: Array, end: Array) -> Array:
     """The rotation by the least angle from one unit vector to another."""
-    normal = np.cross(start, end)
-    sine = float(np.linalg.norm(normal))
+    normal = cross(start, end)
+    sine = size_of(normal)
     if sine < 1e-12:
         if start @ end > 0.0:
             return np.eye(3)
-        across = np.cross(start, np.eye(3)[int(np.argmin(np.abs(start)))])
-        return turned(across / np.linalg.norm(across), np.pi)
+        across = cross(start, np.eye(3)[int(np.argmin(np.abs(start)))])
+        return turned(across / size_of(across), np.pi)
     return turned(normal / sine, float(np.arctan2(sine, start @ end)))
 
 
 def _turn_between(axis: Array, start: Array, end: Array) -> float | None:
     """The angle [rad] about an axis from one vector to another; None where one of them lies along it."""
     u, v = start - (start @ axis) * axis, end - (end @ axis) * axis
-    if min(np.linalg.norm(u), np.linalg.norm(v)) <= SEEN:
+    if min(size_of(u), size_of(v)) <= SEEN:
         return None
-    return float(np.arctan2(axis @ np.cross(u, v), u @ v))
+    return float(np.arctan2(axis @ cross(u, v), u @ v))
 
 
 def _nearest(axis: Array, point: Array, direction: Array) -> Array:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from crosscheck.equivalence.tree import SCALARS, Tree
+from crosscheck.lifting.rigid import cross, size_of
 from flexinv.model.mechanism import Limits, Placement
 
 IMPOSSIBLE = 1e6  # cost of a pair of joints of different kinds
@@ -83,10 +84,10 @@ class Costs:
     def _own(self, side: int, index: int) -> tuple[float, ...]:
         """Mass, moment of inertia about the axis or in all, distance of the centre of mass from the axis, range, damping."""
         member = (self.first, self.second)[side].members[index]
-        turn, arm = float(np.trace(member.tensor)), float(np.linalg.norm(member.com))
+        turn, arm = float(np.trace(member.tensor)), size_of(member.com)
         if member.kind in SCALARS:
             turn = float(member.axis @ member.tensor @ member.axis)
-            arm = float(np.linalg.norm(np.cross(member.axis, member.com)))
+            arm = size_of(cross(member.axis, member.com))
         if member.kind in ("prismatic", "free"):  # the frame may be anywhere on the body
             arm = 0.0
         return member.mass, turn, arm if arm > SMALL * self.size else 0.0, _range(member.limits), member.damping
@@ -101,10 +102,10 @@ class Costs:
         first, second = self.poses[0][a], self.poses[1][b]
         along, other = first.rotation @ one.axis, second.rotation @ two.axis
         if one.kind not in SCALARS:
-            return float(np.linalg.norm(first.position - second.position)) / self.size
+            return size_of(first.position - second.position) / self.size
         gap = second.position - first.position
-        off = 0.0 if one.kind == "prismatic" else float(np.linalg.norm(np.cross(along, gap)))
-        return off / self.size + float(np.linalg.norm(np.cross(along, other)))
+        off = 0.0 if one.kind == "prismatic" else size_of(cross(along, gap))
+        return off / self.size + size_of(cross(along, other))
 
 
 @dataclass
@@ -127,11 +128,11 @@ class Axes:
         if members[0].kind == "free":
             return 0.0, 0.0  # its frame may be anywhere on the body
         if any(member.kind not in SCALARS for member in members):
-            return float(np.linalg.norm(gap)), 0.0
+            return size_of(gap), 0.0
         one, two = (self.poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))
-        normal = np.cross(one, two)
-        sine = float(np.linalg.norm(normal))
+        normal = cross(one, two)
+        sine = size_of(normal)
         turn = float(np.arctan2(sine, abs(one @ two)))
         if any(member.kind == "prismatic" for member in members):
             return 0.0, turn
-        return float(abs(gap @ normal)) / sine if sine > PARALLEL else float(np.linalg.norm(np.cross(one, gap))), turn
+        return float(abs(gap @ normal)) / sine if sine > PARALLEL else size_of(cross(one, gap)), turn

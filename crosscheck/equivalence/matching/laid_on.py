@@ -17,7 +17,7 @@ from crosscheck.equivalence.lengths import Lengths
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.poses import Poses
 from crosscheck.equivalence.tree import SCALARS, Tree, merged
-from crosscheck.lifting.rigid import on
+from crosscheck.lifting.rigid import cross, on, size_of
 from flexinv.model.mechanism import Array, Placement
 
 FAR = 2.0  # cost of a joint that stands nowhere near
@@ -85,13 +85,13 @@ class LaidOn:
         there = on(frame, theirs.placement)
         gap = there.position - ours.placement.position
         if ours.kind not in SCALARS:
-            return min(float(np.linalg.norm(gap)) / size, FAR)
+            return min(size_of(gap) / size, FAR)
         along, other = ours.placement.rotation @ ours.axis, there.rotation @ theirs.axis
-        total = float(np.linalg.norm(np.cross(along, other)))
+        total = size_of(cross(along, other))
         if ours.kind != "prismatic":
             # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
             way = gap + there.rotation @ theirs.com - ours.placement.rotation @ ours.com
-            total += float(np.linalg.norm(np.cross(along, gap))) / size
+            total += size_of(cross(along, gap)) / size
             total += abs(float(along @ way)) / size if ours.mass and theirs.mass else 0.0
         return min(total, FAR)
 
