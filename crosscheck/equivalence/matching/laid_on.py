@@ -56,16 +56,31 @@ class LaidOn:
     def _apart(self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array) -> Array:
         """Costs of joints by where they stand on carriers that are laid on one another."""
         best = np.full(shown.shape, FAR)
-        least = np.inf
+        least = np.inf, np.inf
         for frame in self._frames(*above, ours, theirs):
             found = np.array([[self._gap(k, m, frame) for m in theirs] for k in ours])
             rows, columns = scipy.optimize.linear_sum_assignment(found + shown)
             total = float((found + shown)[rows, columns].sum())
-            if total < least - NEAR:
-                best, least = found, total
-            if float(found[rows, columns].sum()) <= NEAR:
+            if total > least[0] + NEAR:
+                continue
+            chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True)]
+            rest = sum(self._told(k, m, frame) for k, m in chosen)
+            if total < least[0] - NEAR or rest < least[1] - NEAR:
+                best, least = found, (total, rest)
+            if rest <= NEAR and float(found[rows, columns].sum()) <= NEAR:
                 break
         return best
+
+    def _told(self, k: int, m: int, frame: Placement) -> float:
+        """The length of what has to be told of a joint and its body in a pose of its carrier: between poses that are as near."""
+        lengths = Lengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
+        poses = Poses(lengths)
+        still = poses.still(k, frame)
+        if self.plain.first.members[k].kind != self.plain.second.members[m].kind:
+            return 0.0
+        tried = [still, *poses.others(k, still)]
+        frames = [lengths.of_joint(k, frame, pose) + lengths.of_content(k, pose) for pose in tried]
+        return max(0.0, min(frames) - lengths.nothing)
 
     def _frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
         one, two, size = self.plain.first, self.plain.second, self.plain.size
