@@ -1,8 +1,8 @@
 """The independent check of a pair: `pin.rnea` and `mj_inverse` of two files agree in the coordinates of the first.
 
 Neither the reader nor the comparison of this project has a part in it.  Damping, springs and rotors are left out: what is one
-number of a joint is no matter of frames.  A machine that floats is at rest and accelerated, and nothing holds its base: that shows
-its mass matrix and its weight, from whichever body it is told.
+number of a joint is no matter of frames.  A machine that floats is at rest and accelerated, and nothing holds its base: that
+shows its mass matrix and its weight, from whichever body it is told.
 """
 
 from __future__ import annotations
@@ -204,7 +204,8 @@ def _of_pinocchio(model: Any, mechanism: Mechanism, state: State) -> tuple[Array
         at, vat = slice(own.idx_q, own.idx_q + own.nq), slice(own.idx_v, own.idx_v + own.nv)
         if joint.kind == "free":
             placed = model.jointPlacements[number]
-            assert state.pose is not None and state.push is not None
+            assert state.pose is not None
+            assert state.push is not None
             pose = on(inverse(Placement(placed.translation, placed.rotation)), state.pose)
             q[at] = np.concatenate([pose.position, Rotation.from_matrix(pose.rotation).as_quat()])
             a[vat] = state.push
@@ -233,7 +234,8 @@ def _by_mujoco(written: Written, state: State) -> dict[str, Array]:
             own = model.joint(name)
             at, vat = int(own.qposadr[0]), int(own.dofadr[0])
             if joint.kind == "free":
-                assert state.pose is not None and state.push is not None
+                assert state.pose is not None
+                assert state.push is not None
                 quat = Rotation.from_matrix(state.pose.rotation).as_quat()[[3, 0, 1, 2]]
                 data.qpos[at : at + 7] = np.concatenate([state.pose.position, quat])
                 data.qacc[vat : vat + 6] = np.concatenate([state.pose.rotation @ state.push[:3], state.push[3:]])

@@ -84,25 +84,26 @@ def turn_base(told: Told, dice: Dice) -> Told:
     """Turn the base about the vertical and move it; where all floats, that is where it begins [m]."""
     vertical = told.mechanism.gravity / (np.linalg.norm(told.mechanism.gravity) or 1.0)
     rotation = turned(vertical, dice.uniform(-np.pi, np.pi)) if vertical.any() else random_turn(dice)
-    return _base_moved(told, Placement(dice.uniform(-REACH, REACH, 3), rotation))
+    return base_moved(told, Placement(dice.uniform(-REACH, REACH, 3), rotation))
 
 
 def turn_quarter(told: Told, dice: Dice) -> Told:
     """Turn the base about the vertical by quarters of a turn."""
     vertical = told.mechanism.gravity / (np.linalg.norm(told.mechanism.gravity) or 1.0)
     turn = Rotation.from_rotvec(vertical * (np.pi / 2 * dice.integers(1, 4))).as_matrix()
-    return _base_moved(told, Placement(rotation=np.asarray(turn)))
+    return base_moved(told, Placement(rotation=np.asarray(turn)))
 
 
 def turn_world(told: Told, dice: Dice) -> Told:
     """Turn the base and gravity with it: the axes of the world are others [m], [m/s^2]."""
     motion = Placement(dice.uniform(-REACH, REACH, 3), random_turn(dice))
-    there = _base_moved(told, motion)
+    there = base_moved(told, motion)
     gravity = motion.rotation @ told.mechanism.gravity
     return replace(there, mechanism=replace(there.mechanism, gravity=gravity))
 
 
-def _base_moved(told: Told, motion: Placement) -> Told:
+def base_moved(told: Told, motion: Placement) -> Told:
+    """Turn and move all that stands on the world [m]."""
     joints = [replace(j, placement=on(motion, j.placement)) if j.parent == WORLD else j for j in told.mechanism.joints]
     return replace(told, mechanism=replace(told.mechanism, joints=tuple(joints)), world=on(motion, told.world))
 

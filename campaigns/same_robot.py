@@ -240,34 +240,39 @@ def main() -> None:
     given = parser.parse_args()
     begun = time.perf_counter()
     if not given.faults:
-        every = []
-        for one in outcomes(given.only or range(given.pairs)):
-            every.append(one)
-            if given.only or not one.same:
-                _say_pair(one, bool(given.only))
-                say(f"    again: python campaigns/same_robot.py --same --only {one.pair.number}")
-        say(
-            f"the same machine: {sum(one.same for one in every)} of {len(every)}, joints asked for in {sum(one.asked for one in every)}"
-        )
-        say(
-            f"  repaired to {REPAIRED:g} without a word: {sum(one.found is not None and one.found.judged.after <= REPAIRED for one in every)}"
-        )
-        counted = Counter(change for one in every for change in one.pair.changes)
-        say("  changes:", ", ".join(f"{count} x {change}" for change, count in counted.items()))
+        _say_pairs(outcomes(given.only or range(given.pairs)), bool(given.only))
     if not given.same:
-        every = []
-        for one in outcomes(given.only, faulty=True) if given.only else faults(FAULTS):
-            every.append(one)
-            if given.only or not one.told or one.false:
-                _say_pair(one, bool(given.only))
-                say(f"    again: python campaigns/same_robot.py --faults --only {one.pair.number}")
-        say(
-            f"faults named: {sum(one.told for one in every)} of {len(every)}; with another name beside: {sum(bool(one.false) for one in every)}"
-        )
-        kinds = Counter((one.pair.fault.kind if one.pair.fault else "", one.told) for one in every)
-        for kind in sorted({k for k, _ in kinds}):
-            say(f"  {kind}: {kinds[kind, True]} named, {kinds[kind, False]} not")
+        _say_faults(outcomes(given.only, faulty=True) if given.only else faults(FAULTS), bool(given.only))
     say(f"{time.perf_counter() - begun:.0f} s")
+
+
+def _say_pairs(made: Iterable[Outcome], whole: bool) -> None:
+    every = []
+    for one in made:
+        every.append(one)
+        if whole or not one.same:
+            _say_pair(one, whole)
+            say(f"    again: python campaigns/same_robot.py --same --only {one.pair.number}")
+    asked = sum(one.asked for one in every)
+    say(f"the same machine: {sum(one.same for one in every)} of {len(every)}, joints asked for in {asked}")
+    repaired = sum(one.found is not None and one.found.judged.after <= REPAIRED for one in every)
+    say(f"  efforts agree to {REPAIRED:g} of their range: {repaired}")
+    counted = Counter(change for one in every for change in one.pair.changes)
+    say("  changes:", ", ".join(f"{count} x {change}" for change, count in counted.items()))
+
+
+def _say_faults(made: Iterable[Outcome], whole: bool) -> None:
+    every = []
+    for one in made:
+        every.append(one)
+        if whole or not one.told or one.false:
+            _say_pair(one, whole)
+            say(f"    again: python campaigns/same_robot.py --faults --only {one.pair.number}")
+    beside = sum(bool(one.false) for one in every)
+    say(f"faults named: {sum(one.told for one in every)} of {len(every)}; with another name beside: {beside}")
+    kinds = Counter((one.pair.fault.kind if one.pair.fault else "", one.told) for one in every)
+    for kind in sorted({k for k, _ in kinds}):
+        say(f"  {kind}: {kinds[kind, True]} named, {kinds[kind, False]} not")
 
 
 if __name__ == "__main__":

@@ -158,10 +158,8 @@ class Poses:
 
     def _registered(self, a: int) -> Iterator[Placement]:
         one, two = self._pair(a)
-        if one.kind in SCALARS:
-            primary = [(one.axis, two.axis)]
-        else:
-            primary = [*self._lines(a), *self._arms(a)][:PRIMARY]
+        own = [(one.axis, two.axis)]
+        primary = own if one.kind in SCALARS else [*self._lines(a), *self._arms(a)][:PRIMARY]
         for ours, theirs in primary:
             for sign in (1.0, -1.0):
                 base = Placement(rotation=_least_turn(theirs, sign * ours))

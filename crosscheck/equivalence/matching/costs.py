@@ -74,7 +74,7 @@ class Costs:
     def shown(self, before: tuple[int, int], a: int, b: int) -> float:
         """Return the cost [-] of what two members show wherever the machines and the zeros stand.
 
-        That is how their axes lie to those before them, -1 and -1 the world, what they carry of mass about their axes, and drives.
+        That is how their axes lie to those before them, -1 and -1 the world, their mass about their axes, ranges and dampers.
         """
         if self.first.members[a].kind != self.second.members[b].kind:
             return IMPOSSIBLE

@@ -95,7 +95,7 @@ class LaidOn:
             yield from Poses(Lengths(one, two, {a: b, k: m}, size)).alone(a)
 
     def _gap(self, k: int, m: int, frame: Placement) -> float:
-        """Distance of two joints' axes, and of what they carry along these, over the size of the machines; sine of their angle."""
+        """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
         ours, theirs, size = self.plain.first.members[k], self.plain.second.members[m], self.plain.size
         there = on(frame, theirs.placement)
         gap = there.position - ours.placement.position

@@ -3,8 +3,8 @@
 Where one machine has a joint more, numbers in names may count otherwise: `numbers` says where structure is believed instead.
 
 Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
-cost of a pair is what they show wherever zeros and frames stand (`Costs.shown`), and how far their axes lie apart on the carriers,
-which `laid_on` lays on one another.  An assignment whose exchange of two costs about as little is a guess, and no guess is made.
+cost of a pair is what they show wherever zeros and frames stand (`Costs.shown`), and how far their axes lie apart on carriers
+that are laid on one another (`laid_on`).  An assignment whose exchange of two costs about as little is a guess, and none is made.
 """
 
 from __future__ import annotations
