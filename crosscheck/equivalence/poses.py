@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.equivalence.lengths import HINGES, Lengths
 from crosscheck.equivalence.seats import SEEN
-from crosscheck.equivalence.tree import SCALARS
+from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import between, cross, inverse, on, size_of, turned
 from flexinv.model.mechanism import Array, Placement
 
@@ -45,7 +45,7 @@ class Poses:
             yield from self._turned(a, straight)
         yield from self.alone(a)
 
-    def _pair(self, a: int):  # type: ignore[no-untyped-def]
+    def _pair(self, a: int) -> tuple[Member, Member]:
         return self.lengths.first.members[a], self.lengths.second.members[self.lengths.partner[a]]
 
     def _on_axis(self, a: int, frame: Placement) -> Placement:
@@ -149,7 +149,7 @@ class Poses:
     def alone(self, a: int) -> list[Placement]:
         """Return poses by what a member shows alone, whatever carries it, the best first [m]."""
         if a not in self.known:
-            tried = {}
+            tried: dict[float, Placement] = {}
             for pose in self._registered(a):
                 there = self._on_axis(a, pose)
                 tried[self.lengths.of_content(a, there) + 1e-6 * len(tried)] = there
@@ -222,7 +222,7 @@ class Poses:
                     yield on(on(one.placement, Placement(rotation=turned(one.axis, offset))), back)
 
 
-def _offsets(one, two, sign: float) -> Iterator[float]:  # type: ignore[no-untyped-def]
+def _offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
     """Yield A's coordinate at B's zero by which limits, or rests of springs, agree [rad]."""
     ends = (two.limits.lower, two.limits.upper) if sign > 0 else (-two.limits.upper, -two.limits.lower)
     for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
