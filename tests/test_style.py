@@ -95,7 +95,6 @@ ALONE = {
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.couplings": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
-    "crosscheck.equivalence.loops": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.seats import Aligned
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, mechanism_of
 from crosscheck.lifting.rigid import moved
 from crosscheck.measures.certificate import EXACT, Check

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.align import aligned
-from crosscheck.equivalence.bases import base_differences
+from crosscheck.equivalence.alignment.align import aligned
+from crosscheck.equivalence.alignment.bases import base_differences
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.beams.bending import Felt, felt
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.beams.sections import Beams
@@ -31,7 +32,6 @@ from crosscheck.equivalence.proving.features import Ground, ignored_words, start
 from crosscheck.equivalence.proving.provers import with_dynamics
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
-from crosscheck.equivalence.seats import SAME, Aligned
 from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import rounded
 from crosscheck.equivalence.members import SIGN, ZERO
-from crosscheck.equivalence.seats import SAME, Aligned
 from crosscheck.equivalence.tree import Tree
 
 Law = tuple[dict[str, float], float]

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair, body_differences
-from crosscheck.equivalence.seats import SAME, SEEN
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.rigid import moved
 from flexinv.model.mechanism import Array, Inertia, Placement

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.seats import SAME, Aligned
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import angle, between, inverse, on
 from flexinv.model.mechanism import WORLD, Array, Attachment, Closure, Mechanism, Placement

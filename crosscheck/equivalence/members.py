@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.digits import VECTOR, Digits
 from crosscheck.equivalence.hints import factor_hints, tensor_hints, vector_hints
-from crosscheck.equivalence.seats import SAME, Aligned
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import angle, moved, on
 from flexinv.model.mechanism import Array, Limits, Placement

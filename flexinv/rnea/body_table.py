@@ -38,7 +38,7 @@ _R, _P, _MOMENTS, _SECOND, _TILT, _ZERO, _CHILD, _STEP = (
         (recursion.BODY_TILT, 2), (recursion.BODY_ZERO, 2), (recursion.BODY_CHILD, 3), (recursion.BODY_STEP, 3),
     )
 )  # fmt: skip
-ALIKE = 8 * np.finfo(float).eps  # sine of the angle between two axes that are one: what rounding leaves of it
+ONE_AXIS = 8 * np.finfo(float).eps  # sine of the angle between two axes that are one: what rounding leaves of it
 TURNING_KINDS = (REVOLUTE, CONTINUOUS)
 _SCALAR, _QUATERNION = ((recursion.RATE,), (recursion.EFFORT,)), _following(recursion.QUATERNION, 4)
 # Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations.
@@ -154,7 +154,7 @@ def _axes(mesh: Mesh, node: int, other: Array | None) -> Array:
         return np.eye(3)
     z = mesh.axis[node]
     x = np.zeros(3) if other is None else _cross(z, other)
-    if np.linalg.norm(x) <= ALIKE:
+    if np.linalg.norm(x) <= ONE_AXIS:
         x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
     x = x / np.linalg.norm(x)
     x = x - (x @ z) * z

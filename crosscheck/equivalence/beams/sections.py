@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import SAME
 from crosscheck.equivalence.beams.sampled import Sampled, sampled, shared
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import factor_hints
-from crosscheck.equivalence.seats import SAME
 from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism, ModalDamping
 
 # By field of a beam's numbers: quantity and unit of each column.

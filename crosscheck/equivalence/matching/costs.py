@@ -24,7 +24,7 @@ UNBOUND = 1e8  # a limit that large is none: formats that demand one are given s
 
 
 def _apart(one: float, other: float) -> float:
-    """How far two numbers lie apart over their sum [-]."""
+    """Distance of two numbers over their sum [-]."""
     return abs(one - other) / ((abs(one) + abs(other)) or 1.0)
 
 

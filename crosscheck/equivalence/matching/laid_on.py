@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.equivalence.lengths import Lengths
+from crosscheck.equivalence.alignment.lengths import Lengths
+from crosscheck.equivalence.alignment.poses import Poses
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
-from crosscheck.equivalence.poses import Poses
 from crosscheck.equivalence.tree import SCALARS, Tree, merged
 from crosscheck.lifting.rigid import cross, on, size_of
 from flexinv.model.mechanism import Array, Placement
@@ -39,7 +39,7 @@ class LaidOn:
 
     @classmethod
     def of(cls, first: Tree, second: Tree) -> LaidOn:
-        """Return what lays two trees on one another [-]."""
+        """Return two trees that are laid on one another [-]."""
         (one, ours), (two, theirs) = still(first), still(second)
         return cls(Costs(one, two), ours, theirs)
 

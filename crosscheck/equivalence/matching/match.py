@@ -149,7 +149,7 @@ class Assignment:
 
     @cached_property
     def laid_on(self) -> LaidOn:
-        """Return what lays carriers on one another."""
+        """Return both trees, whose carriers can be laid on one another."""
         return LaidOn.of(self.first, self.second)
 
     def _assigned(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:

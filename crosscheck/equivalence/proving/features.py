@@ -16,12 +16,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back
 from crosscheck.equivalence.judge import Judged, Share, share_of
 from crosscheck.equivalence.proof import named, own_efforts, without_ties
-from crosscheck.equivalence.seats import Aligned
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import Feature, Parameter

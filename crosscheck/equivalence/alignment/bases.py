@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from crosscheck.equivalence.alignment.seats import SAME
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair, placement_text
-from crosscheck.equivalence.seats import SAME
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import angle, inverse
 from flexinv.model.mechanism import Array, Placement

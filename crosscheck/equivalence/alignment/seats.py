@@ -35,7 +35,7 @@ class Aligned:
 
 
 def joined(one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement) -> Aligned:
-    """Return what follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
+    """Return the seat that follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
     shift = on(between(one.placement, on(before, two.placement)), inverse(frame))
     sign, offset, rest = _coordinate(one, two, frame, shift)
     return Aligned(*numbers, frame, rest, sign, offset)

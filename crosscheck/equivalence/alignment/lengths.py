@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.seats import ROUGH, SAME, SEEN, Aligned, joined
+from crosscheck.equivalence.alignment.seats import ROUGH, SAME, SEEN, Aligned, joined
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
 from crosscheck.lifting.rigid import angle, cross, moved, on, size_of
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -31,7 +31,7 @@ def length(size: float) -> float:
 
 @dataclass(frozen=True)
 class Content:
-    """What a rigid part of both trees shows of its frame: bodies, and joints that hang on it, in the frame of its first member.
+    """A rigid part of both trees as it shows its frame: bodies, and joints that hang on it, in the frame of its first member.
 
     bodies : inertias of both [kg, m, kg m^2]; hung : kind, placements [m] and axes [-] of both
     """
@@ -111,7 +111,7 @@ class Lengths:
         return total + (length(size_of(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
     def content(self, a: int) -> Content:
-        """Return what a member and all that is fixed to it show of how they stand, found once [kg, m]."""
+        """Return the bodies and joints by which a member and all that is fixed to it show how they stand, found once [kg, m]."""
         if a not in self.known:
             one, two = self.first.members[a], self.second.members[self.partner[a]]
             found = Content([(one.inertia, two.inertia)], [])

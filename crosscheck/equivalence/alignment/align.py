@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.lengths import Lengths
-from crosscheck.equivalence.poses import Poses
-from crosscheck.equivalence.seats import Aligned, joined
+from crosscheck.equivalence.alignment.lengths import Lengths
+from crosscheck.equivalence.alignment.poses import Poses
+from crosscheck.equivalence.alignment.seats import Aligned, joined
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Placement
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.lengths import HINGES, Lengths
-from crosscheck.equivalence.seats import SEEN
+from crosscheck.equivalence.alignment.lengths import HINGES, Lengths
+from crosscheck.equivalence.alignment.seats import SEEN
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import between, cross, inverse, on, size_of, turned
 from flexinv.model.mechanism import Array, Placement
