@@ -197,15 +197,15 @@ def _split(told: Told, link: Link, dice: Dice) -> Told:
     least = max(0.0, float(np.linalg.eigvalsh(body.tensor)[0]))
     way = dice.uniform(-1.0, 1.0, 3) * 0.3 * np.sqrt(least / body.mass)
     parts = [
-        Inertia(share * body.mass, body.com + (1 - share) * way, share * body.tensor),
-        Inertia((1 - share) * body.mass, body.com - share * way, np.zeros((3, 3))),
+        Inertia.stated(share * body.mass, body.com + (1 - share) * way, share * body.tensor),
+        Inertia.stated((1 - share) * body.mass, body.com - share * way, np.zeros((3, 3))),
     ]
     steiner = share * (1 - share) * body.mass * (float(way @ way) * np.eye(3) - np.outer(way, way))
-    parts[1] = replace(parts[1], tensor=(1 - share) * body.tensor - steiner)
+    parts[1] = parts[1].restated(tensor=(1 - share) * body.tensor - steiner)
     moments = np.linalg.eigvalsh(parts[1].tensor)
     if moments[0] < 0.0 or moments[0] + moments[1] < moments[2]:
-        parts = [replace(part, com=body.com) for part in parts]
-        parts[1] = replace(parts[1], tensor=(1 - share) * body.tensor)
+        parts = [part.restated(com=body.com) for part in parts]
+        parts[1] = parts[1].restated(tensor=(1 - share) * body.tensor)
     name = f"{link.name}_part"
     frame = Placement(dice.uniform(-0.2, 0.2, 3), random_turn(dice))
     made = Link(name, (Body(name, moved(inverse(frame), parts[0])),))
@@ -362,7 +362,7 @@ def whole(parts: list[Inertia]) -> Inertia:
     for part in parts:
         arm = part.com - com
         tensor = tensor + part.tensor + part.mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
-    return Inertia(float(mass), com, tensor)
+    return Inertia.stated(float(mass), com, tensor)
 
 
 def random_turn(dice: Dice) -> Array:

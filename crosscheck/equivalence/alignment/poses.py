@@ -211,10 +211,14 @@ class Poses:
             for pose in (self._on_axis(a, Placement()), *self.alone(a)):
                 back = on(pose, inverse(two.placement))
                 yield on(one.placement, back)
-                if one.kind not in HINGES:
+                if one.kind not in SCALARS:
                     continue
                 sign = 1.0 if one.axis @ pose.rotation @ two.axis >= 0.0 else -1.0
                 offsets = list(_offsets(one, two, sign))
+                if one.kind == "prismatic":
+                    for offset in offsets:
+                        yield on(on(one.placement, Placement(offset * one.axis)), back)
+                    continue
                 down = one.placement.rotation.T @ ours
                 turn = _turn_between(one.axis, back.rotation @ theirs, down) if ours.any() and theirs.any() else None
                 offsets += [] if turn is None else [turn]
