@@ -127,16 +127,15 @@ def _other_frame(joint: Joint, dice: Dice) -> Placement:
 def _reframed(told: Told, frames: Mapping[str, Placement]) -> Told:
     """Give links other frames, each stated in the one that it had [m]."""
     old, none = told.mechanism, Placement()
+    # The axes of a universal joint stand in the frame of its link, which therefore stays.
+    kept = {j.child for j in old.joints if j.kind == "universal"}
+    frames = {name: frame for name, frame in frames.items() if name not in kept}
     joints = []
     for joint in old.joints:
         own, carrier = frames.get(joint.child, none), frames.get(joint.parent, none)
-        if joint.kind == "universal":  # its axes stand in the frame of the joint, which is the link's at zero
-            own = none
         at = on(on(inverse(carrier), joint.placement), own)
         back = own.rotation.T
         joints.append(replace(joint, placement=at, axis=back @ joint.axis, second_axis=back @ joint.second_axis))
-    kept = {j.child for j in old.joints if j.kind == "universal"}
-    frames = {name: frame for name, frame in frames.items() if name not in kept}
     links = tuple(_link_in(link, frames.get(link.name, none)) for link in old.links)
     closures = tuple(replace(c, first=_end_in(c.first, frames), second=_end_in(c.second, frames)) for c in old.closures)
     seats = {
