@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.align import Aligned
+from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back, states_of
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, mechanism_of
 from crosscheck.lifting.rigid import moved

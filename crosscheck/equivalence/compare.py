@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME, Aligned, aligned
-from crosscheck.equivalence.bases import moved_base
+from crosscheck.equivalence.alignment.align import aligned
+from crosscheck.equivalence.alignment.bases import base_differences
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.beams.bending import Felt, felt
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.beams.sections import Beams
@@ -35,7 +36,7 @@ from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.validation import flag, names, number, refuse, renaming
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
@@ -91,6 +92,7 @@ class Found:
     trees: Reduced
     seats: list[Aligned]
     differences: list[Difference]
+    motion: Placement
 
 
 def compared(
@@ -128,7 +130,7 @@ def compared(
     rounding = SINGLE * max(first.precision, second.precision)
     every = with_couplings(one, two, pairs.pairs, moving, told, max(SAME, rounding))
     tied = first.mechanism, second.mechanism
-    every += loop_differences(tied, (one, two), pairs.pairs, moving, size, max(SAME, rounding))
+    every += loop_differences(tied, (one, two), pairs.pairs, moving, size, found.motion, max(SAME, rounding))
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
@@ -181,13 +183,12 @@ def _size(tree: Tree) -> float:
 
 
 def _least(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
-    """The explanation with the fewest differences: fixed links kept or merged, zeros of joints turned or where they were."""
-    kept, whole = (_found(one, two, joints, (links, True), size, printed) for links in (True, False))
-    best = kept if _count(kept) <= _count(whole) else whole
-    if _count(best) > 1:
-        plain = _found(one, two, joints, (best is kept, False), size, printed)
-        best = plain if _count(plain) < _count(best) else best
-    return best
+    """The explanation with the fewest differences: fixed links kept or merged."""
+    kept = _found(one, two, joints, True, size, printed)
+    if not _count(kept) or all(member.kind != "fixed" for member in kept.trees.first.members):
+        return kept
+    whole = _found(one, two, joints, False, size, printed)
+    return kept if _count(kept) <= _count(whole) else whole
 
 
 def _count(found: Found) -> int:
@@ -198,30 +199,20 @@ def _count(found: Found) -> int:
     )
 
 
-def _found(
-    one: Tree, two: Tree, joints: dict[str, str], links_zeros: tuple[bool, bool], size: float,
-    printed: Digits,
-) -> Found:  # fmt: skip
-    trees = reduced(one, two, joints, links_zeros[0])
-    seats = aligned(trees.first, trees.second, trees.pairs, size, links_zeros[1])
-    pairs = [Pair(trees.first.members[s.first], trees.second.members[s.second], s, size, printed) for s in seats]
+def _found(one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Digits) -> Found:
+    trees = reduced(one, two, joints, links)
+    alignment = aligned(trees.first, trees.second, trees.pairs, size)
+    members = trees.first.members, trees.second.members
+    pairs = [Pair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
     found: list[Difference] = []
     for pair in pairs:
         own = [*body_differences(pair)]
         lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
         found += [*joint_differences(pair), *([lost] if lost else one_body(pair) or own), *drive_differences(pair)]
-    found = moved_base(trees.first, exchanged(trees.first, trees.second, pairs, found), size)
-    found = [*trees.found, *_gravity(trees), *alike(scaled(trees.first, found))]
-    return Found(trees, seats, found)
-
-
-def _gravity(trees: Reduced) -> list[Difference]:
-    ours, theirs = trees.first.gravity, trees.second.gravity
-    off = float(np.linalg.norm(ours - theirs))
-    if off <= SAME * max(float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))):
-        return []
-    a, b = (" ".join(f"{x:.9g}" for x in g) for g in (ours, theirs))
-    return [Difference("rigid", "gravity", "the world", off, "m/s^2", a, b, ((-1, "gravity", theirs),))]
+    found = exchanged(trees.first, trees.second, pairs, found)
+    base = base_differences(trees.first, trees.second, alignment.motion, pairs)
+    found = [*trees.found, *base, *alike(scaled(trees.first, found))]
+    return Found(trees, alignment.seats, found, alignment.motion)
 
 
 def _notes(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:

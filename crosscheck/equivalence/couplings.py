@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
-from crosscheck.equivalence.align import SAME, Aligned
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import rounded
 from crosscheck.equivalence.members import SIGN, ZERO

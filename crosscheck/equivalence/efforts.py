@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.align import Aligned
+from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.tree import SCALARS, Member, Tree, mechanism_of
 from crosscheck.lifting.rigid import between, inverse, on, quaternion, turned, twist_map
 from flexinv.model.joint_kinds import KINDS

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME, SEEN
+from crosscheck.equivalence.alignment.seats import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair, body_differences
 from crosscheck.equivalence.tree import Member, Tree, sum_of

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME, Aligned
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import angle, between, inverse, on
@@ -47,7 +47,7 @@ class Tied:
 
 @dataclass(frozen=True)
 class Side:
-    """A mechanism and its tree; joints by which A calls them; frames : of a member in A's, by joint of A [m]."""
+    """A mechanism and its tree; joints by which A calls them; frames : of a member in A's, by joint of A, "" the world [m]."""
 
     mechanism: Mechanism
     tree: Tree
@@ -61,14 +61,16 @@ def loop_differences(
     pairs: Mapping[str, str],
     seats: Mapping[str, Aligned],
     size: float,
+    motion: Placement,
     tolerance: float = SAME,
 ) -> Iterator[Difference]:
     """Yield loops that only one closes [-], and those of both whose points or axes differ [m], [rad].
 
-    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; seats : alignment by joint of A; size : [m]
+    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; seats : alignment by joint of A
+    size : [m]; motion : of B's world in A's [m]
     tolerance : of points over the size [-] and of axes [rad]: rounding of the readers' numbers
     """
-    frames = {joint: seat.frame for joint, seat in seats.items()}
+    frames = {"": motion} | {joint: seat.frame for joint, seat in seats.items()}
     own = {joint: joint for joint in pairs}
     back = {theirs: ours for ours, theirs in pairs.items()}
     ours = list(_tied(Side(mechanisms[0], trees[0], own, {})))
@@ -147,7 +149,7 @@ def _seated(side: Side, poses: list[Placement], number: Mapping[str, int], at: A
     while k >= 0 and side.tree.members[k].joint not in side.names:
         k = side.tree.members[k].parent
     if k < 0:
-        return "", place
+        return "", on(side.frames.get("", Placement()), place)
     joint = side.names[side.tree.members[k].joint]
     within = between(poses[k], place)
     return joint, on(side.frames[joint], within) if joint in side.frames else within

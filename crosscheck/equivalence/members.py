@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME, Aligned
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.digits import VECTOR, Digits
 from crosscheck.equivalence.hints import factor_hints, tensor_hints, vector_hints

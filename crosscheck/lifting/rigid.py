@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -71,3 +73,15 @@ def quaternion(rotation: Array) -> Array:
         q[other] = (rotation[k, other] + rotation[other, k]) / (4 * q[k])
     q[3] = antisymmetric[k] / (4 * q[k])
     return q
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b [any unit] of two plain vectors (3,): numpy's own takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def size_of(vector: Array) -> float:
+    """Return the length of a plain vector (3,) [its unit]: numpy's own takes several times as long."""
+    x, y, z = vector.tolist()
+    return math.sqrt(x * x + y * y + z * z)

@@ -38,6 +38,7 @@ _R, _P, _MOMENTS, _SECOND, _TILT, _ZERO, _CHILD, _STEP = (
         (recursion.BODY_TILT, 2), (recursion.BODY_ZERO, 2), (recursion.BODY_CHILD, 3), (recursion.BODY_STEP, 3),
     )
 )  # fmt: skip
+ONE_AXIS = 8 * np.finfo(float).eps  # sine of the angle between two axes that are one: what rounding leaves of it
 TURNING_KINDS = (REVOLUTE, CONTINUOUS)
 _SCALAR, _QUATERNION = ((recursion.RATE,), (recursion.EFFORT,)), _following(recursion.QUATERNION, 4)
 # Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations.
@@ -146,13 +147,14 @@ def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
 def _axes(mesh: Mesh, node: int, other: Array | None) -> Array:
     """R_node,body with the joint's axis along z and x at right angles to another axis, where there is one.
 
-    Otherwise an axis along x, y or z only renames the axes.
+    Otherwise an axis along x, y or z only renames the axes.  The product of two axes that are one to rounding is rounding, of
+    any direction, that of the axis itself among them: it shows no right angle.
     """
     if mesh.kind[node] in (SPHERICAL, FREE):
         return np.eye(3)
     z = mesh.axis[node]
     x = np.zeros(3) if other is None else _cross(z, other)
-    if not x.any():
+    if np.linalg.norm(x) <= ONE_AXIS:
         x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
     x = x / np.linalg.norm(x)
     x = x - (x @ z) * z

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME
+from crosscheck.equivalence.alignment.seats import SAME
 from crosscheck.equivalence.beams.sampled import Sampled, sampled, shared
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import factor_hints

@@ -12,10 +12,25 @@ from functools import cached_property
 import numpy as np
 
 from crosscheck.equivalence.tree import SCALARS, Tree
-from flexinv.model.mechanism import Placement
+from crosscheck.lifting.rigid import cross, size_of
+from flexinv.model.mechanism import Limits, Placement
 
 IMPOSSIBLE = 1e6  # cost of a pair of joints of different kinds
 PARALLEL = 1e-6  # sine of the angle between two axes, below which they have no common normal of their own
+
+
+SMALL = 1e-4  # of the size of the machines: an arm that printed digits may have made
+UNBOUND = 1e8  # a limit that large is none: formats that demand one are given such
+
+
+def _apart(one: float, other: float) -> float:
+    """Distance of two numbers over their sum [-]."""
+    return abs(one - other) / ((abs(one) + abs(other)) or 1.0)
+
+
+def _range(limits: Limits) -> float:
+    """The way between the limits of a coordinate, wherever its zero is; 0 where one is missing [rad], [m]."""
+    return limits.upper - limits.lower if max(abs(limits.upper), abs(limits.lower)) < UNBOUND else 0.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +71,27 @@ class Costs:
         one, two = self._axes[0].between(before[0], a), self._axes[1].between(before[1], b)
         return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._masses(a, b)
 
+    def shown(self, before: tuple[int, int], a: int, b: int) -> float:
+        """Return the cost [-] of what two members show wherever the machines and the zeros stand.
+
+        That is how their axes lie to those before them, -1 and -1 the world, their mass about their axes, ranges and dampers.
+        """
+        if self.first.members[a].kind != self.second.members[b].kind:
+            return IMPOSSIBLE
+        total = sum(_apart(x, y) for x, y in zip(self._own(0, a), self._own(1, b), strict=True))
+        return total if before == (-1, -1) else total + self.step(before, a, b) - self._masses(a, b)
+
+    def _own(self, side: int, index: int) -> tuple[float, ...]:
+        """Mass, moment of inertia about the axis or in all, distance of the centre of mass from the axis, range, damping."""
+        member = (self.first, self.second)[side].members[index]
+        turn, arm = float(np.trace(member.tensor)), size_of(member.com)
+        if member.kind in SCALARS:
+            turn = float(member.axis @ member.tensor @ member.axis)
+            arm = size_of(cross(member.axis, member.com))
+        if member.kind in ("prismatic", "free"):  # the frame may be anywhere on the body
+            arm = 0.0
+        return member.mass, turn, arm if arm > SMALL * self.size else 0.0, _range(member.limits), member.damping
+
     def _masses(self, a: int, b: int) -> float:
         one, two = self.first.members[a].mass, self.second.members[b].mass
         return abs(one - two) / (one + two or 1.0)
@@ -66,10 +102,10 @@ class Costs:
         first, second = self.poses[0][a], self.poses[1][b]
         along, other = first.rotation @ one.axis, second.rotation @ two.axis
         if one.kind not in SCALARS:
-            return float(np.linalg.norm(first.position - second.position)) / self.size
+            return size_of(first.position - second.position) / self.size
         gap = second.position - first.position
-        off = 0.0 if one.kind == "prismatic" else float(np.linalg.norm(np.cross(along, gap)))
-        return off / self.size + float(np.linalg.norm(np.cross(along, other)))
+        off = 0.0 if one.kind == "prismatic" else size_of(cross(along, gap))
+        return off / self.size + size_of(cross(along, other))
 
 
 @dataclass
@@ -89,12 +125,14 @@ class Axes:
     def _found(self, before: int, index: int) -> tuple[float, float]:
         members = [self.tree.members[k] for k in (before, index)]
         gap = self.poses[index].position - self.poses[before].position
+        if members[0].kind == "free":
+            return 0.0, 0.0  # its frame may be anywhere on the body
         if any(member.kind not in SCALARS for member in members):
-            return float(np.linalg.norm(gap)), 0.0
+            return size_of(gap), 0.0
         one, two = (self.poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))
-        normal = np.cross(one, two)
-        sine = float(np.linalg.norm(normal))
+        normal = cross(one, two)
+        sine = size_of(normal)
         turn = float(np.arctan2(sine, abs(one @ two)))
         if any(member.kind == "prismatic" for member in members):
             return 0.0, turn
-        return float(abs(gap @ normal)) / sine if sine > PARALLEL else float(np.linalg.norm(np.cross(one, gap))), turn
+        return float(abs(gap @ normal)) / sine if sine > PARALLEL else size_of(cross(one, gap)), turn

@@ -3,8 +3,8 @@
 Where one machine has a joint more, numbers in names may count otherwise: `numbers` says where structure is believed instead.
 
 Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
-cost of a pair is how far their axes lie apart at zero over the size of the machine, and how different their masses are.  An
-assignment whose exchange of two costs about as little is a guess, and no guess is made.
+cost of a pair is what they show wherever zeros and frames stand (`Costs.shown`), and how far their axes lie apart on carriers
+that are laid on one another (`laid_on`).  An assignment whose exchange of two costs about as little is a guess, and none is made.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, takewhile
 
-import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
+from crosscheck.equivalence.matching.laid_on import LaidOn
 from crosscheck.equivalence.matching.numbers import counted_otherwise
 from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
@@ -133,11 +133,6 @@ class Assignment:
     how: dict[str, str]
     certainty: dict[str, float]
 
-    @cached_property
-    def costs(self) -> Costs:
-        """Return the costs of pairs of members."""
-        return Costs(self.first, self.second)
-
     def extend(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
         ours, theirs = self.first.carried(a), self.second.carried(b)
@@ -149,11 +144,17 @@ class Assignment:
         taken = set(self.pairs.values())
         open_ = [k for k in theirs if self.second.members[k].joint not in taken]
         if free and open_:
-            for k, other in self._assigned(free, open_):
+            for k, other in self._assigned((a, b), free, open_):
                 self.extend(k, other)
 
-    def _assigned(self, ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
-        costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
+    @cached_property
+    def laid_on(self) -> LaidOn:
+        """Return both trees, whose carriers can be laid on one another."""
+        return LaidOn.of(self.first, self.second)
+
+    def _assigned(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
+        above = _moving(self.first, before[0]), _moving(self.second, before[1])
+        costs = self.laid_on.costs(above, ours, theirs)
         rows, columns = scipy.optimize.linear_sum_assignment(costs)
         made = []
         for row, column in zip(rows, columns, strict=True):
@@ -181,15 +182,9 @@ class Assignment:
             for name in names:
                 self.certainty[name] = min(self.certainty[name], 1.0 - doubt)
 
-    def cost(self, a: int, b: int) -> float:
-        """Return the cost [-] of taking two members, and all they carry, for the same."""
-        own = self.costs.of(a, b)
-        if own >= IMPOSSIBLE:
-            return IMPOSSIBLE
-        ours, theirs = self.first.carried(a), self.second.carried(b)
-        lonely = abs(len(ours) - len(theirs))
-        if not ours or not theirs:
-            return own + lonely
-        costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
-        rows, columns = scipy.optimize.linear_sum_assignment(costs)
-        return own + lonely + float(np.minimum(costs[rows, columns], 2.0).sum())
+
+def _moving(tree: Tree, index: int) -> int:
+    """The member itself, or the one before it that moves, -1 the world."""
+    while index >= 0 and tree.members[index].kind == "fixed":
+        index = tree.members[index].parent
+    return index

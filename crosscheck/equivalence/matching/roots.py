@@ -2,6 +2,7 @@
 
 Nothing that floats has a first body: a chain from the pelvis to the torso is one from the torso to the pelvis.  Each joint
 between is turned about,  X -> X^-1, axis -> -axis,  so that its coordinate stays; the base has another body's coordinates.
+Which body that is is told by the names of joints, and where these say little by what bodies and axes show.
 """
 
 from __future__ import annotations
@@ -10,7 +11,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.matching.match import by_name
+from crosscheck.equivalence.matching.costs import Costs
+from crosscheck.equivalence.matching.laid_on import still, subtree_cost
+from crosscheck.equivalence.matching.match import ALMOST, by_name
+from crosscheck.equivalence.tree import tree_of
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.rigid import inverse, moved, on
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Link, Mechanism, Placement
@@ -45,7 +49,11 @@ def rooted_alike(first: Mechanism, second: Mechanism, stated: Mapping[str, str])
         [j.name for j in one.joints if j.nv and j is not base] for one, base in zip((first, second), bases, strict=True)
     ]
     pairs = {a: b for a, (b, _) in by_name(names[0], names[1], stated).items() if a in names[0] and b in names[1]}
-    root, old = _best(first, second, bases[0].child, bases[1].child, pairs), bases[1].child
+    old = bases[1].child
+    if 2 * len(pairs) >= max(map(len, names)):
+        root = _best(first, second, bases[0].child, old, pairs)
+    else:
+        root = _alike(first, second, bases[1])
     way = _way(second, old, root)
     if root == old or any(joint.kind not in TURNED or joint.station is not None for joint in way):
         return Rooted(second)
@@ -73,6 +81,19 @@ def _best(first: Mechanism, second: Mechanism, ours: str, theirs: str, pairs: Ma
         if scores[theirs][0] < max(scores.values())[0] or _lonely(pairs)
         else theirs
     )
+
+
+def _alike(first: Mechanism, second: Mechanism, base: Joint) -> str:
+    """The link of the second from which its tree is most like the first, by what bodies and axes show; in doubt its own."""
+    one = still(tree_of(first, {}))[0]
+    costs: dict[str, float] = {}
+    for link in (base.child, *(joint.child for joint in second.joints if joint.nv and joint is not base)):
+        way = _way(second, base.child, link)
+        if all(joint.kind in TURNED and joint.station is None for joint in way):
+            told = _told_from(second, base, way) if way else second
+            costs[link] = subtree_cost(Costs(one, still(tree_of(told, {}))[0]), (-1, -1), 0, 0)
+    least = min(costs, key=lambda name: costs[name])
+    return least if costs[least] < costs[base.child] - ALMOST else base.child
 
 
 def _lonely(pairs: Mapping[str, str]) -> bool:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
-from crosscheck.equivalence.align import SAME, Aligned
-from crosscheck.equivalence.bases import BASE
+from crosscheck.equivalence.alignment.bases import BASE
+from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Judged
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, vector_text

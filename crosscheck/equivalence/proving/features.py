@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crosscheck.equivalence.align import Aligned
+from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back

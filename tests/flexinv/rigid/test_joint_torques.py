@@ -13,7 +13,7 @@ import flexinv
 from flexinv.inverse.inverse_dynamics import inverse_dynamics, joint_wrenches, nodal_forces
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import differenced, rigid_motion
-from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 
 
 def _two_joints(**drive: float) -> Mechanism:
@@ -139,3 +139,27 @@ def test_nodal_forces_and_their_sums_are_those_of_the_definition() -> None:
             abs(summed.force[:, n] - force[:, nodes].sum(axis=1)).max() < 1e-13 * abs(force).max()
         )  # sums of some tens
         assert abs(summed.moment[:, n] - about).max() < 1e-13 * abs(summed.moment).max()
+
+
+def test_axes_that_are_one_to_rounding_are_one() -> None:
+    """The product of two such axes is rounding, along the axis itself as soon as across it: no frame may be built of it.
+
+    A last digit of an axis changes efforts by as much, a few 1e-15 of their size; 1e-12 leaves room for sums over the chain.
+    """
+    rng = np.random.default_rng(3)
+    body = Body("body", Inertia(1.0, np.array([0.1, 0.02, 0.03]), np.diag([0.01, 0.02, 0.025])))
+    links = tuple(Link(f"link {k}", (body,)) for k in range(3))
+    at = Placement(np.array([0.13, 0.02, 0.0]))
+    for turn in range(200):
+        axis = rng.normal(size=3) if turn % 2 else np.array([*rng.uniform(-2e-16, 2e-16, 2), 1.0])
+        axis /= np.linalg.norm(axis)
+        other = axis * (1.0 + rng.integers(-2, 3) * np.finfo(float).eps)
+        torques = []
+        for second in (axis, other):
+            hinges = [
+                Joint(f"joint {k}", "revolute", parent, f"link {k}", at, axis=own)
+                for k, (parent, own) in enumerate(((WORLD, axis), ("link 0", second), ("link 1", axis)))
+            ]
+            mechanism = Mechanism("chain", links, tuple(hinges))
+            torques.append(flexinv.joint_torques(mechanism, [[0.3, -0.5, 0.7]], [[1.0, -2.0, 0.5]], [[0.5, 1.0, -1.5]]))
+        assert np.abs(torques[1] - torques[0]).max() <= 1e-12 * np.abs(torques[0]).max()

@@ -1,0 +1,161 @@
+"""Alignment: which pose of B's frame in A's makes two members the same body, and which offsets and signs follow.
+
+The frame of a link is a convention, and so is where the machine stands.  Of all alignments the one is taken whose list of
+differences is the shortest and smallest (`lengths`), over poses that the members themselves suggest (`poses`); that nothing
+differs is tried first.  With  T  the pose of B's frame in A's,  X  that of a joint on its carrier, c what a member carries:
+
+    S(T)  =  body(T) + sum over c of min over T_c ( joint(T, T_c) + S(T_c) ),      X' = T X_B T_c^-1  against  X_A
+
+which is found from the tips to the base.  The world of B stands in that of A by a pose as well: the motion of the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crosscheck.equivalence.alignment.lengths import Lengths
+from crosscheck.equivalence.alignment.poses import Poses
+from crosscheck.equivalence.alignment.seats import Aligned, joined
+from crosscheck.equivalence.tree import Tree
+from flexinv.model.mechanism import Placement
+
+MOST = 6  # poses of a member that are followed
+BASES = 4  # poses of the base that are followed to the tips
+NEAR = 1e-9  # [m], [rad]: poses that are one
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Seats of all pairs, parents first, and the pose of B's world in A's [m]; length : of the list of what differs [-]."""
+
+    seats: list[Aligned]
+    motion: Placement = field(default_factory=Placement)
+    length: float = 0.0
+
+
+def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float) -> Alignment:
+    """Return the alignment of every pair of members, parents first; size : of the machines [m].
+
+    First all stands as it is, and a member in which that leaves no difference is not looked at again.  Where differences are
+    left, they may be owed to any member before them, and to the base: for those all poses are tried.
+    """
+    lengths = Lengths(first, second, dict(pairs), size)
+    search = Search(lengths, Poses(lengths))
+    best = search.under(Placement())
+    search.doubted = search.left(best)
+    if not search.doubted and lengths.of_base(Placement()) <= lengths.nothing:
+        return best
+    for least, motion in ((0.0, Placement()), *search.bases()):
+        if least >= best.length:
+            break
+        other = search.under(motion)
+        if other.length < best.length - NEAR:
+            best = other
+    return best
+
+
+@dataclass
+class Search:
+    """The search for the shortest list of differences; the poses of each member that are followed are kept by its number.
+
+    doubted : members of which all poses are tried, also where nothing differs in them
+    """
+
+    lengths: Lengths
+    poses: Poses
+    doubted: set[int] = field(default_factory=set)
+    kept: dict[int, list[Placement]] = field(default_factory=dict)
+
+    def under(self, motion: Placement) -> Alignment:
+        """Return the best alignment where B's world stands so in A's [m]."""
+        first, partner = self.lengths.first, self.lengths.partner
+        self.kept = {-1: [motion]}
+        for a in sorted(partner):
+            self.kept[a] = self._followed(a, self.kept[first.members[a].parent])
+        sums: dict[int, list[float]] = {}
+        chosen: dict[tuple[int, int], int] = {}
+        for a in [*sorted(partner, reverse=True), -1]:
+            sums[a] = [self._sum(a, k, pose, sums, chosen) for k, pose in enumerate(self.kept[a])]
+        seats: list[Aligned] = []
+        taken = {-1: 0}
+        for a in sorted(partner):
+            carrier = first.members[a].parent
+            taken[a] = chosen[a, taken[carrier]]
+            before, frame = self.kept[carrier][taken[carrier]], self.kept[a][taken[a]]
+            seats.append(
+                joined(first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame)
+            )
+        return Alignment(seats, motion, sums[-1][0] + self.lengths.of_base(motion))
+
+    def _sum(
+        self, a: int, k: int, pose: Placement, sums: dict[int, list[float]], chosen: dict[tuple[int, int], int]
+    ) -> float:
+        """The length of all that a member carries in one of its poses; which pose of each child that takes is kept."""
+        total = self.lengths.of_body(a, pose) if a >= 0 else 0.0
+        for c in self.lengths.first.children(a):
+            if c not in self.lengths.partner:
+                continue
+            ways = [self.lengths.of_joint(c, pose, there) + sums[c][m] for m, there in enumerate(self.kept[c])]
+            chosen[c, k] = int(np.argmin(ways))
+            total += min(ways)
+        return total
+
+    def _followed(self, a: int, carriers: Iterable[Placement]) -> list[Placement]:
+        """The poses of a member that are followed: one where nothing differs in it for any pose of its carrier."""
+        found: list[tuple[float, Placement]] = []
+        known: set[bytes] = set()
+        for before in carriers:
+            still = self.poses.still(a, before)
+            alone = a not in self.doubted and self._seen(a, before, still) <= self.lengths.nothing
+            tried = [still] if alone else [still, *self.poses.others(a, still)]
+            for pose in tried:
+                if (key := _key(pose)) not in known:
+                    known.add(key)
+                    found.append((self._seen(a, before, pose), pose))
+        found.sort(key=lambda one: one[0])
+        return [pose for _, pose in found[:MOST]]
+
+    def _seen(self, a: int, before: Placement, pose: Placement) -> float:
+        return self.lengths.of_joint(a, before, pose) + self.lengths.of_content(a, pose)
+
+    def left(self, best: Alignment) -> set[int]:
+        """Return the members in which something differs, and all that carry them."""
+        lengths = self.lengths
+        frames = {-1: best.motion} | {seat.first: seat.frame for seat in best.seats}
+        found: set[int] = set()
+        for a, frame in frames.items():
+            carrier = lengths.first.members[a].parent if a >= 0 else -1
+            off = (
+                a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > lengths.nothing
+            )
+            while off and a >= 0:
+                found.add(a)
+                a = lengths.first.members[a].parent
+        return found
+
+    def bases(self) -> list[tuple[float, Placement]]:
+        """Return the motions of the base that most of what stands on the world agrees with, the shortest first [-], [m]."""
+        lengths = self.lengths
+        roots = [a for a in lengths.first.children(-1) if a in lengths.partner]
+        found: list[tuple[float, Placement]] = []
+        known = {_key(Placement())}
+        for motion in self.poses.bases(roots):
+            if (key := _key(motion)) in known:
+                continue
+            known.add(key)
+            length = lengths.of_base(motion)
+            for a in roots:
+                still = self.poses.still(a, motion)
+                length += min(lengths.of_joint(a, motion, pose) for pose in (still, Placement()))
+            found.append((length, motion))
+        found.sort(key=lambda one: one[0])
+        return found[:BASES]
+
+
+def _key(pose: Placement) -> bytes:
+    """The same bytes for poses that are one to rounding."""
+    numbers = np.concatenate([pose.position, pose.rotation.ravel()])
+    return (np.round(numbers / NEAR) + 0.0).astype(np.int64).tobytes()

@@ -1,0 +1,52 @@
+"""Bases: where all that stands on the world is turned and moved together, that is one difference and not one of each joint.
+
+A joint stands at X in the world of A at zero, and at X' in that of B.  Where  X = T X'  with one T, the machine of B is A's that
+stands elsewhere.  Where gravity keeps its direction in it no torque feels that, and it is a convention.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from crosscheck.equivalence.alignment.seats import SAME
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.members import Pair, placement_text
+from crosscheck.equivalence.tree import Tree
+from crosscheck.lifting.rigid import angle, inverse
+from flexinv.model.mechanism import Array, Placement
+
+BASE = "pose of base"
+FELT = "gravity has another direction in it"
+UNFELT = "no torque feels it: gravity has the same direction in it"
+
+
+def base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterable[Pair]) -> Iterator[Difference]:
+    """Yield what differs of where both machines stand [m], [rad], and of gravity [m/s^2]; motion : of B's world in A's."""
+    ours, theirs, there = first.gravity, second.gravity, motion.rotation @ second.gravity
+    pull = max(float(np.linalg.norm(ours)), float(np.linalg.norm(theirs)))
+    felt = float(np.linalg.norm(there - ours)) > SAME * pull
+    other = float(np.linalg.norm(theirs - ours)) > SAME * pull
+    way, turn = float(np.linalg.norm(motion.position)), angle(motion.rotation)
+    if max(way, turn) > SAME:
+        standing = [pair for pair in pairs if pair.one.parent < 0]
+        size, unit = (turn, "rad") if turn > SAME else (way, "m")
+        quantity = "rotation" if turn > SAME else "position"
+        back = inverse(motion)
+        yield Difference(
+            "rigid" if felt else "convention", BASE, "the machine", size, unit, placement_text(Placement()),
+            placement_text(back), ((-1, "gravity", there),) if felt else (), (FELT if felt else UNFELT,),
+            printed=max((pair.of_joint(quantity) for pair in standing), default=0.0), structural=True, motion=back,
+        )  # fmt: skip
+    if felt and other:
+        size = float(np.linalg.norm(theirs - ours))
+        yield Difference("rigid", "gravity", "the world", size, "m/s^2", _text(ours), _text(theirs), _gravity(there))
+
+
+def _gravity(there: Array) -> tuple[tuple[int, str, Array], ...]:
+    return ((-1, "gravity", there),)
+
+
+def _text(gravity: Array) -> str:
+    return " ".join(f"{x:.9g}" for x in gravity)

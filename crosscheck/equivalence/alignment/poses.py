@@ -1,0 +1,284 @@
+"""Poses that are tried for B's frame in A's: those that the joint, the body and what hangs on it suggest.
+
+A pose is fixed by what a rigid part shows (`lengths.Content`): its own axis, centres of mass, tensors, lines of joints.  From
+a pose in which one direction agrees, each of the others gives an angle about it, and each point a way along it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crosscheck.equivalence.alignment.lengths import HINGES, Lengths
+from crosscheck.equivalence.alignment.seats import SEEN
+from crosscheck.equivalence.tree import SCALARS, Member
+from crosscheck.lifting.rigid import between, cross, inverse, on, size_of, turned
+from flexinv.model.mechanism import Array, Placement
+
+INTRINSIC = 4  # poses by what a member shows alone, that are kept
+SPREAD = 1e-3  # relative: principal moments nearer than that show no axes
+TURNS = 10  # angles about an axis that are tried
+PRIMARY = 4  # directions of which one is taken to agree
+
+
+@dataclass
+class Poses:
+    """The poses of the members of two trees; known : by member what it suggests whatever carries it."""
+
+    lengths: Lengths
+    known: dict[int, list[Placement]] = field(default_factory=dict)
+
+    def still(self, a: int, before: Placement) -> Placement:
+        """Return the pose that leaves both machines where they stand at zero; before : of the carrier [m]."""
+        one, two = self._pair(a)
+        return self._on_axis(a, between(one.placement, on(before, two.placement)))
+
+    def others(self, a: int, still: Placement) -> Iterator[Placement]:
+        """Yield other poses of a member: the same frame, its axis turned onto A's, turned zeros, and what it shows alone [m]."""
+        one, _ = self._pair(a)
+        yield self._on_axis(a, Placement())
+        if one.kind in SCALARS:
+            straight = self._straight(a, still)
+            yield straight
+            yield from self._turned(a, straight)
+        yield from self.alone(a)
+
+    def _pair(self, a: int) -> tuple[Member, Member]:
+        return self.lengths.first.members[a], self.lengths.second.members[self.lengths.partner[a]]
+
+    def _on_axis(self, a: int, frame: Placement) -> Placement:
+        """The frame moved across B's axis until that leads through A's origin: only its direction is then A's to change."""
+        one, two = self._pair(a)
+        if one.kind not in HINGES:
+            return Placement(np.zeros(3), frame.rotation) if one.kind == "spherical" else frame
+        axis = frame.rotation @ two.axis
+        return Placement(float(frame.position @ axis) * axis, frame.rotation)
+
+    def _straight(self, a: int, frame: Placement) -> Placement:
+        """The frame turned by the least angle that brings B's axis onto A's, or onto its opposite."""
+        one, two = self._pair(a)
+        axis = frame.rotation @ two.axis
+        turn = _least_turn(axis, one.axis if one.axis @ axis >= 0.0 else -one.axis)
+        return self._on_axis(a, Placement(turn @ frame.position, turn @ frame.rotation))
+
+    def _turned(self, a: int, frame: Placement) -> Iterator[Placement]:
+        """Yield a frame whose axis is A's turned about it, and moved along it, until something that it shows agrees."""
+        one, _ = self._pair(a)
+        turns = [0.0, *(self._turns(a, frame) if one.kind in HINGES else ())]
+        for turn in turns:
+            there = on(Placement(rotation=turned(one.axis, turn)), frame)
+            yield there
+            for way in self._ways(a, there):
+                yield Placement(there.position + way * one.axis, there.rotation)
+
+    def _turns(self, a: int, frame: Placement) -> list[float]:
+        """Angles about A's axis by which something that both show agrees, or their limits do [rad]."""
+        one, two = self._pair(a)
+        found = [-offset for offset in _offsets(one, two, 1.0 if one.axis @ frame.rotation @ two.axis >= 0.0 else -1.0)]
+        found += self._angles(a, one.axis, frame, points=True)
+        return _unlike(found, 1e-9)[:TURNS]
+
+    def _angles(self, a: int, axis: Array, frame: Placement, points: bool) -> list[float]:
+        """Angles about an axis of A by which directions agree, and points where they count from the frame's origin [rad]."""
+        found = []
+        for ours, theirs in self._vectors(a, axis, frame, points):
+            turn = _turn_between(axis, theirs, ours)
+            if turn is not None:
+                found.append(turn)
+        for ours, theirs in self._lines(a):
+            turn = _turn_between(axis, frame.rotation @ theirs, ours)
+            if turn is not None:
+                found += [turn, turn + np.pi]
+        return found
+
+    def _vectors(self, a: int, axis: Array, frame: Placement, points: bool) -> Iterator[tuple[Array, Array]]:
+        """Yield vectors of A and B, B's in A's frame, whose directions count: places, what tensors make of the axis."""
+        content, size = self.lengths.content(a), self.lengths.size
+        for one, two in content.bodies:
+            if not one.mass or not two.mass:
+                continue
+            if points:
+                yield one.com / size, (frame.position + frame.rotation @ two.com) / size
+            largest = float(np.abs(one.tensor).max()) or 1.0
+            there = frame.rotation @ two.tensor @ frame.rotation.T
+            yield one.tensor @ axis / largest, there @ axis / largest
+        if points:
+            for kind, (at, along), (other, across) in content.hung:
+                theirs = on(frame, other)
+                if kind in HINGES:
+                    yield tuple(  # type: ignore[misc]
+                        _nearest(axis, pose.position, pose.rotation @ line) / size
+                        for pose, line in ((at, along), (theirs, across))
+                    )
+                elif kind != "prismatic":
+                    yield at.position / size, theirs.position / size
+
+    def _lines(self, a: int) -> Iterator[tuple[Array, Array]]:
+        """Yield directions of A and B that count in both ways: axes of joints, principal axes."""
+        content = self.lengths.content(a)
+        for kind, (at, along), (other, across) in content.hung:
+            if kind in SCALARS:
+                yield at.rotation @ along, other.rotation @ across
+        for one, two in content.bodies:
+            if one.mass and two.mass:
+                yield from _principal(one.tensor, two.tensor)
+
+    def _ways(self, a: int, frame: Placement) -> list[float]:
+        """Ways along A's axis by which a point of both agrees [m]."""
+        one, _ = self._pair(a)
+        found = [float(gap @ one.axis) for gap in self._gaps(a, frame, one.axis)]
+        return _unlike(found, 1e-9 * self.lengths.size)[:TURNS]
+
+    def _gaps(self, a: int, frame: Placement, axis: Array | None) -> Iterator[Array]:
+        """Yield the ways from B's points to A's: centres of mass, places on lines nearest to an axis, places of joints."""
+        content = self.lengths.content(a)
+        for one, two in content.bodies:
+            if one.mass and two.mass:
+                yield one.com - (frame.position + frame.rotation @ two.com)
+        for kind, (at, along), (other, across) in content.hung:
+            there = on(frame, other)
+            if kind in HINGES and axis is not None:
+                ours, theirs = at.rotation @ along, there.rotation @ across
+                if size_of(cross(axis, ours)) > SPREAD:
+                    yield _nearest(axis, at.position, ours) - _nearest(axis, there.position, theirs)
+            elif kind != "prismatic":
+                yield at.position - there.position
+
+    def alone(self, a: int) -> list[Placement]:
+        """Return poses by what a member shows alone, whatever carries it, the best first [m]."""
+        if a not in self.known:
+            tried: dict[float, Placement] = {}
+            for pose in self._registered(a):
+                there = self._on_axis(a, pose)
+                tried[self.lengths.of_content(a, there) + 1e-6 * len(tried)] = there
+            self.known[a] = [tried[key] for key in sorted(tried)[:INTRINSIC]]
+        return self.known[a]
+
+    def _registered(self, a: int) -> Iterator[Placement]:
+        one, two = self._pair(a)
+        own = [(one.axis, two.axis)]
+        primary = own if one.kind in SCALARS else [*self._lines(a), *self._arms(a)][:PRIMARY]
+        for ours, theirs in primary:
+            for sign in (1.0, -1.0):
+                base = Placement(rotation=_least_turn(theirs, sign * ours))
+                turns = [0.0, *self._angles(a, ours, base, points=one.kind in HINGES)]
+                for turn in _unlike(turns, 1e-9)[:TURNS]:
+                    there = Placement(rotation=turned(ours, turn) @ base.rotation)
+                    yield from self._placed(a, there)
+
+    def _arms(self, a: int) -> Iterator[tuple[Array, Array]]:
+        """Yield ways between two points of a rigid part, in A and in B [-]."""
+        points = [(one.com, two.com) for one, two in self.lengths.content(a).bodies if one.mass and two.mass]
+        points += [(ours[0].position, theirs[0].position) for _, ours, theirs in self.lengths.content(a).hung]
+        for ours, theirs in points[1:]:
+            arms = ours - points[0][0], theirs - points[0][1]
+            sizes = [size_of(arm) for arm in arms]
+            if min(sizes) > SPREAD * self.lengths.size:
+                yield arms[0] / sizes[0], arms[1] / sizes[1]
+
+    def _placed(self, a: int, frame: Placement) -> Iterator[Placement]:
+        """Yield a turned frame where points of both agree."""
+        one, _ = self._pair(a)
+        yield frame
+        if one.kind in HINGES:
+            for way in self._ways(a, frame):
+                yield Placement(way * one.axis, frame.rotation)
+        elif one.kind != "spherical":
+            for gap in self._gaps(a, frame, None):
+                yield Placement(frame.position + gap, frame.rotation)
+            yield from self._crossed(a, frame)
+
+    def _crossed(self, a: int, frame: Placement) -> Iterator[Placement]:
+        """Yield the frame moved so that the lines of all hinges agree best: sum of (1 - u u^T)(way - gap) least."""
+        matrix, right = np.zeros((3, 3)), np.zeros(3)
+        for kind, (at, along), (other, _) in self.lengths.content(a).hung:
+            if kind in HINGES:
+                axis = at.rotation @ along
+                across = np.eye(3) - np.outer(axis, axis)
+                matrix, right = matrix + across, right + across @ (at.position - on(frame, other).position)
+        if np.linalg.matrix_rank(matrix, tol=SPREAD) == 3:
+            yield Placement(frame.position + np.linalg.solve(matrix, right), frame.rotation)
+
+    def bases(self, roots: Iterable[int]) -> Iterator[Placement]:
+        """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
+        ours, theirs = self.lengths.first.gravity, self.lengths.second.gravity
+        if size_of(ours) and size_of(theirs):
+            yield Placement(rotation=_least_turn(theirs / size_of(theirs), ours / size_of(ours)))
+        for a in roots:
+            one, two = self._pair(a)
+            for pose in (self._on_axis(a, Placement()), *self.alone(a)):
+                back = on(pose, inverse(two.placement))
+                yield on(one.placement, back)
+                if one.kind not in SCALARS:
+                    continue
+                sign = 1.0 if one.axis @ pose.rotation @ two.axis >= 0.0 else -1.0
+                offsets = list(_offsets(one, two, sign))
+                if one.kind == "prismatic":
+                    for offset in offsets:
+                        yield on(on(one.placement, Placement(offset * one.axis)), back)
+                    continue
+                down = one.placement.rotation.T @ ours
+                turn = _turn_between(one.axis, back.rotation @ theirs, down) if ours.any() and theirs.any() else None
+                offsets += [] if turn is None else [turn]
+                for offset in offsets:
+                    yield on(on(one.placement, Placement(rotation=turned(one.axis, offset))), back)
+
+
+def _offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
+    """Yield A's coordinate at B's zero by which limits, or rests of springs, agree [rad]."""
+    ends = (two.limits.lower, two.limits.upper) if sign > 0 else (-two.limits.upper, -two.limits.lower)
+    for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
+        if np.isfinite(ours) and np.isfinite(theirs) and max(abs(ours), abs(theirs)) < 1e8:
+            yield ours - theirs
+    if one.stiffness and two.stiffness:
+        yield one.rest - sign * two.rest
+
+
+def _least_turn(start: Array, end: Array) -> Array:
+    """The rotation by the least angle from one unit vector to another."""
+    normal = cross(start, end)
+    sine = size_of(normal)
+    if sine < 1e-12:
+        if start @ end > 0.0:
+            return np.eye(3)
+        across = cross(start, np.eye(3)[int(np.argmin(np.abs(start)))])
+        return turned(across / size_of(across), np.pi)
+    return turned(normal / sine, float(np.arctan2(sine, start @ end)))
+
+
+def _turn_between(axis: Array, start: Array, end: Array) -> float | None:
+    """The angle [rad] about an axis from one vector to another; None where one of them lies along it."""
+    u, v = start - (start @ axis) * axis, end - (end @ axis) * axis
+    if min(size_of(u), size_of(v)) <= SEEN:
+        return None
+    return float(np.arctan2(axis @ cross(u, v), u @ v))
+
+
+def _nearest(axis: Array, point: Array, direction: Array) -> Array:
+    """The point of a line that is nearest to an axis through the origin; of a line along it the one that is given."""
+    across = direction - (direction @ axis) * axis
+    square = float(across @ across)
+    if square <= SPREAD**2:
+        return point
+    radial = point - (point @ axis) * axis
+    return np.asarray(point - (radial @ across) / square * direction)
+
+
+def _principal(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield the principal axes that both tensors show, those of moments that are no other's."""
+    (moments, axes), (_, others) = np.linalg.eigh(ours), np.linalg.eigh(theirs)
+    scale = float(moments[2]) or 1.0
+    for k in range(3):
+        gap = min(abs(float(moments[k] - moments[m])) for m in range(3) if m != k)
+        if gap > SPREAD * scale:
+            yield axes[:, k], others[:, k]
+
+
+def _unlike(numbers: Iterable[float], near: float) -> list[float]:
+    found: list[float] = []
+    for number in numbers:
+        if all(abs(number - other) > near for other in found):
+            found.append(number)
+    return found

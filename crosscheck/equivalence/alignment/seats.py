@@ -1,0 +1,82 @@
+"""Seats: how a member of B sits on the one of A that it is, and what of its joint's place is an offset of a zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crosscheck.equivalence.tree import SCALARS, Member
+from crosscheck.lifting.rigid import angle, angle_about, between, inverse, on, size_of, turned
+from flexinv.model.mechanism import Placement
+
+SEEN = 1e-6  # relative: what agrees better than that is the same for the choice of an alignment
+ROUGH = 1e-4  # [rad], relative: what printed digits leave open beside an offset of a zero
+SAME = 1e-9  # relative: what agrees better than that is no difference
+UNBOUND = 1e8  # [rad], [m]: a limit that large binds no machine
+APART = 0.1  # of a turn or way that its part about or along the axis leaves, below which that part is told as a zero
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """A member of A and the one of B that it is.
+
+    frame : B's frame in A's [m]; shift : pose of B's zero in A's joint frame, the identity where zeros agree [m]
+    sign : of B's coordinate in A's [-]; offset : A's coordinate where B's is zero [rad], [m]
+    rest : of ``shift`` what no offset explains [m]: a joint that stands elsewhere
+    """
+
+    first: int
+    second: int
+    frame: Placement
+    rest: Placement
+    sign: float = 1.0
+    offset: float = 0.0
+
+
+def joined(one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement) -> Aligned:
+    """Return the seat that follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
+    shift = on(between(one.placement, on(before, two.placement)), inverse(frame))
+    sign, offset, rest = _coordinate(one, two, frame, shift)
+    return Aligned(*numbers, frame, rest, sign, offset)
+
+
+def _coordinate(one: Member, two: Member, frame: Placement, shift: Placement) -> tuple[float, float, Placement]:
+    """Sign and offset of a scalar coordinate, and what of the shift they leave: A's q = sign B's q + offset.
+
+    shift = rest exp(a offset)  with B's axis a; where the rest is more than a small part of it, all of it is one difference.
+    """
+    if one.kind not in SCALARS:
+        return 1.0, 0.0, shift
+    axis = frame.rotation @ two.axis
+    sign = 1.0 if one.axis @ axis >= -SEEN else -1.0  # across each other, neither is the other one turned
+    axis = sign * axis
+    if one.kind == "prismatic":
+        offset = float(axis @ shift.rotation.T @ shift.position)
+        rest = on(shift, Placement(-offset * axis))
+        left = size_of(rest.position)
+    else:
+        offset = angle_about(shift.rotation, axis)
+        way = one.pitch * offset / (2 * np.pi) * axis if one.kind == "helical" else np.zeros(3)
+        rest = on(shift, inverse(Placement(way, turned(axis, offset))))
+        left = angle(rest.rotation)
+        offset = _by_turns(one, two, sign, offset)
+    return (sign, offset, rest) if left <= max(ROUGH, APART * abs(offset)) else (sign, 0.0, shift)
+
+
+def _by_turns(one: Member, two: Member, sign: float, offset: float) -> float:
+    """The offset [rad] with as many whole turns as limits, or rests of springs, say: no frame shows them."""
+    if one.kind != "revolute":
+        return offset
+    told = []
+    if one.stiffness and two.stiffness:
+        told.append(one.rest - sign * two.rest)
+    low, high = (two.limits.lower, two.limits.upper) if sign > 0.0 else (-two.limits.upper, -two.limits.lower)
+    ends = (one.limits.lower, low), (one.limits.upper, high)
+    told += [a - b for a, b in ends if max(abs(a), abs(b)) < UNBOUND]
+    turns = {round((way - offset) / (2 * np.pi)) for way in told}
+    # Only where it is whole turns that they say: other limits are other limits.
+    whole = len(turns) == 1 and all(
+        abs((way - offset) / (2 * np.pi) - round((way - offset) / (2 * np.pi))) <= ROUGH for way in told
+    )
+    return offset + 2 * np.pi * turns.pop() if whole else offset

@@ -1,0 +1,125 @@
+"""Children of two members in one frame: which joint of the second stands where one of the first does.
+
+Frames of links, zeros of joints and the place of the base are conventions, so where a joint stands on its carrier is known only
+once the carriers' frames are.  Tried are the poses that their bodies suggest, and those in which one of the joints is another
+one (`poses`); the one is taken in which all joints together are nearest to others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # its parts are loaded when they are asked for
+
+from crosscheck.equivalence.alignment.lengths import Lengths
+from crosscheck.equivalence.alignment.poses import Poses
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
+from crosscheck.equivalence.tree import SCALARS, Tree, merged
+from crosscheck.lifting.rigid import cross, on, size_of
+from flexinv.model.mechanism import Array, Placement
+
+FAR = 2.0  # cost of a joint that stands nowhere near
+NEAR = 1e-6  # cost below which a pose is taken without another look
+
+
+def still(tree: Tree) -> tuple[Tree, dict[int, int]]:
+    """Return a tree whose fixed links are merged, and new numbers by old ones [-]."""
+    return merged(tree, [k for k, member in enumerate(tree.members) if member.kind == "fixed"])
+
+
+@dataclass(frozen=True)
+class LaidOn:
+    """Two trees without fixed links, their costs, and the numbers that members have there by those that they had."""
+
+    plain: Costs
+    first: Mapping[int, int]
+    second: Mapping[int, int]
+
+    @classmethod
+    def of(cls, first: Tree, second: Tree) -> LaidOn:
+        """Return two trees that are laid on one another [-]."""
+        (one, ours), (two, theirs) = still(first), still(second)
+        return cls(Costs(one, two), ours, theirs)
+
+    def costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
+        """Return the costs [-] of joints of two members, (ours, theirs): what they show, and where they stand.
+
+        before : the moving members that carry them, -1 the world
+        """
+        above = self.first.get(before[0], -1), self.second.get(before[1], -1)
+        mine, yours = [self.first[k] for k in ours], [self.second[k] for k in theirs]
+        shown = np.array([[subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
+        return shown + self._apart(above, mine, yours, shown) if shown.size > 1 else shown
+
+    def _apart(self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array) -> Array:
+        """Costs of joints by where they stand on carriers that are laid on one another."""
+        best = np.full(shown.shape, FAR)
+        least = np.inf, np.inf
+        for frame in self._frames(*above, ours, theirs):
+            found = np.array([[self._gap(k, m, frame) for m in theirs] for k in ours])
+            rows, columns = scipy.optimize.linear_sum_assignment(found + shown)
+            total = float((found + shown)[rows, columns].sum())
+            if total > least[0] + NEAR:
+                continue
+            chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True)]
+            rest = sum(self._told(k, m, frame) for k, m in chosen)
+            if total < least[0] - NEAR or rest < least[1] - NEAR:
+                best, least = found, (total, rest)
+            if rest <= NEAR and float(found[rows, columns].sum()) <= NEAR:
+                break
+        return best
+
+    def _told(self, k: int, m: int, frame: Placement) -> float:
+        """The length of what has to be told of a joint and its body in a pose of its carrier: between poses that are as near."""
+        lengths = Lengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
+        poses = Poses(lengths)
+        still = poses.still(k, frame)
+        if self.plain.first.members[k].kind != self.plain.second.members[m].kind:
+            return 0.0
+        tried = [still, *poses.others(k, still)]
+        frames = [lengths.of_joint(k, frame, pose) + lengths.of_content(k, pose) for pose in tried]
+        return max(0.0, min(frames) - lengths.nothing)
+
+    def _frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
+        one, two, size = self.plain.first, self.plain.second, self.plain.size
+        yield Placement()
+        trials = [(k, m) for k in ours for m in theirs if one.members[k].kind == two.members[m].kind]
+        if a < 0:
+            for k, m in trials:
+                yield from Poses(Lengths(one, two, {k: m}, size)).bases([k])
+            return
+        yield from Poses(Lengths(one, two, {a: b}, size)).alone(a)
+        for k, m in trials:
+            yield from Poses(Lengths(one, two, {a: b, k: m}, size)).alone(a)
+
+    def _gap(self, k: int, m: int, frame: Placement) -> float:
+        """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
+        ours, theirs, size = self.plain.first.members[k], self.plain.second.members[m], self.plain.size
+        there = on(frame, theirs.placement)
+        gap = there.position - ours.placement.position
+        if ours.kind not in SCALARS:
+            return min(size_of(gap) / size, FAR)
+        along, other = ours.placement.rotation @ ours.axis, there.rotation @ theirs.axis
+        total = size_of(cross(along, other))
+        if ours.kind != "prismatic":
+            # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
+            way = gap + there.rotation @ theirs.com - ours.placement.rotation @ ours.com
+            total += size_of(cross(along, gap)) / size
+            total += abs(float(along @ way)) / size if ours.mass and theirs.mass else 0.0
+        return min(total, FAR)
+
+
+def subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float:
+    """Return the cost [-] of what two members and all that they carry show; before : the moving pair before, -1 the world."""
+    own = costs.shown(before, a, b)
+    if own >= IMPOSSIBLE:
+        return IMPOSSIBLE
+    ours, theirs = costs.first.carried(a), costs.second.carried(b)
+    lonely = abs(len(ours) - len(theirs))
+    if not ours or not theirs:
+        return own + lonely
+    table = np.array([[subtree_cost(costs, (a, b), k, m) for m in theirs] for k in ours])
+    rows, columns = scipy.optimize.linear_sum_assignment(table)
+    return own + lonely + float(np.minimum(table[rows, columns], 2.0).sum())

@@ -1,0 +1,73 @@
+"""One robot told twice is the same machine, and a fault beside is named alone: a share of `campaigns/same_robot.py`."""
+
+from __future__ import annotations
+
+import re
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("mujoco")
+from machines import machine
+from retelling import base_moved, move_frames, told_first
+from same_robot import faults, outcomes
+
+from crosscheck.engines.mujoco.export import text_of
+from crosscheck.engines.shared.urdf_text import urdf
+from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.result import REPAIRED
+from flexinv.model.mechanism import Placement
+
+# Every kind of change is in one of them, held and floating robots, and trees of all kinds of joint in all formats.
+PAIRS = (0, 2, 5, 9, 14, 33, 35, 37, 43, 47, 51, 53, 55, 57)
+
+
+@pytest.mark.parametrize("number", PAIRS)
+def test_one_robot_told_twice_is_the_same_machine(number: int) -> None:
+    for one in outcomes([number]):
+        assert one.found is not None, one.words
+        assert one.named == []
+        assert one.same
+
+
+def test_a_fault_on_top_is_named_alone() -> None:
+    for one in islice(faults(6), 6):
+        assert one.told, one.pair.fault
+        assert one.false == []
+
+
+def ur5(folder: Path, quarters: int, digits: int | None = None) -> tuple[Path, Path]:
+    """A UR5 as a URDF, and as an MJCF with its base turned by quarters about the vertical and other frames of links.
+
+    digits : of the numbers of the MJCF, as in files that were written by hand
+    """
+    first = told_first(machine("ur_description/urdf/ur5_robot.urdf"))
+    turn = Rotation.from_rotvec([0.0, 0.0, np.pi / 2 * quarters]).as_matrix()
+    second = move_frames(base_moved(first, Placement(rotation=turn)), np.random.default_rng(5))
+    (folder / "a.urdf").write_text(urdf(first.mechanism))
+    text = text_of(second.mechanism)[1]
+    if digits is not None:
+        text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda found: f"{float(found[0]):.{digits}f}", text)
+    (folder / "b.xml").write_text(text)
+    return folder / "a.urdf", folder / "b.xml"
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_a_turned_base_and_other_frames_are_the_same_machine(quarters: int, tmp_path: Path) -> None:
+    """A link of a UR5 that is round about its joint decides nothing: nothing differs but where the base is turned to."""
+    found = compare(*ur5(tmp_path, quarters))
+    assert [(d.family, d.cause) for d in found.differences] == [("convention", "pose of base")] * bool(quarters)
+    assert found.judged.before <= REPAIRED
+    assert compare(tmp_path / "a.urdf", tmp_path / "b.xml", judge=["rigid", "drive", "limits"]).judged.causes == ()
+
+
+def test_rounded_numbers_turn_no_sign_and_no_zero(tmp_path: Path) -> None:
+    """Numbers of four digits: nowhere is it shorter to tell a turned joint than to tell what was rounded."""
+    found = compare(*ur5(tmp_path, 0, digits=4))
+    told = [*found.judged.causes, *found.judged.conventions]
+    assert not [d.words for d in told if d.cause in ("sign of coordinate", "zero of coordinate") and d.size > 1e-3]
+    assert not [d.words for d in told if d.unit in ("rad", "m") and d.size > 1e-3]
