@@ -24,7 +24,7 @@ def refines(adapter: Adapter) -> bool:
 
 
 def of_package(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
-    """Return what a package gives: with bars of three runs that it is asked for [units of its series], or with those it states.
+    """Return the record of a package, with bars of three runs that it is asked for [units of its series], or those it states.
 
     options : "error" False asks for no bars; raises what the adapter raises
     """
@@ -43,7 +43,7 @@ def of_package(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str, 
 
 
 def of_door(record: Record) -> Record:
-    """Return what came through a door of ours: a bar that the door has not made itself is one that the engine states."""
+    """Return the record of a door of ours: a bar that the door has not made itself is one that the engine states."""
     ours = {name: line for name, line in record.budget.items() if is_checked(record.budget, name)}
     told = stated(record)
     series = {name: record.series[name] if name in ours else one for name, one in told.series.items()}

@@ -138,7 +138,7 @@ def stated(record: Record) -> Record:
 
 def _stated(one: Series) -> dict[str, Any]:
     """Return the line of a series whose engine states its bar; numbers that are none are refused with the record."""
-    bar, peak = (float(np.nan_to_num(np.abs(part)).max(initial=0.0)) for part in (one.error, one.values))
+    bar, peak = (float(np.nan_to_num(np.abs(part)).max(initial=0.0)) for part in (np.asarray(one.error), one.values))
     how = {STATED: "no refinement that was asked for shows it"}
     return {"bar": bar, "peak": peak, "peak_bar": bar, "order": {}, "how": how}
 
@@ -175,8 +175,8 @@ def with_bars(
     return made, budget
 
 
-def _refined(one: Series, families: Sequence[Estimate]) -> dict[str, Array]:
-    """Return what the runs of all families tend to and the half-width of its bar (samples,) [unit], {} where they do not say."""
+def _refined(one: Series, families: Sequence[Estimate]) -> dict[str, Any]:
+    """Return the limit of the runs of all families and the half-width of its bar (samples,) [unit], {} where they show none."""
     steps = [family.tends_to - one.values for family in families if family.tends_to is not None]
     left = [family.left for family in families if family.left is not None]
     if len(steps) < len(families) or len(left) < len(families):

@@ -211,8 +211,8 @@ def _check_series(record: Record, one: Series) -> None:
                 f"{LARGEST:g}: the computation has run away"
             )
     for what, values in bars:
-        below = np.flatnonzero(values < 0.0) if values is not None else ()
-        if len(below):
+        if values is not None and (values < 0.0).any():
+            below = np.flatnonzero(values < 0.0)
             raise RecordError(
                 f"{one.name}: {len(below)} {what} are negative, the first at t = {record.time[below[0]]:.6g} s"
             )

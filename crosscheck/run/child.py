@@ -76,7 +76,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
 
 
 def _answer(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: Case) -> Record:
-    """Return what an adapter gives; bars of an engine from outside that nobody asked for are marked as such."""
+    """Return the record of an adapter; bars of an engine from outside that nobody asked for are marked as such."""
     name, options = job["engine"], job["options"]
     if "settings" in job or (name in ENGINES and ENGINES[name].module == job["module"]):
         return of_door(adapter.run(mechanism, case, name, options))

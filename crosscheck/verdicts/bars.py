@@ -48,7 +48,7 @@ def error_bar(ours: Record, theirs: Record, name: str) -> float | None:
 
 @dataclass(frozen=True)
 class Reference:
-    """What a comparison is made with, by series: values (samples,) and largest checked bar [unit].
+    """The reference of a comparison, by series: values (samples,) and largest checked bar [unit].
 
     refined : they are what refinements tend to
     """
@@ -181,7 +181,7 @@ def bars_of(
 
 
 def _staying(ours: Record, reference: Reference, name: str, allowed: float) -> float | None:
-    """Return how far what an engine's runs tend to is from the reference [unit], None where bars or what is allowed cover it."""
+    """Return the distance of the limit of an engine's runs from the reference [unit], None where bars or its limit cover it."""
     one = ours.series[name]
     if one.refined is None or one.left is None:
         return None

@@ -158,8 +158,9 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
         series=worst,
         time=float(pair.reference.time[at]),
         **_bars(pair, worst, taken),
+        refined=taken.refined,
         unordered=unordered(pair.engine, pair.reference, worst),
-        **sprague_geers(ours[worst].values, taken.values[worst]),
+        **_metrics(ours[worst].values, taken.values[worst]),
     )
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
@@ -172,7 +173,12 @@ def _bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
     ours, theirs = checked_bar(pair.engine, name), taken.bars[name]
     both = None if ours is None or theirs is None else ours + theirs
     sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": stated_bar(pair.engine, name)}
-    return {"error_bar": both, **sides, "refined": taken.refined}
+    return {"error_bar": both, **sides}
+
+
+def _metrics(ours: Array, theirs: Array) -> dict[str, Any]:
+    """Return Sprague and Geers' errors of two signals (samples,) [unit], by the names of a comparison's fields [-]."""
+    return {**sprague_geers(ours, theirs)}
 
 
 def _limit(pair: Pair, quantity: str) -> Limit | None:

@@ -45,7 +45,7 @@ class Finer:
 
     @property
     def longer(self) -> float:
-        """Return how many times as long a run takes, roughly [-]."""
+        """Return the factor by which a run takes longer, roughly [-]."""
         return LONGER["step"] ** self.step * LONGER["mesh"] ** self.mesh
 
 
