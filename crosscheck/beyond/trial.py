@@ -26,8 +26,9 @@ from crosscheck.run.child import run_case
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.questions import questions
 from crosscheck.run.result_rows import compare_all, run_row
+from crosscheck.verdicts.bars import checked_bar
 from crosscheck.verdicts.certificates import by_certificate, certificates
-from crosscheck.verdicts.compare import Comparison, error_bar, fraction, group, scale_of
+from crosscheck.verdicts.compare import Comparison, fraction, group, scale_of
 from crosscheck.verdicts.plan import Plan, Task, case_row, discover
 from crosscheck.verdicts.repeatability import by_repetition, doubtful
 from crosscheck.verdicts.results import Results
@@ -236,7 +237,7 @@ def size_of(
                 change = _over(harmed, unharmed, n, scale)
                 distance = _over(unharmed, reference, n, scale)
                 owners = (unharmed, harmed) if fault.bars else (unharmed,)
-                bars = [error_bar(one.series[n], reference.series[n]) or 0.0 for one in owners]
+                bars = [sum(checked_bar(side, n) or 0.0 for side in (one, reference)) for one in owners]
                 bar = max(limit.maximum, fraction(max(bars), scale))
                 most = max(most, change / bar)
                 seen |= change - distance > bar

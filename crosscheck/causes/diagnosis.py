@@ -23,6 +23,7 @@ from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, load
+from crosscheck.verdicts.bars import checked_bar
 from flexinv.files.load_cases import load_cases
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
@@ -98,12 +99,11 @@ def named(folder: str, case: str, ours: str, theirs: str, columns: Columns | Non
 
 
 def noise_of(model: Model, *records: Record) -> Array:
-    """Return the error bars of the records added up, per coordinate the largest, over the range, (samples nv,) [-]."""
+    """Return the checked error bars of the records added up, per coordinate the largest, over the range, (samples nv,) [-]."""
     total = np.zeros(model.torque.shape)
     for record in records:
         for k, coordinate in enumerate(model.base.mechanism.velocity_names):
-            bars = record.series[f"torque/{coordinate}"].error
-            total[:, k] += 0.0 if bars is None else float(bars.max())
+            total[:, k] += checked_bar(record, f"torque/{coordinate}") or 0.0
     return np.maximum(model.weighted(total), ROUNDING)
 
 

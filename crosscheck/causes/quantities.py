@@ -17,7 +17,8 @@ from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array
 from crosscheck.measures.limits import find
 from crosscheck.measures.record import Record, Series
-from crosscheck.verdicts.compare import COMPARED, error_bar, group, scale_of, signal_range
+from crosscheck.verdicts.bars import checked_bar
+from crosscheck.verdicts.compare import COMPARED, group, scale_of, signal_range
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9
@@ -146,8 +147,8 @@ def quantities(model: Model, engine: Record, reference: Record) -> Quantities:
             scale = scale_of(reference, quantity, [reference.series[n].values for n in names])
             stated = 0.0 if limit is None else limit.maximum * scale
             for name in (n for n in names if n in engine.series):
-                bar = error_bar(engine.series[name], reference.series[name])
-                known = max(bar or 0.0, stated, ROUNDING * scale if rigid else 0.0)
+                bar = sum(checked_bar(one, name) or 0.0 for one in (engine, reference))
+                known = max(bar, stated, ROUNDING * scale if rigid else 0.0)
                 if known or scale == 0.0:
                     agreed[name] = known
     return Quantities(model, engine.series, reference.series, agreed)

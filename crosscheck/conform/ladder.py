@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from crosscheck.measures.limits import Verdict, worst
+from crosscheck.measures.limits import BY_DISCRETISATION, Verdict, worst
 from crosscheck.report.words import short
 from crosscheck.run.run_state import INTERRUPTED
+from crosscheck.verdicts.compare import Comparison, fraction
 from crosscheck.verdicts.results import Results, StudyRow, fails
 
 VERSION = "crosscheck-ladder/1"
@@ -30,6 +31,9 @@ RUNGS = {
     "beam_in_space": "beam that moves in space",
     "damped_beam": "beam with damping",
 }
+# Of the limit of a rung: the widest error bars, of both engines together, that may explain a difference there.  A program that is
+# ten times as coarse as what is asked for has not shown the rest.
+WIDEST = 10.0
 UNFINISHED = "not finished: the run was interrupted"
 SAID = {"within": "holds", "explained": "holds within its error bars", "skipped": "not climbed"}
 COLUMNS = (
@@ -88,13 +92,42 @@ def _rung(results: Results, name: str, engine: str) -> Rung:
     if not runs or any(run.verdict == "error" for run in runs):
         said = "; ".join(run.message for run in runs if run.message) or "it did not run"
         return Rung(name, engine, "error", said)
+    rows = [_narrow(row) for row in rows]
     verdict = worst(row.verdict for row in rows)
     message = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
     words = SAID.get(verdict, "does not hold")
     why = [d.words for d in results.diagnoses if (d.mechanism, d.engine) == (name, engine) and d.words]
-    told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why]))]))
+    told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why, _bars(rows)]))]))
     shares = [row.fraction for row in rows if row.fraction is not None]
     return Rung(name, engine, verdict, told, max(shares, default=None), sum(run.wall_time for run in runs))
+
+
+def _narrow(row: Comparison) -> Comparison:
+    """Return a comparison, one that wider error bars explain than a rung admits as a deviation."""
+    bar, limit = row.error_bar, row.limit
+    if row.verdict != "explained" or bar is None or limit is None or fraction(bar, row.scale or 0.0) <= WIDEST * limit:
+        return row
+    words = f"wider than the {short(WIDEST * limit)} that this rung admits: refine"
+    return replace(row, verdict="deviation", message=f"{row.message.removeprefix(BY_DISCRETISATION)}, {words}")
+
+
+def _bars(rows: Sequence[Comparison]) -> str:
+    """Return the widest error bars of a rung over the range, in words; "" where nothing was compared."""
+    found = [row for row in rows if row.maximum is not None]
+    if not found:
+        return ""
+    parts = [
+        f"{name} {_widest([(row.engine_bar if ours else row.reference_bar, row.scale) for row in found])}"
+        for name, ours in ((found[0].engine, True), (found[0].reference, False))
+    ]
+    stated = [(row.stated_bar, row.scale) for row in found if row.stated_bar is not None]
+    told = f" (states {_widest(stated)} by itself, unchecked)" if stated else ""
+    return f"error bars: {parts[0]}{told}, {parts[1]} of the range"
+
+
+def _widest(bars: Sequence[tuple[float | None, float | None]]) -> str:
+    shares = [fraction(bar, scale or 0.0) for bar, scale in bars if bar is not None]
+    return short(max(shares)) if shares else "none"
 
 
 def _cut_short(results: Results, name: str, engines: set[str]) -> bool:

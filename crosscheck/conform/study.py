@@ -22,7 +22,7 @@ LONGEST = 600.0  # [s] of one engine on one rung: the slowest takes ten seconds,
 UNASKED = (REFERENCE, "measured")
 TEXT = f"""What `crosscheck conform ENGINE` says, of every engine ({ladder.VERSION}): {len(ladder.RUNGS)} small mechanisms,
 each harder than the one before, and what an engine's own model says of itself over all of them. An engine is judged on what it
-climbs; what it cannot do is no fault, and a rung that does not hold is explained where an engine of the project states why.
+climbs; what it cannot do is no fault, and where an engine of the project states why a rung does not hold nothing is claimed.
 Difference: the largest of all rungs that hold, over the range of the signal."""
 COLUMNS = (
     ("engine", "engine", ""),
@@ -67,7 +67,7 @@ def tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
         (_plain(rung.name), name): _verdict(results, rung) for name in climbed for rung in ladder.rungs(results, name)
     }
     judged = [{**row, "verdict": verdicts[row["rung"], row["engine"]]} for row in every.rows]
-    said = [row for row in judged if row["verdict"] != "skipped"]
+    said = [row for row, rung in zip(judged, every.rows, strict=True) if rung["verdict"] != "skipped"]
     table = {"title": "Each rung that was climbed", "columns": list(every.columns), "rows": said}
     return {"text": text, "columns": COLUMNS, "rows": rows, "tables": [table]}
 
@@ -93,10 +93,10 @@ def summaries(results: Results, engines: tuple[str, ...]) -> Iterator[dict[str, 
 
 
 def _verdict(results: Results, rung: ladder.Rung) -> Verdict:
-    """The verdict of a rung; as in cases without a limit, what one of our engines says of its method explains a difference."""
+    """The verdict of a rung; as in cases without a limit, nothing is claimed where our engine says why it differs."""
     known = rung.engine in ENGINES and ENGINES[rung.engine].native
     said = any(run.message for run in results.runs if (run.mechanism, run.engine) == (rung.name, rung.engine))
-    return "explained" if rung.verdict == "deviation" and known and said else rung.verdict
+    return "skipped" if rung.verdict == "deviation" and known and said else rung.verdict
 
 
 def _plain(rung: str) -> str:

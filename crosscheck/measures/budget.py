@@ -9,6 +9,9 @@ largest difference is shown, but it is no bar that explains anything (`no_order`
 
 An observed order above 2 is no promise: time integrations are of second order, and a mesh error that falls faster covers that
 only while it is the larger one.  A bar therefore takes no higher order than `FORMAL`, whatever was observed.
+
+Three runs say more than the bar of one of them: what they tend to, with a shorter bar of its own (`Estimate.left`).  A reference
+is compared by that where its own bar is too wide, and an engine is held against it: a mistake stays when runs are refined.
 Source: P. J. Roache, "Verification and Validation in Computational Science and Engineering", chapter 5, 1998.
 """
 
@@ -21,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.measures.record import Series
+from crosscheck.measures.record import Record, Series
 from flexinv.analysis.extrapolation import largest_nearby
 
 Array = NDArray[np.float64]
@@ -36,15 +39,25 @@ ROUNDING = 1e-12
 UNORDERED = "no order: the runs come no closer to each other"
 TWO, TWO_EXTRAPOLATED = "difference of two runs", "what the extrapolation changes"
 NO_ORDER = (UNORDERED, TWO, TWO_EXTRAPOLATED)
+# Of what extrapolation adds to the finest run, the part that it may be wrong by, whatever the change from extrapolation to
+# extrapolation says: an order that three runs fit exactly (a single number, say) leaves no change.
+DOUBT = 0.25
+# An engine from outside says these bars itself: nobody asked for the runs behind them.
+STATED = "stated by the engine itself"
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Half-width of an error bar (samples,) [unit], the observed order [-] (None: not observable), and how it was made."""
+    """Half-width of an error bar (samples,) [unit], the observed order [-] (None: not observable), and how it was made.
+
+    tends_to, left : what the runs tend to, and the half-width of its own bar, (samples,) [unit]; None where they do not say
+    """
 
     bar: Array
     order: float | None
     how: str
+    tends_to: Array | None = None
+    left: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -72,15 +85,20 @@ def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
     first, second = levels[-2] - levels[-3], levels[-1] - levels[-2]
     size = max(_rms(one) for one in levels)
     if max(_rms(first), _rms(second)) <= ROUNDING * size:
-        return Estimate(largest_nearby(spread), None, "rounding")
+        return Estimate(largest_nearby(spread), None, "rounding", reported, largest_nearby(spread))
     ratio = _rms(second) / _rms(first) if _rms(first) > 0.0 else np.inf
     if ratio > 2.0**-SLOWEST:
         return Estimate(largest_nearby(spread), None, UNORDERED)
     if ratio == 0.0 or float(first @ second) <= 0.0:
-        return Estimate(largest_nearby(spread), None, "largest difference")
+        rest = np.abs(second) * ratio / (1.0 - ratio)  # all differences to come, of a series that shrinks so
+        return Estimate(largest_nearby(spread), None, "largest difference", levels[-1], largest_nearby(rest))
     trusted = max(ratio, 2.0**-FORMAL)
-    limit = levels[-1] + second * trusted / (1.0 - trusted)
-    return Estimate(largest_nearby(np.abs(reported - limit)), float(-np.log2(ratio)), "Richardson")
+    before, limit = (
+        one + step * trusted / (1.0 - trusted) for one, step in ((levels[-2], first), (levels[-1], second))
+    )
+    left = np.maximum(np.abs(limit - before), DOUBT * np.abs(limit - levels[-1]))
+    bar = largest_nearby(np.abs(reported - limit))
+    return Estimate(bar, float(-np.log2(ratio)), "Richardson", limit, largest_nearby(left))
 
 
 def extrapolated(levels: Sequence[Array]) -> Estimate:
@@ -94,8 +112,11 @@ def extrapolated(levels: Sequence[Array]) -> Estimate:
     inner = estimate(levels)
     # Where the runs do not converge, extrapolating them is no better than the runs: the largest difference.
     others = levels if inner.how in ("largest difference", UNORDERED) else [before]
-    bar = np.max([np.abs(limit - one) for one in others], axis=0)
-    return Estimate(largest_nearby(bar), inner.order, inner.how if len(levels) > 2 else TWO_EXTRAPOLATED)
+    bar = largest_nearby(np.max([np.abs(limit - one) for one in others], axis=0))
+    if len(levels) < 3:
+        return Estimate(bar, None, TWO_EXTRAPOLATED)
+    known = inner.tends_to is not None
+    return Estimate(bar, inner.order, inner.how, limit if known else None, bar if known else None)
 
 
 def no_order(line: Mapping[str, Any]) -> bool:
@@ -103,13 +124,36 @@ def no_order(line: Mapping[str, Any]) -> bool:
     return any(how in NO_ORDER for how in line.get("how", {}).values())
 
 
+def is_checked(budget: Mapping[str, Mapping[str, Any]], name: str) -> bool:
+    """Return True if the bar of a series comes from runs that this project asked for; one that an engine states does not."""
+    return name in budget and STATED not in budget[name].get("how", {})
+
+
+def stated(record: Record) -> Record:
+    """Return the record of an engine from outside that made its bars by itself: they are shown, and count for nothing."""
+    budget = {name: _stated(one) for name, one in record.series.items() if one.error is not None}
+    plain = {name: replace(one, refined=None, left=None) for name, one in record.series.items()}
+    return replace(record, series=plain, budget=budget)
+
+
+def _stated(one: Series) -> dict[str, Any]:
+    """Return the line of a series whose engine states its bar; numbers that are none are refused with the record."""
+    bar, peak = (float(np.nan_to_num(np.abs(part)).max(initial=0.0)) for part in (np.asarray(one.error), one.values))
+    how = {STATED: "no refinement that was asked for shows it"}
+    return {"bar": bar, "peak": peak, "peak_bar": bar, "order": {}, "how": how}
+
+
 def with_bars(
     values: Mapping[str, Series], families: Sequence[Family]
 ) -> tuple[dict[str, Series], dict[str, dict[str, Any]]]:
     """Return the series with error bars [unit of each], and one line of budget per series; families add up.
 
+    Where all families say what their runs tend to, the series says it, too: errors of families are added, and what they change
+    together is of the size of their product over the largest value.
+
     A line is {"bar": largest half-width, "peak": largest magnitude, "peak_bar": its own bar from the peaks of the runs,
-    "order": {family: observed order or None}, "how": {family: words}}.
+    "order": {family: observed order or None}, "how": {family: words}, "bars": {family: largest half-width},
+    "left": {family: largest half-width of what its runs tend to}}.
     """
     made, budget = dict(values), {}
     for name, one in values.items():
@@ -118,15 +162,29 @@ def with_bars(
         if not known or len(known) < len(families):  # a bar that leaves out a cause of error would be too short
             continue
         bar = np.sum([series.bar for series, _ in known.values()], axis=0)
-        made[name] = replace(one, error=bar)
+        made[name] = replace(one, error=bar, **_refined(one, [series for series, _ in known.values()]))
         budget[name] = {
             "bar": float(bar.max()),
             "peak": float(np.abs(one.values).max()),
             "peak_bar": float(sum(peak.bar[0] for _, peak in known.values())),
             "order": {k: series.order for k, (series, _) in known.items()},
             "how": {k: series.how for k, (series, _) in known.items()},
+            "bars": {k: float(series.bar.max()) for k, (series, _) in known.items()},
+            "left": {k: float(series.left.max()) for k, (series, _) in known.items() if series.left is not None},
         }
     return made, budget
+
+
+def _refined(one: Series, families: Sequence[Estimate]) -> dict[str, Any]:
+    """Return the limit of the runs of all families and the half-width of its bar (samples,) [unit], {} where they show none."""
+    steps = [family.tends_to - one.values for family in families if family.tends_to is not None]
+    left = [family.left for family in families if family.left is not None]
+    if len(steps) < len(families) or len(left) < len(families):
+        return {}
+    size = float(np.abs(one.values).max())
+    largest = [float(np.abs(step).max()) for step in steps]
+    mixed = float(np.prod(largest)) / size ** (len(steps) - 1) if len(steps) > 1 and size > 0.0 else 0.0
+    return {"refined": one.values + np.sum(steps, axis=0), "left": np.sum(left, axis=0) + mixed}
 
 
 def _of_family(family: Family, name: str) -> tuple[Estimate, Estimate] | None:

@@ -20,6 +20,7 @@ REFERENCE = "flexinv"
 # tenth is what an untrained eye sees in a plot of both).
 WIDEST_BAR = 0.1
 BY_DISCRETISATION = "by discretisation: "
+UNCLAIMED = "not judged: no limit is stated, and the engine itself says why"
 
 
 def references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
@@ -50,11 +51,11 @@ def expired(limit: Limit, today: datetime.date) -> bool:
 def by_limit(fraction: float, limit: Limit | None, today: datetime.date, cause: str = "") -> tuple[Verdict, str]:
     """Return verdict and message of an error.
 
-    fraction : largest error over the range of the signal [-]; cause : why this engine's own result is known to differ:
-        without a limit the difference is then shown and explained instead of judged
+    fraction : largest error over the range of the signal [-]; cause : why this engine's own result is known to differ: without
+        a limit the difference is then shown, and nothing is claimed of it
     """
     if limit is None and cause:
-        return "explained", f"{fraction:.3g} of the range: {cause}"
+        return "skipped", f"{UNCLAIMED}: {fraction:.3g} of the range: {cause}"
     if limit is None:
         return "unjudged", "no limit is stated for this quantity and engine: crosscheck verify proposes one"
     if expired(limit, today):
@@ -62,22 +63,6 @@ def by_limit(fraction: float, limit: Limit | None, today: datetime.date, cause: 
     if fraction <= limit.maximum:
         return "within", ""
     return "deviation", f"{fraction:.3g} of the range, the limit is {limit.maximum:.3g}"
-
-
-def by_bars(fraction: float, bars: float, message: str, unordered: str = "") -> tuple[Verdict, str]:
-    """Return verdict and message of an error beyond its limit that both engines' error bars cover.
-
-    fraction, bars : largest error and the error bars added up, over the range of the signal [-]
-    unordered : engines whose runs come no closer to each other as they are refined: their spread explains nothing
-    """
-    if unordered:
-        return "deviation", (
-            f"{message}; the error bars add up to {bars:.3g}, but explain nothing: refined, the runs of {unordered} come "
-            "no closer to each other"
-        )
-    if bars > WIDEST_BAR:
-        return "deviation", f"{message}; the error bars add up to {bars:.3g}, which is too wide to explain it: refine"
-    return "explained", f"{BY_DISCRETISATION}{message}, and the error bars add up to {bars:.3g}"
 
 
 def unused(limits: Iterable[Limit], used: Iterable[Limit]) -> list[Limit]:

@@ -46,12 +46,15 @@ class Series:
     unit : of the values, "N m"
     values : (samples,) [unit]
     error : (samples,) [unit], half-width of the engine's own error bar, or None where it has none
+    refined, left : (samples,) [unit], what refinements tend to and the half-width of its bar, None where they do not say
     """
 
     name: str
     unit: str
     values: Array
     error: Array | None = None
+    refined: Array | None = None
+    left: Array | None = None
 
     @property
     def quantity(self) -> str:
@@ -187,9 +190,12 @@ def check(record: Record, time: Array) -> None:
 
 
 def _check_series(record: Record, one: Series) -> None:
-    for what, values in (("values", one.values), ("error bars", one.error)):
+    bars = ("error bars", one.error), ("error bars of what refinements tend to", one.left)
+    for what, values in (("values", one.values), *bars, ("values that refinements tend to", one.refined)):
         if values is None:
             continue
+        if values.dtype.kind not in "fiu":
+            raise RecordError(f"{one.name}: {what} of type {values.dtype}, expected real numbers")
         if values.shape != record.time.shape:
             raise RecordError(f"{one.name}: {what} of shape {values.shape} for {record.time.size} samples")
         bad = np.flatnonzero(~np.isfinite(values))
@@ -204,16 +210,27 @@ def _check_series(record: Record, one: Series) -> None:
                 f"{one.name}: {what} of {values[worst]:.3g} {one.unit} at t = {record.time[worst]:.6g} s; expected at most "
                 f"{LARGEST:g}: the computation has run away"
             )
+    for what, values in bars:
+        if values is not None and (values < 0.0).any():
+            below = np.flatnonzero(values < 0.0)
+            raise RecordError(
+                f"{one.name}: {len(below)} {what} are negative, the first at t = {record.time[below[0]]:.6g} s"
+            )
 
 
 def save(record: Record, stem: Path) -> None:
-    """Write ``<stem>.npz`` and then ``<stem>.json`` (a reader that finds the second finds both)."""
+    """Write ``<stem>.npz`` and then ``<stem>.json`` (a reader that finds the second finds both).
+
+    Raises RecordError where entries of a series are masked: what stands below a mask is no number of the engine.
+    """
     arrays = {"time": record.time}
     words = []
     for k, one in enumerate(record.series.values()):
         arrays[f"s{k}"] = one.values
-        if one.error is not None:
-            arrays[f"e{k}"] = one.error
+        if any(np.ma.is_masked(part) for part in (one.values, one.error, one.refined, one.left)):
+            raise RecordError(f"{one.name}: entries are masked, expected a number at every sample")
+        bars = {"e": one.error, "r": one.refined, "l": one.left}
+        arrays |= {f"{letter}{k}": values for letter, values in bars.items() if values is not None}
         words.append({"name": one.name, "unit": one.unit})
     plain = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
     plain |= {"series": words, "settings": dict(record.settings), "budget": dict(record.budget)}
@@ -233,7 +250,10 @@ def load(stem: Path) -> Record:
             stem.with_name(stem.name + ".npz").open("rb") as stream,
             np.load(stream, allow_pickle=False) as arrays,
         ):
-            read = [Series(w["name"], w["unit"], arrays[f"s{k}"], arrays.get(f"e{k}")) for k, w in enumerate(words)]
+            read = [
+                Series(w["name"], w["unit"], arrays[f"s{k}"], *(arrays.get(f"{letter}{k}") for letter in "erl"))
+                for k, w in enumerate(words)
+            ]
             return Record(**plain, time=arrays["time"], series={s.name: s for s in read})
     except (OSError, ValueError, LookupError, TypeError, EOFError, BadZipFile, zlib.error) as error:
         raise RecordError(f"no record at {stem}: {error}") from error

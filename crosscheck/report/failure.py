@@ -57,11 +57,13 @@ def _measured(row: Comparison) -> dict[str, str]:
     if _kind(row) not in ("deviation", "worse", "unblessed") and row.message:
         lines["why"] = row.message
     if row.error_bar is None:
-        lines["error bars"] = "neither engine gives one"
+        lines["error bars"] = "not both engines have one that a refinement has shown"
     else:
         share = row.error_bar / row.maximum if row.maximum else float("inf")
         part = "all" if share >= 1 else f"at most {100 * share:.2g} %" if share > 1e-3 else "less than 0.1 %"
         lines["error bars"] = f"{short(row.error_bar)}{unit} of both engines together: {part} of the difference"
+        if row.stated_bar is not None:
+            lines["error bars"] += f"; {row.engine} states {short(row.stated_bar)}{unit} by itself"
         if row.unordered:
             lines["error bars"] += f"; no bar of {row.unordered}, whose runs show no order"
     return lines

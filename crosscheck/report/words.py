@@ -9,6 +9,7 @@ from typing import Any
 
 from crosscheck.measures.limits import VERDICTS, Verdict, worst
 from crosscheck.report.explanations import causes, diagnosed, failing, sheets, why
+from crosscheck.verdicts.bars import COARSE
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, fails
@@ -26,9 +27,9 @@ MEANINGS: dict[str, str] = {
     "within": "compared, and within the stated limit",
     "deviation": "compared, and farther apart than the limit allows, or of another mechanism (its certificate does not hold)",
     "error": "an engine or the harness failed: nothing is shown",
-    "explained": "differs for a known cause, or by what both engines' error bars cover: the row says which",
-    "unjudged": "compared, but no limit is stated (or it expired), or nothing is blessed yet",
-    "skipped": "the engine cannot do this; nothing is claimed",
+    "explained": "beyond the limit, by what error bars of both engines cover that refinements have shown: the row says how wide",
+    "unjudged": "compared, but no limit is stated (or it expired), nothing is blessed yet, or the reference is too coarse",
+    "skipped": "the engine cannot do this, or says itself why its result differs; nothing is claimed",
 }
 
 SHOWN_MOVES = 8  # moved values of one change that a list shows
@@ -180,12 +181,20 @@ def sentence(results: Results) -> str:
     failed = sum(r.verdict == "error" for r in results.runs)
     broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
     alone = [c for c in results.comparisons if c.verdict == "error" and not _engines(c) & broken]
-    bare = [c for c in results.comparisons if c.verdict == "unjudged" and UNBLESSED not in c.message]
+    coarse = [c for c in results.comparisons if c.verdict == "unjudged" and c.message.startswith(COARSE)]
+    bare = [
+        c for c in results.comparisons if c.verdict == "unjudged" and UNBLESSED not in c.message and c not in coarse
+    ]
     others = {(line.mechanism, line.case, line.engine) for line in results.certificates if fails(line)}
     parts = [
         _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
         _count(len(bare), "comparison has no limit", "comparisons have no limit"),
-        _count(tally["unjudged"] - len(bare), "comparison is not blessed yet", "comparisons are not blessed yet"),
+        _count(len(coarse), "comparison needs a finer reference", "comparisons need a finer reference"),
+        _count(
+            tally["unjudged"] - len(bare) - len(coarse),
+            "comparison is not blessed yet",
+            "comparisons are not blessed yet",
+        ),
         _count(len(alone), "comparison is impossible", "comparisons are impossible"),
         _count(len(others), "certificate does not hold", "certificates do not hold"),
         _count(failed, "run failed", "runs failed"),
@@ -203,7 +212,11 @@ def sentence(results: Results) -> str:
     if not wrong and results.finished and results.cases and not results.compared:
         return "Nothing was compared."
     if not wrong and results.exit_code == 0:
-        named = _count(tally["explained"], "more differs for a named cause", "more differ for a named cause")
+        named = _count(
+            tally["explained"],
+            "more differs by what checked error bars cover",
+            "more differ by what checked error bars cover",
+        )
         if judged:
             return _all_within(judged, *_COMPARISONS) + ("; " if named else "") + named + "."
         done = sum(s.verdict == "within" for s in results.studies)

@@ -18,7 +18,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from crosscheck.engines import opened
+from crosscheck.doors.outside_bars import of_door, of_package
+from crosscheck.engines import ENGINES, opened
 from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.rounding import shaken, with_rounding
@@ -63,7 +64,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
         case = shaken(case, way)
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, version=adapter.version(), **known)
-    record = replace(adapter.run(mechanism, case, name, job["options"]), **known)
+    record = replace(_answer(job, adapter, mechanism, case), **known)
     stated = record.version if "settings" in job else ""  # a program or a record says its own
     record = replace(record, version=stated or adapter.version())
     if record.status == "ok" and job["options"].get("certificate", True):
@@ -72,6 +73,14 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     if stepped or not job["options"].get("error", True):
         return record
     return with_rounding(adapter, record, mechanism, case, job["options"])
+
+
+def _answer(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: Case) -> Record:
+    """Return the record of an adapter; bars of an engine from outside that nobody asked for are marked as such."""
+    name, options = job["engine"], job["options"]
+    if "settings" in job or (name in ENGINES and ENGINES[name].module == job["module"]):
+        return of_door(adapter.run(mechanism, case, name, options))
+    return of_package(adapter, mechanism, case, name, options)
 
 
 def _unrun(job: dict[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
+from crosscheck.measures.record import Record
 from crosscheck.report.explanations import why
 from crosscheck.run.isolation import Attempt, Children, ask, run_engine
 from crosscheck.run.questions import asked, diagnosis, question
@@ -22,6 +24,7 @@ from crosscheck.verdicts.baseline import METRICS, Baseline, by_baseline, find, i
 from crosscheck.verdicts.certificates import by_certificate, certificates
 from crosscheck.verdicts.compare import Comparison, Pair, compare
 from crosscheck.verdicts.plan import Task
+from crosscheck.verdicts.refinement import Finer, renewed, wanted
 from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
 from crosscheck.verdicts.results import Diagnosis
 
@@ -58,7 +61,8 @@ def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> l
     flexinv = _attempt(shared, task, ENGINES[REFERENCE]).record if reference.name != REFERENCE else theirs
     first = {reference.name: theirs, engine.name: ours}
     rows = compare(Pair(task.folder.name, task.case, ours, theirs, task.rest, datetime.date.today()))
-    rows = by_certificate(rows, certificates(task, {REFERENCE: flexinv, **first}))
+    lines = certificates(task, {REFERENCE: flexinv, **first})
+    rows = _refined(shared, task, first, by_certificate(rows, lines), lines)
     if any(map(doubtful, rows)):
         again = {one.name: _attempt(shared, task, one, AGAIN).record for one in (engine, reference)}
         rows = [by_repetition(row, first, again) if doubtful(row) else row for row in rows]
@@ -67,6 +71,23 @@ def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> l
         moved = [_attempt(shared, task, engine, {**AGAIN, "error": False, "shake": way}).record for way in SHAKEN]
         rows = [scattered(row, theirs, moved) if is_worse(row, known) else row for row in rows]
     return rows if known is None else [by_baseline(row, known) for row in rows]
+
+
+def _refined(
+    shared: Shared, task: Task, records: Mapping[str, Record], rows: list[Comparison], lines: Iterable[Check]
+) -> list[Comparison]:
+    """Return the comparisons of a pair, those that a coarse reference leaves open judged with finer ones."""
+    had, reference = Finer(), records.get(REFERENCE)
+    while reference is not None and (one := wanted(rows, reference, had)) is not None:
+        had = one
+        reference = _attempt(shared, task, ENGINES[REFERENCE], {**AGAIN, **one.options}).record
+        if reference.status != "ok":
+            break
+        others = [record for name, record in records.items() if name != REFERENCE]
+        for other in others:
+            pair = Pair(task.folder.name, task.case, other, reference, task.rest, datetime.date.today())
+            rows = renewed(rows, by_certificate(compare(pair), lines))
+    return rows
 
 
 def blessed(folder: Path | None) -> Baseline | None:

@@ -14,7 +14,7 @@ from crosscheck.verdicts.compare import COMPARED, Comparison
 from crosscheck.verdicts.plan import Plan
 from crosscheck.verdicts.results import Diagnosis, Results
 
-ASKED = ("deviation", "unjudged", "explained")  # verdicts after which a reader asks why
+ASKED = ("deviation", "unjudged", "explained", "skipped")  # verdicts after which a reader asks why
 
 
 @dataclass(frozen=True)

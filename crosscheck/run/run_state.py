@@ -27,6 +27,7 @@ from crosscheck.verdicts import results as store
 from crosscheck.verdicts.certificates import by_certificate, certificates
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task, case_row
+from crosscheck.verdicts.refinement import Finer, is_open, read_kind, renewed, wanted
 from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
 from crosscheck.verdicts.signals import Key as SignalKey
@@ -60,6 +61,7 @@ class State:
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
+    finer: dict[tuple[str, str], tuple[Finer, Record]] = field(default_factory=dict)
     refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -103,6 +105,44 @@ class State:
                 self.refused[*case, engine.name] = skipped(task, engine, UNCOMPARED, "")
             yield job
 
+    def refinements(self) -> list[Job]:
+        """Return the runs of the reference, with finer steps and meshes, that comparisons need which are not judged yet."""
+        engine = self.work.engines.get(REFERENCE)
+        found: list[Job] = []
+        for task in self.work.plan.tasks if engine is not None else ():
+            key = task.folder.name, task.case.name
+            rows = [row for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)]
+            if not rows:
+                continue
+            had, record = self.finer.get(key) or (Finer(), self._first(*key, REFERENCE))
+            runs = [r for r in self.results.runs if (r.mechanism, r.case, r.engine) == (*key, REFERENCE)]
+            elapsed = max((run.elapsed for run in runs), default=0.0)
+            one = wanted(rows, record, had)
+            if one is not None and elapsed * one.longer <= self.work.options.timeout:
+                found.append((one.kind, task, engine))
+        return found
+
+    def _first(self, mechanism: str, case: str, engine: str) -> Record:
+        """Return the record of a run as it was saved."""
+        stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
+        return _loaded(stems.get((mechanism, case, engine)), engine)
+
+    def _refine(self, task: Task, finer: Finer, record: Record) -> None:
+        """Judge open comparisons of a case anew, with a finer reference; where it failed they stay open."""
+        key = task.folder.name, task.case.name
+        if record.status != "ok":
+            self.finer[key] = finer, Record(REFERENCE)  # nothing more is asked of it
+            return
+        self.finer[key] = finer, record
+        engines = dict.fromkeys(
+            row.engine for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)
+        )
+        records = {name: self._first(*key, name) for name in engines}
+        fresh, _ = compare_all(task, {**records, REFERENCE: record})
+        lines = [line for line in self.results.certificates if (line.mechanism, line.case) == key]
+        rows = renewed(self.results.comparisons, by_certificate(fresh, lines))
+        self.results = replace(self.results, comparisons=tuple(rows))
+
     def repeats(self) -> Iterator[Job]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
         rows, known = self.results.comparisons, self.work.options.baseline
@@ -116,15 +156,14 @@ class State:
 
     def repeated(self) -> None:
         """Judge what error bars explained by whether the engines repeat; state what last digits do where one seems worse."""
-        stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
         rows = []
         for row in self.results.comparisons:
             if doubtful(row):
                 again = self.again.get((row.mechanism, row.case), {})
-                first = {e: _loaded(stems.get((row.mechanism, row.case, e)), e) for e in (row.engine, row.reference)}
+                first = {e: self._first(row.mechanism, row.case, e) for e in (row.engine, row.reference)}
                 row = by_repetition(row, first, {e: again.get(e, UNREPEATED) for e in first})
             if baseline.is_worse(row, self.work.options.baseline):
-                other = _loaded(stems.get((row.mechanism, row.case, row.reference)), row.reference)
+                other = self._first(row.mechanism, row.case, row.reference)
                 row = scattered(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
@@ -144,6 +183,8 @@ class State:
         elif kind == "why":
             found = diagnosis(what, answer[0], answer[1].message)
             self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
+        elif (finer := read_kind(kind)) is not None:
+            self._refine(what, finer, answer.record)
         elif kind == "again":
             self.again.setdefault((what.folder.name, what.case.name), {})[engine.name] = answer.record
         elif kind in SHAKES:

@@ -25,12 +25,12 @@ from crosscheck.run.run_cache import Attempts
 from crosscheck.run.run_state import SHAKES, Job, State, opening
 from crosscheck.run.shelves import Shelves
 from crosscheck.run.work import Notify, Options, Work
+from crosscheck.verdicts.refinement import read_kind
 from crosscheck.verdicts.results import Results
 
 KEPT = "attempts"  # folder of what engines gave, until the run has finished
 Tell = Callable[[str], None]  # is given a line that a reader at the terminal has to know
-RUNS = ("run", "again", *SHAKES)  # kinds of jobs in which an engine runs
-FAR = (*RUNS, "study")  # kinds of jobs that the workers of a cluster do
+RUNS = ("run", "again", *SHAKES)  # kinds of jobs in which an engine runs, beside those of a finer reference
 
 
 def run(
@@ -85,6 +85,8 @@ def _stages(state: State, under_way: UnderWay) -> None:
     under_way.drain(state, able)
     if not under_way.options.asking:
         return
+    while finer := state.refinements():
+        under_way.drain(state, finer)
     under_way.drain(state, state.repeats())
     state.repeated()
     under_way.drain(state, under_way.unknown(state, state.questions()))
@@ -134,7 +136,7 @@ class UnderWay:
                 del self.pending[future]
 
     def _submit(self, job: Job) -> Future[Any]:
-        if job[0] in FAR and self.options.scheduler:
+        if (_runs_engine(job[0]) or job[0] == "study") and self.options.scheduler:
             lean = replace(self.options, baseline=None)
             return self.pool.submit(far, _do, job, luggage(job[1]), lean)
         pool = self.here if self.options.scheduler else self.pool
@@ -145,6 +147,11 @@ class UnderWay:
         self.children.stop()
         for future in self.pending:
             future.cancel()
+
+
+def _runs_engine(kind: str) -> bool:
+    """Return True for the kinds of jobs in which an engine runs."""
+    return kind in RUNS or read_kind(kind) is not None
 
 
 def _answer(future: Future[Any], job: Job) -> Any:
@@ -165,7 +172,7 @@ def _do(job: Job, options: Options, children: Children) -> Any:
 
 def _failed(job: Job, error: Exception) -> Any:
     words = f"the harness failed: {type(error).__name__}: {error}"
-    if job[0] in RUNS:
+    if _runs_engine(job[0]):
         return Attempt(Record(engine=job[2].name, status="error", message=words))
     if job[0] == "abilities":
         return Abilities(None, message=words)
@@ -183,6 +190,7 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
         return ask(what.job, options.timeout, children)
     told = dict(options.engine) | ({"certificate": False} if kind != "run" else {})
     told |= {"shake": SHAKES[kind], "error": False} if kind in SHAKES else {}
+    told |= finer.options if (finer := read_kind(kind)) is not None else {}
     task = {"mechanism": str(what.folder.resolve()), "case": what.case.name, "options": told}
     if kind == "again":  # in a process that shares nothing with the first, not even what it was forked from
         task |= {"afresh": True}

@@ -22,6 +22,7 @@ from typing import Any
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import load
+from crosscheck.verdicts.bars import COARSE
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.provenance import Provenance, merge, read_provenance, trace, write_provenance
 from crosscheck.verdicts.results import Results
@@ -164,9 +165,9 @@ def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
     good, bad = [], []
     for row in results.comparisons:
         name = f"{row.mechanism}/{row.case} {row.engine} {row.quantity} [{row.unit}]"
-        if row.verdict in ("skipped",) or (row.verdict == "explained" and row.limit is None):
+        if row.verdict == "skipped":
             continue
-        if row.fraction is None or row.limit is None or row.uncertified:
+        if row.fraction is None or row.limit is None or row.uncertified or row.message.startswith(COARSE):
             bad.append(f"{name}: {row.uncertified or row.message}")
         elif row.fraction <= row.limit or row.verdict == "explained" or "by discretisation" in row.message:
             good.append(row)

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES
-from crosscheck.measures.budget import no_order
-from crosscheck.measures.limits import Verdict, by_bars, by_limit, find
+from crosscheck.measures.limits import Verdict, by_limit, find
 from crosscheck.measures.metrics import sprague_geers
 from crosscheck.measures.record import Record, Series
 from crosscheck.measures.spectrum import dominant_frequency
+from crosscheck.verdicts.bars import Bars, Reference, bars_of, checked_bar, chosen_reference, stated_bar, unordered
 from flexinv.files.load_cases import Case, Limit
 
 Array = NDArray[np.float64]
@@ -40,13 +40,15 @@ class Comparison:
     """One engine against one reference in one quantity and unit.
 
     maximum, rms, scale, error_bar : [unit]; the largest error, the RMS error of the series that has it, the range
-        that both are divided by, and the two engines' own error bars added up (None where neither has one)
+        that both are divided by, and the checked error bars of both engines added up (None where not both have one)
     magnitude, phase, comprehensive : Sprague and Geers' errors of that series [-]
     limit : largest fraction of the range allowed [-]; series, time [s] : where the largest error is
     blessed : the fraction that was measured when the night was last blessed [-]
     scatter : by how much the fraction differs between runs whose input differs in its last digits [-], where that was asked
     unordered : engines of the pair whose refinement has no order there, so that the error bar is none
     uncertified : what of the engines' certificates does not hold: they have not the same mechanism
+    engine_bar, reference_bar : checked error bars of that series; stated_bar : the engine's own, which nobody has checked [unit]
+    refined : the reference is what its refinements tend to, for its own bar is wider than a tenth of the limit
     """
 
     mechanism: str
@@ -72,6 +74,10 @@ class Comparison:
     scatter: float | None = None
     unordered: str = ""
     uncertified: str = ""
+    engine_bar: float | None = None
+    reference_bar: float | None = None
+    stated_bar: float | None = None
+    refined: bool = False
 
     @property
     def fraction(self) -> float | None:
@@ -139,42 +145,44 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
         return _row(pair, quantity, unit, "skipped", f"{pair.engine.engine} does not give it")
     if wrong := [n for n in common if ours[n].unit != unit]:
         return _row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
-    errors = {n: ours[n].values - theirs[n].values for n in common}
+    limit = _limit(pair, quantity)
+    scale = scale_of(pair.reference, quantity, [theirs[n].values for n in names])
+    taken = chosen_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
+    errors = {n: ours[n].values - taken.values[n] for n in common}
     worst = max(common, key=lambda n: float(np.abs(errors[n]).max()))
     at = int(np.abs(errors[worst]).argmax())
     measured = Measured(
         maximum=float(np.abs(errors[worst][at])),
         rms=float(np.sqrt(np.mean(errors[worst] ** 2))),
-        scale=scale_of(pair.reference, quantity, [theirs[n].values for n in names]),
+        scale=scale,
         series=worst,
         time=float(pair.reference.time[at]),
-        error_bar=error_bar(ours[worst], theirs[worst]),
-        unordered=_unordered(pair, worst),
-        **sprague_geers(ours[worst].values, theirs[worst].values),
+        **_bars(pair, worst, taken),
+        refined=taken.refined,
+        unordered=unordered(pair.engine, pair.reference, worst),
+        **_metrics(ours[worst].values, taken.values[worst]),
     )
-    sizes = {n: float(np.abs(errors[n]).max()) for n in common}
-    covered = all(sizes[n] <= (error_bar(ours[n], theirs[n]) or 0.0) for n in common)
-    doubts = {n: fraction(sizes[n], measured.scale) for n in common if _unordered(pair, n)}
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
-    return _judged(pair, quantity, unit, measured, words, Bars(covered, doubts))
+    bars = bars_of(pair.engine, pair.reference, taken, common, scale, 0.0 if limit is None else limit.maximum)
+    return _judged(pair, quantity, unit, measured, words, bars)
 
 
-def _unordered(pair: Pair, name: str) -> str:
-    """Return the engines whose refinement of a series has no order, in words; "" where none."""
-    found = [r.engine for r in (pair.engine, pair.reference) if no_order(r.budget.get(name, {}))]
-    return " and ".join(found)
+def _bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
+    """Return the bars of a series as a comparison shows them [unit]: checked ones of both sides, and what an engine states."""
+    ours, theirs = checked_bar(pair.engine, name), taken.bars[name]
+    both = None if ours is None or theirs is None else ours + theirs
+    sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": stated_bar(pair.engine, name)}
+    return {"error_bar": both, **sides}
 
 
-@dataclass(frozen=True)
-class Bars:
-    """Coverage of every series' error by error bars; doubts: errors [-] of those whose refinement did not converge."""
-
-    covered: bool = False
-    doubts: Mapping[str, float] = field(default_factory=dict)
+def _metrics(ours: Array, theirs: Array) -> dict[str, Any]:
+    """Return Sprague and Geers' errors of two signals (samples,) [unit], by the names of a comparison's fields [-]."""
+    return {**sprague_geers(ours, theirs)}
 
 
-NO_BARS = Bars()
+def _limit(pair: Pair, quantity: str) -> Limit | None:
+    return find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
 
 
 @dataclass(frozen=True)
@@ -187,6 +195,10 @@ class Measured:
     series: str
     time: float | None = None
     error_bar: float | None = None
+    engine_bar: float | None = None
+    reference_bar: float | None = None
+    stated_bar: float | None = None
+    refined: bool = False
     magnitude: float | None = None
     phase: float | None = None
     comprehensive: float | None = None
@@ -194,15 +206,14 @@ class Measured:
 
 
 def _judged(
-    pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "", bars: Bars = NO_BARS
+    pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "", bars: Bars | None = None
 ) -> Comparison:
-    limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
+    limit = _limit(pair, quantity)
     share = fraction(measured.maximum, measured.scale)
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
     verdict, message = by_limit(share, limit, pair.today, pair.engine.message if known else "")
-    if verdict == "deviation" and limit is not None and bars.covered and measured.error_bar is not None:
-        doubt = next((_unordered(pair, n) for n, part in bars.doubts.items() if part > limit.maximum), "")
-        verdict, message = by_bars(share, fraction(measured.error_bar, measured.scale), message, doubt)
+    if bars is not None and limit is not None and verdict in ("within", "deviation"):
+        verdict, message = bars.judged(verdict, message, limit.maximum)
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))
@@ -260,12 +271,6 @@ def scale_of(reference: Record, quantity: str, signals: Sequence[Array]) -> floa
     own = signal_range(signals)
     whole = max(float(np.abs(s.values).max()) for s in reference.series.values() if s.quantity == quantity)
     return own if own > NOTHING * whole else whole
-
-
-def error_bar(ours: Series, theirs: Series) -> float | None:
-    """Return the sum of both engines' largest error bars [unit], or None where neither has one."""
-    bars = [float(s.error.max()) for s in (ours, theirs) if s.error is not None]
-    return sum(bars) if bars else None
 
 
 def _frequency(pair: Pair) -> Comparison:

@@ -65,7 +65,7 @@ def test_a_comparison_without_limit_asks_for_one() -> None:
             "  where         torque/hub, at t = 0.035 s",
             "  limit         none",
             f"  why           {words}",
-            "  error bars    neither engine gives one",
+            "  error bars    not both engines have one that a refinement has shown",
             "  to accept     state a limit with its reason in models/arm/cases.toml",
             "  to look       crosscheck run arm/swing --engines exudyn-ge,flexinv",
             "  to reproduce  crosscheck export arm --case swing --engine exudyn-ge",

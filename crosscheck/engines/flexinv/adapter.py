@@ -34,6 +34,7 @@ from flexinv.model.mechanism import WORLD, Mechanism
 
 # Of the largest torque: closure forces cancel at passive joints up to rounding, which conditions of up to 1e6 enlarge.
 ROUNDING = 1e-9
+PARTS = ("step", "mesh")  # what is refined
 
 
 # What this adapter offers beside (`crosscheck.engines.base`).
@@ -65,10 +66,10 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     """Return torque and wrench [N], [N m], tip and deflection [m], axial and internal forces on the sample times.
 
     options : "error" False leaves the error bars of a march away (they take four more runs); "refinement" k takes steps and
-    meshes 2^k times as fine [-]
+    meshes 2^k times as fine [-], "finer_step" and "finer_mesh" k one of both
     """
-    finer = 2 ** int(options.get("refinement", 0))
-    mechanism, case = meshed(case.meshed(mechanism), finer), replace(case, step=case.step / finer)
+    finer = {part: 2 ** (int(options.get("refinement", 0)) + int(options.get(f"finer_{part}", 0))) for part in PARTS}
+    mechanism, case = meshed(case.meshed(mechanism), finer["mesh"]), replace(case, step=case.step / finer["step"])
     start = clock.perf_counter()
     solution, made = solved(mechanism, case)
     wall = clock.perf_counter() - start

@@ -39,6 +39,13 @@ def record(engine: str, torque: np.ndarray) -> Record:
     return Record(engine, time=TIME, series=torque_series(MECHANISM, torque))
 
 
+def checked(engine: str, torque: np.ndarray, bars: np.ndarray) -> Record:
+    """A record whose error bars runs have shown (`crosscheck.measures.budget`)."""
+    made = torque_series(MECHANISM, torque, bars)
+    line = {"order": {"step": 2.0}, "how": {"step": "Richardson"}}
+    return Record(engine, time=TIME, series=made, budget=dict.fromkeys(made, line))
+
+
 def rows(ours: Record, theirs: Record, one: Case) -> list[Comparison]:
     return compare(Pair("arm", one, ours, theirs, rest=1.0, today=TODAY))
 
@@ -147,8 +154,8 @@ def test_a_series_in_another_unit_is_an_error() -> None:
 
 def test_error_bars_of_both_engines_add_up() -> None:
     bars = np.broadcast_to([1.0, 0.0, 0.0], LARGE.shape)
-    ours = Record("e", time=TIME, series=torque_series(MECHANISM, LARGE + np.array([0.5, 0.0, 0.0]), bars))
-    theirs = Record("flexinv", time=TIME, series=torque_series(MECHANISM, LARGE, 0.25 * bars))
+    ours = checked("e", LARGE + np.array([0.5, 0.0, 0.0]), bars)
+    theirs = checked("flexinv", LARGE, 0.25 * bars)
     assert rows(ours, theirs, case())[0].error_bar == pytest.approx(1.25)
     assert rows(record("e", LARGE), record("flexinv", LARGE), case())[0].error_bar is None
 
@@ -159,14 +166,13 @@ def test_beyond_the_limit_but_within_the_error_bars_is_explained_by_discretisati
 
     def verdict(bar: float) -> Comparison:
         bars = np.broadcast_to([bar * span, 0.0, 0.0], LARGE.shape)
-        ours = Record("e", time=TIME, series=torque_series(MECHANISM, LARGE + off, bars))
-        return rows(ours, record("flexinv", LARGE), one)[0]
+        return rows(checked("e", LARGE + off, bars), checked("flexinv", LARGE, 0.0 * bars), one)[0]
 
     assert verdict(0.019).verdict == "deviation"
     covered = verdict(0.021)
     assert (covered.verdict, covered.message) == (
         "explained",
-        "by discretisation: 0.02 of the range, the limit is 0.01, and the error bars add up to 0.021",
+        "by discretisation: 0.02 of the range, the limit is 0.01, and the error bars add up to 0.021: e 0.021, flexinv 0",
     )
     wide = verdict(0.11)
     assert wide.verdict == "deviation"
@@ -178,8 +184,8 @@ def test_beyond_the_limit_but_within_the_error_bars_is_explained_by_discretisati
 def test_a_series_whose_error_its_bar_does_not_cover_is_not_explained_by_the_bar_of_another() -> None:
     off = np.array([0.4, 0.3, 0.0])
     bars = np.broadcast_to([0.5, 0.1, 0.0], LARGE.shape)
-    ours = Record("e", time=TIME, series=torque_series(MECHANISM, LARGE + off, bars))
-    assert rows(ours, record("flexinv", LARGE), case(("torque",), limit("torque", 1e-3)))[0].verdict == "deviation"
+    ours, theirs = checked("e", LARGE + off, bars), checked("flexinv", LARGE, 0.0 * bars)
+    assert rows(ours, theirs, case(("torque",), limit("torque", 1e-3)))[0].verdict == "deviation"
 
 
 def test_the_dominant_frequency_of_the_hold_phase_is_compared() -> None:
@@ -256,9 +262,11 @@ def test_the_worst_verdict_gives_the_exit_code(verdicts: list[limits.Verdict], w
     assert limits.exit_code(verdicts) == code
 
 
-def test_a_native_result_is_explained_by_its_cause_and_only_without_a_limit() -> None:
+def test_nothing_is_claimed_of_a_native_result_that_says_why_and_only_without_a_limit() -> None:
     today = datetime.date(2026, 1, 1)
-    assert limits.by_limit(0.9, None, today, "soft") == ("explained", "0.9 of the range: soft")
+    verdict, message = limits.by_limit(0.9, None, today, "soft")
+    assert verdict == "skipped"
+    assert message == "not judged: no limit is stated, and the engine itself says why: 0.9 of the range: soft"
     assert limits.by_limit(0.9, None, today)[0] == "unjudged"
     strict = Limit("torque", ("*",), 0.1, "a reason")
     assert limits.by_limit(0.9, strict, today, "soft")[0] == "deviation"

@@ -1,0 +1,195 @@
+"""Error bars of two records in one comparison: which were checked, and whether both together carry a difference.
+
+A bar counts where runs show it that this project asked for (`crosscheck.measures.budget.is_checked`).  The reference has to know
+better than a tenth of the limit (`PART`): where its own bar is wider it is compared by what its refinements tend to, and where
+that is too wide as well, nothing is judged but what no refinement can change:
+
+    difference + bar of the reference <= limit                     within
+    difference > limit + bar of the reference + bar of the engine  deviation
+
+A mistake stays when the runs of an engine are refined, and a discretisation error goes.  Beyond its limit a difference is
+therefore explained only where what the engine's runs tend to is nearer as well: as near as its bar says, or inside the limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.measures.budget import is_checked, no_order
+from crosscheck.measures.limits import BY_DISCRETISATION, WIDEST_BAR, Verdict
+from crosscheck.measures.record import Record
+
+Array = NDArray[np.float64]
+PART = 0.1  # of a limit: a reference that knows better than this changes no verdict that anybody would look at
+COARSE = "not judged: reference too coarse"
+
+
+def checked_bar(record: Record, name: str) -> float | None:
+    """Return the largest error bar of a series [unit] that runs show which were asked for; None where there is none."""
+    error = record.series[name].error
+    return float(error.max()) if error is not None and is_checked(record.budget, name) else None
+
+
+def stated_bar(record: Record, name: str) -> float | None:
+    """Return the largest error bar of a series [unit] that its engine states by itself, None where there is none."""
+    error = record.series[name].error
+    return None if error is None or is_checked(record.budget, name) else float(error.max())
+
+
+def error_bar(ours: Record, theirs: Record, name: str) -> float | None:
+    """Return both engines' largest checked bars of a series added up [unit], None where not both have one."""
+    bars = [bar for one in (ours, theirs) if (bar := checked_bar(one, name)) is not None]
+    return sum(bars) if len(bars) == 2 else None
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The reference of a comparison, by series: values (samples,) and largest checked bar [unit].
+
+    refined : they are what refinements tend to
+    """
+
+    values: Mapping[str, Array]
+    bars: Mapping[str, float | None]
+    refined: bool = False
+
+    def widest(self, names: Sequence[str]) -> float | None:
+        """Return the largest bar of some series [unit]; None where one of them has none."""
+        bars = [self.bars[name] for name in names]
+        known = [bar for bar in bars if bar is not None]
+        return max(known, default=None) if len(known) == len(bars) else None
+
+
+def chosen_reference(record: Record, names: Sequence[str], allowed: float | None) -> Reference:
+    """Return the reference's values where their bars are a tenth of what is allowed, else what its refinements tend to [unit].
+
+    names : of all series of one quantity and unit; allowed : limit times range [unit], None without a limit
+    """
+    own = Reference({n: record.series[n].values for n in names}, {n: checked_bar(record, n) for n in names})
+    widest = own.widest(names)
+    if allowed is None or widest is None or widest <= PART * allowed:
+        return own
+    values, bars = dict(own.values), dict(own.bars)
+    for name in names:
+        one = record.series[name]
+        if one.refined is not None and one.left is not None and float(one.left.max()) < (own.bars[name] or 0.0):
+            values[name] = one.refined
+            bars[name] = float(one.left.max())
+    taken = Reference(values, bars, refined=True)
+    return taken if (taken.widest(names) or 0.0) < widest else own
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Bars and errors of the series of one comparison, all [-], over the range.
+
+    errors : largest error by series; ours, theirs : largest checked bars, None where there is none; stated : what an engine says
+    of itself
+    staying : by series, the distance from the reference to which an engine's refinements tend, where that is beyond its bar
+    unordered : engines, by series, whose runs come no closer to each other
+    """
+
+    engine: str
+    reference: str
+    errors: Mapping[str, float]
+    ours: Mapping[str, float | None]
+    theirs: Mapping[str, float | None]
+    stated: Mapping[str, float]
+    staying: Mapping[str, float]
+    unordered: Mapping[str, str]
+
+    @property
+    def widest(self) -> float | None:
+        """Return the widest bar of the reference [-], None where a series has none."""
+        known = [bar for bar in self.theirs.values() if bar is not None]
+        return max(known) if known and len(known) == len(self.theirs) else None
+
+    def judged(self, verdict: Verdict, message: str, maximum: float) -> tuple[Verdict, str]:
+        """Return verdict and message of a comparison with its limit [-] as the bars of both engines leave it.
+
+        verdict, message : by the limit alone, "within" or "deviation"
+        """
+        largest, widest = max(self.errors.values()), self.widest
+        coarse = widest is not None and widest > PART * maximum
+        if verdict == "within":
+            open_ = coarse and largest + (widest or 0.0) > maximum
+            return ("unjudged", self._coarse(largest, maximum)) if open_ else (verdict, message)
+        beyond = any(error > maximum + self._carried(name) for name, error in self.errors.items())
+        if coarse and not beyond:
+            return "unjudged", self._coarse(largest, maximum)
+        return self._explained(message, maximum)
+
+    def _coarse(self, largest: float, maximum: float) -> str:
+        return (
+            f"{COARSE}: the error bar of {self.reference} is {self.widest:.3g} of the range, {largest:.3g} apart, "
+            f"the limit is {maximum:.3g}"
+        )
+
+    def _carried(self, name: str) -> float:
+        """Return the largest error that both bars of a series carry [-]: no bar, and one that shows no order, carry nothing."""
+        ours = 0.0 if self.engine in self.unordered.get(name, "").split(" and ") else self.ours[name] or 0.0
+        return ours + (self.theirs[name] or 0.0)
+
+    def _explained(self, message: str, maximum: float) -> tuple[Verdict, str]:
+        """Return verdict and message of a difference beyond its limit [-]: explained where checked bars of both carry it."""
+        over = [name for name, error in self.errors.items() if error > maximum]
+        if said := [self.stated[name] for name in over if name in self.stated]:
+            words = f"{self.engine} states error bars of {max(said):.3g} by itself, which no run has shown: they explain nothing"
+            return "deviation", f"{message}; {words}"
+        if any(self.ours[n] is None or self.theirs[n] is None for n in over):
+            return "deviation", message
+        if any(error > (self.ours[n] or 0.0) + (self.theirs[n] or 0.0) for n, error in self.errors.items()):
+            return "deviation", message
+        worst = max(self.errors, key=lambda name: self.errors[name])
+        ours, theirs = self.ours[worst] or 0.0, self.theirs[worst] or 0.0
+        both = f"{message}; the error bars add up to {ours + theirs:.3g}"
+        if lost := next((self.unordered[n] for n in over if self.unordered.get(n)), ""):
+            return "deviation", f"{both}, but explain nothing: refined, the runs of {lost} come no closer to each other"
+        if ours + theirs > WIDEST_BAR:
+            return "deviation", f"{both}, which is too wide to explain it: refine"
+        if stay := [self.staying[name] for name in over if name in self.staying]:
+            return "deviation", f"{both}, but {max(stay):.3g} is left where the refined runs of {self.engine} tend to"
+        sides = f"{self.engine} {ours:.3g}, {self.reference} {theirs:.3g}"
+        return "explained", f"{BY_DISCRETISATION}{message}, and the error bars add up to {ours + theirs:.3g}: {sides}"
+
+
+def bars_of(
+    ours: Record, theirs: Record, reference: Reference, names: Sequence[str], scale: float, limit: float
+) -> Bars:
+    """Return the bars of a comparison.
+
+    names : series that both have; scale : the range [unit]; limit : allowed part of it [-]
+    """
+    scaled = scale or np.inf  # a signal that is zero has no bars that could explain anything
+    errors = {n: float(np.abs(ours.series[n].values - reference.values[n]).max()) for n in names}
+    both = {n: (checked_bar(ours, n), reference.bars[n]) for n in names}
+    told = {n: bar for n in names if (bar := stated_bar(ours, n)) is not None}
+    return Bars(
+        ours.engine,
+        theirs.engine,
+        {n: error / scale if scale > 0.0 else (np.inf if error > 0.0 else 0.0) for n, error in errors.items()},
+        {n: None if bars[0] is None else bars[0] / scaled for n, bars in both.items()},
+        {n: None if bars[1] is None else bars[1] / scaled for n, bars in both.items()},
+        {n: bar / scaled for n, bar in told.items()},
+        {n: far / scaled for n in names if (far := _staying(ours, reference, n, limit * scale)) is not None},
+        {n: words for n in names if (words := unordered(ours, theirs, n))},
+    )
+
+
+def _staying(ours: Record, reference: Reference, name: str, allowed: float) -> float | None:
+    """Return the distance of the limit of an engine's runs from the reference [unit], None where bars or its limit cover it."""
+    one = ours.series[name]
+    if one.refined is None or one.left is None:
+        return None
+    far = float(np.abs(one.refined - reference.values[name]).max())
+    covered = float(one.left.max()) + (reference.bars[name] or 0.0)
+    return far if far > max(covered, allowed) else None
+
+
+def unordered(ours: Record, theirs: Record, name: str) -> str:
+    """Return the engines whose refinement of a series has no order, in words; "" where none."""
+    return " and ".join(one.engine for one in (ours, theirs) if no_order(one.budget.get(name, {})))

@@ -1,0 +1,93 @@
+"""Refinement of the reference on demand: which steps and meshes it takes where its bar is too wide for a comparison to be judged.
+
+Bars of second order fall to a quarter with half the step, so that the refinement is chosen at once:
+
+    k = log2(bar / wanted) / 2    times half the step or the mesh width
+
+It is bounded: `MOST` halvings of each, and as long as one engine may take for a case.  What is still open then is not judged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from crosscheck.measures.limits import REFERENCE
+from crosscheck.measures.record import Record
+from crosscheck.verdicts.bars import COARSE, PART
+from crosscheck.verdicts.compare import Comparison
+
+MOST = {
+    "step": 3,
+    "mesh": 1,
+}  # halvings; a mesh of twice the order takes some four times as long, and its error falls far faster
+LONGER = {"step": 2.0, "mesh": 4.0}  # times as long with each of them [-]
+KIND = "finer"  # kind of a job of the reference: "finer STEP MESH"
+
+
+@dataclass(frozen=True)
+class Finer:
+    """Halvings of the reference's step and of its mesh width [-]."""
+
+    step: int = 0
+    mesh: int = 0
+
+    @property
+    def kind(self) -> str:
+        """Return the kind of the job."""
+        return f"{KIND} {self.step} {self.mesh}"
+
+    @property
+    def options(self) -> dict[str, int]:
+        """Return the options of the reference's adapter."""
+        return {"finer_step": self.step, "finer_mesh": self.mesh}
+
+    @property
+    def longer(self) -> float:
+        """Return the factor by which a run takes longer, roughly [-]."""
+        return LONGER["step"] ** self.step * LONGER["mesh"] ** self.mesh
+
+
+def read_kind(kind: str) -> Finer | None:
+    """Return the refinement of a kind of jobs, None for other kinds."""
+    words = kind.split()
+    return Finer(int(words[1]), int(words[2])) if words[:1] == [KIND] else None
+
+
+def is_open(row: Comparison) -> bool:
+    """Return True if a comparison is not judged because the reference is too coarse."""
+    return row.verdict == "unjudged" and row.reference == REFERENCE and row.message.startswith(COARSE)
+
+
+def wanted(rows: Iterable[Comparison], reference: Record, had: Finer) -> Finer | None:
+    """Return the refinement with which open comparisons of one case may be judged, None where none is left that would help.
+
+    reference : its record with the refinement that it had
+    """
+    more = {"step": had.step, "mesh": had.mesh}
+    for row in filter(is_open, rows):
+        names = [n for n, one in reference.series.items() if (one.quantity, one.unit) == (row.quantity, row.unit)]
+        for name in names:
+            _extend(more, had, reference.budget.get(name, {}), PART * (row.limit or 0.0) * (row.scale or 0.0))
+    found = Finer(**more)
+    return found if found != had else None
+
+
+def _extend(more: dict[str, int], had: Finer, line: Mapping[str, Mapping[str, float]], allowed: float) -> None:
+    """Add the halvings that a series needs; line : of its budget; allowed : of its bar [unit]."""
+    bars = {**line.get("bars", {}), **line.get("left", {})}
+    for family, bar in bars.items():
+        if family in MOST and allowed > 0.0 and bar > allowed / len(bars):
+            halvings = math.ceil(math.log2(bar * len(bars) / allowed) / 2)
+            more[family] = max(more[family], min(MOST[family], getattr(had, family) + halvings))
+
+
+def renewed(rows: Iterable[Comparison], fresh: Iterable[Comparison]) -> list[Comparison]:
+    """Return comparisons, open ones as a finer reference judges them."""
+    found = {_place(row): row for row in fresh}
+    return [found.get(_place(row), row) if is_open(row) else row for row in rows]
+
+
+def _place(row: Comparison) -> tuple[str, ...]:
+    return row.mechanism, row.case, row.engine, row.reference, row.quantity, row.unit
