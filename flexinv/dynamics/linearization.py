@@ -22,7 +22,7 @@ from flexinv.dynamics.stepper import TURNED_TOO_MUCH, evaluate
 from flexinv.kernels.jit import jit, jit_formula, jit_inner
 from flexinv.kernels.vec3 import add_scaled, vec_at
 from flexinv.kinematics.tree import Joints
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Sparse
 
 # C = (T(LARGE_FACTOR, 0) - K) / LARGE_FACTOR, M = (T(0, LARGE_FACTOR) - K) / LARGE_FACTOR: so large that rounding of K is
 # below that of the smallest entry (a factor of 1 drowns C of small, fast mechanisms in it), and a power of two, which rounds
@@ -121,7 +121,7 @@ def entries(system, at, values):
 
 @jit_inner
 def _list(block, rows, columns, at, values, n):
-    """List a block of the linearisation from entry n on; rows, columns : first unknown and their number.  Return the next entry."""
+    """List a block of the linearisation from entry n on; rows, columns : first and number; return the next entry."""
     for r in range(rows[1]):
         for c in range(columns[1]):
             at[0, n], at[1, n], values[n] = rows[0] + r, columns[0] + c, block[r, c]

@@ -1,6 +1,6 @@
 """Eigenvalues of M y'' + K y = 0 where some freedoms have no inertia and some motions no stiffness.
 
-Freedoms without inertia follow the others: what they do is eliminated, exactly (`without_massless`).  Of what is left slow motions
+Freedoms without inertia follow the others: what they do is eliminated, exactly (`without_massless`).  Of the rest slow motions
 are found exactly where K is positive definite; what moves without stiffness is taken out of K before.
 """
 

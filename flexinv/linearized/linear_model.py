@@ -140,8 +140,8 @@ def _notes(mechanism: Mechanism, motion: Steady, modes: int | None) -> tuple[str
         )
     if np.abs(damping - damping.T).max(initial=0.0) <= GYROSCOPIC * np.abs(damping).max(initial=0.0):
         return ()
-    return ("modes are kept that the mechanism has without gyroscopic terms, which couple them to those that are left out: its poles "
-            "are not those of the mechanism; leave modes out, or compare them with steady_modes",)  # fmt: skip
+    return ("modes are kept that the mechanism has without gyroscopic terms, which couple them to those that are left out: its "
+            "poles are not those of the mechanism; leave modes out, or compare them with steady_modes",)  # fmt: skip
 
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:

@@ -91,7 +91,7 @@ class Modes(Shapes):
 
     @property
     def stability(self) -> tuple[str, ...]:
-        """(modes,) "stable", "rigid motion", "divergence" (leaves without swinging), "flutter" (swings and grows) or its decaying twin [-]."""
+        """(modes,) "stable", "rigid motion", "divergence", "flutter" (swings and grows) or its twin [-]."""
         words = []
         for squared, root in zip(self.squared.tolist(), self.root.tolist(), strict=True):
             swings = "flutter" if root.real > 0.0 else "twin of flutter"

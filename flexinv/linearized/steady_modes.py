@@ -138,7 +138,7 @@ def with_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, floa
     found = np.linalg.lstsq(factors, -given, rcond=None)[0] if open_ones else np.zeros(0)
     if open_ones and np.linalg.matrix_rank(factors) < len(open_ones):
         raise InputError(
-            f"rates of '{m.name}': couplings leave the rates of {', '.join(open_ones)} open; write one of them in rates, 0 if it rests"
+            f"rates of '{m.name}': couplings leave the rates of {', '.join(open_ones)} open; write one of them, 0 if it rests"
         )
     out |= {name: float(rate) for name, rate in zip(open_ones, found, strict=True)}
     for closure in tied:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_array
 from kernels import Array
+from scipy.sparse import csc_array
 
 import flexinv
 from flexinv.analysis.controller import Controller

@@ -9,7 +9,6 @@ import pytest
 from flexible_examples import clamped, uniform
 
 import flexinv
-from flexinv import Load
 from flexinv.errors import InputError, ModelWarning
 from flexinv.linearized.linear_model import linear_model
 from flexinv.linearized.natural_modes import natural_modes
@@ -80,7 +79,7 @@ def test_becks_column(push: float) -> None:
     assert found.stability == ("flutter",)
     with pytest.warns(ModelWarning, match="complex: flutter"):
         assert flexinv.statics(column(push)).stable is False
-    with pytest.raises(InputError, match="loads of .* turn along or are moments.*leave modes out"):
+    with pytest.raises(InputError, match=r"loads of .* turn along or are moments.*leave modes out"):
         linear_model(column(push), modes=1)
 
 
