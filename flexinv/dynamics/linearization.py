@@ -69,7 +69,7 @@ def _count_entries(solver: Solver) -> int:
 
 
 def _springs(solver: Solver) -> Sparse:
-    """What springs between points do to the linearisation, -C A of their rows in the border."""
+    """Give the part of springs between points in the linearisation, -C A of their rows in the border."""
     ties = solver.border.ties
     pulls = ties.kind == PULL
     sides, across = (scipy.sparse.csc_array(part[pulls]) for part in (ties.sides, ties.across))
@@ -114,7 +114,7 @@ def entries(system, at, values):
                 for r in range(rows):
                     for c in range(columns):
                         work.system[r, c] = 0.0
-                _add_coupling(topology, system.variation, nodes, i, q, work.tangent[k], 0, 0, work.system)
+                _add_coupling(topology, system.variation, nodes, i, q, work.tangent[k], (0, 0), work.system)
                 of, by = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
                 n = _list(work.system, (of, rows), (by, columns), at, values, n)
 
@@ -150,7 +150,7 @@ def fill(system, which, out):
                 if i != q:
                     nodes = elements.nodes[k]
                     rows, columns = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
-                    _add_coupling(topology, variation, nodes, i, q, work.tangent[k], rows, columns, whole)
+                    _add_coupling(topology, variation, nodes, i, q, work.tangent[k], (rows, columns), whole)
     for r in range(whole.shape[0]):
         for c in range(whole.shape[1]):
             for k in range(len(ties.a)):
@@ -161,9 +161,10 @@ def fill(system, which, out):
 
 
 @jit_inner
-def _add_coupling(topology, variation, nodes, first, second, tangent, rows, columns, out):
-    """Add B_i^T K_iq B_q from ``rows`` and ``columns`` on; the first node moves with all of its block, others with their six."""
+def _add_coupling(topology, variation, nodes, first, second, tangent, at, out):
+    """Add B_i^T K_iq B_q from row and column ``at`` on; the first node moves with all of its block, others with their six."""
     root = nodes[0]
+    rows, columns = at
     for r in range(topology.size[topology.block[root]] if first == 0 else 6):
         by_x, by_t = vec_at(tangent[6 * first + r % 6], 6 * second), vec_at(tangent[6 * first + r % 6], 6 * second + 3)
         if first == 0:

@@ -35,7 +35,7 @@ NO_STIFFNESS = 1e-14
 # Pivots on the diagonal are safe as long as entries do not grow by more than this.
 GROWTH = 1e6
 # Freedoms up to which eigenvalues are found one and all, by dense matrices.
-SMALL = 300
+ONE_AND_ALL = 300
 
 
 class Split(NamedTuple):
@@ -67,11 +67,11 @@ def split_by_inertia(mass: Sparse) -> Split:
     return Split(_basis(massive, len(size)), _basis(massless, len(size)))
 
 
-def _columns(which: Array) -> tuple[Array, Array, Array]:
+def _columns(which: NDArray[Any]) -> tuple[NDArray[Any], ...]:
     return which, np.arange(len(which)), np.ones(len(which))
 
 
-def _basis(parts: list[tuple[Array, Array, Array]], size: int) -> Sparse:
+def _basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
     """Columns of all parts side by side."""
     first, shifted = 0, []
     for _, columns, _ in parts:
@@ -234,7 +234,7 @@ def negative(stiffness: Sparse) -> int:
     """
     unit = with_unit_diagonal(stiffness)
     count = unit.shape[0]
-    if count <= SMALL:
+    if count <= ONE_AND_ALL:
         return int((scipy.linalg.eigvalsh((unit + unit.T).toarray() / 2) < -LEAST * count).sum())
     unit = (unit + unit.T) / 2 + LEAST * count * scipy.sparse.eye_array(count)
     return negative_pivots(scipy.sparse.csc_array(unit))

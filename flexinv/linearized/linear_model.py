@@ -128,7 +128,7 @@ def linear_model(
 
 
 def _notes(mechanism: Mechanism, motion: Steady, modes: int | None) -> tuple[str, ...]:
-    """What a model of few modes leaves out: raises InputError where the modes are not those of the mechanism at all."""
+    """Name what few modes leave out; raises InputError where they are not modes of the mechanism at all."""
     if modes is None:
         return ()
     n = allowed_motions(motion.solver)

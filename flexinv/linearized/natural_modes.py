@@ -87,7 +87,7 @@ class Modes(Shapes):
     def root(self) -> Complex:
         """(modes,) roots [1/s] of a motion exp(root t), of each pair the one that swings or grows."""
         root = 1j * np.sqrt(self.squared.astype(complex))
-        return np.where(np.isreal(self.squared) & (self.squared.real < 0.0), np.abs(root), root)
+        return np.asarray(np.where(np.isreal(self.squared) & (self.squared.real < 0.0), np.abs(root), root))
 
     @property
     def stability(self) -> tuple[str, ...]:
