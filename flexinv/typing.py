@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+Complex = NDArray[np.complex128]
+# A sparse matrix of SciPy, which has no types of its own.
+Sparse = Any
 # A quantity and its first two derivatives by time.
 Triple = tuple[Array, Array, Array]

@@ -66,7 +66,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     Zero of the residual  f_elastic - m g - loads = 0  on all free nodes; gravity, the mechanism's springs and forces (those of
     t = 0) and the loads are raised in steps as large as Newton converges.  ``torque`` holds the joints; ``tip``, ``deflection``,
     ``wrench``, ``internal`` are those of the rest position; ``stable`` is False where its tangent stiffness is not positive
-    definite, as of a straight column beyond its buckling load (a ModelWarning says so, too).
+    definite, as of a straight column beyond its buckling load, or where forces that turn along make it flutter, as of Beck's
+    column (a ModelWarning says so, too; dampers are not looked at).
 
     q : (nq,) [rad], [m], all joints at zero by default
     Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
@@ -107,7 +108,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     found = solution_of(mesh, first, SETTINGS)
     if not (unstable := unstable_motions(solver, joints)):  # a word on whether a structure stays there
         return replace(found, stable=True)
-    count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)}"
+    count = f"{unstable} unstable eigenvalue{'s' * (unstable > 1)} (negative: divergence; complex: flutter)"
     note = (
         f"statics of '{mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
         "leaves it, as a column does under more than its buckling load; write a smaller load, or let flexinv.solve show where it "

@@ -175,6 +175,8 @@ def modes(
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
     if found.friction.any():
         table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
+    if {"flutter", "divergence"} & set(found.stability):
+        table["stability"] = found.stability
     return show(table, missing="unstable")
 
 

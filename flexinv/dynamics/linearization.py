@@ -4,6 +4,7 @@
 
 with y increments of the pose, a rotation's in the node's own frame.  The linearisation of a time step is affine in the factors
 cv = du/dy and ca = du'/dy of its scheme, T(cv, ca) = K + cv C + ca M, so that three evaluations give all of them.
+Nodes couple along the tree only: of a large mechanism nearly all entries are zero, and `matrices` keeps the others alone.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 
 from flexinv.dynamics.assembly import by_root
 from flexinv.dynamics.constraint_rows import PULL
@@ -18,10 +20,9 @@ from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import TURNED_TOO_MUCH, evaluate
 from flexinv.kernels.jit import jit, jit_formula, jit_inner
-from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add_scaled, vec_at
 from flexinv.kinematics.tree import Joints
-from flexinv.typing import Array
+from flexinv.typing import Sparse
 
 # C = (T(LARGE_FACTOR, 0) - K) / LARGE_FACTOR, M = (T(0, LARGE_FACTOR) - K) / LARGE_FACTOR: so large that rounding of K is
 # below that of the smallest entry (a factor of 1 drowns C of small, fast mechanisms in it), and a power of two, which rounds
@@ -29,13 +30,12 @@ from flexinv.typing import Array
 LARGE_FACTOR = 2.0**100
 
 
-@by_address
 class Matrices(NamedTuple):
-    """M [kg], C [N s/m] and K [N/m], (unknowns, unknowns) in metres and radians."""
+    """M [kg], C [N s/m] and K [N/m], sparse (unknowns, unknowns) in metres and radians."""
 
-    mass: Array
-    damping: Array
-    stiffness: Array
+    mass: Sparse
+    damping: Sparse
+    stiffness: Sparse
 
 
 def matrices(solver: Solver, joints: Joints) -> Matrices:
@@ -43,12 +43,37 @@ def matrices(solver: Solver, joints: Joints) -> Matrices:
 
     Raises ConvergenceError where an element turns too much to be linearised.
     """
-    out = np.zeros((3, len(solver.topology.scale), len(solver.topology.scale)))
+    count, size = _count_entries(solver), len(solver.topology.scale)
+    at, values, springs = np.zeros((2, count), dtype=np.int64), np.zeros((3, count)), list[Sparse]()
     for which in range(3):
         if (bad := solver.evaluate(weighed(which), joints)) >= 0:
             raise solver.complain(TURNED_TOO_MUCH, bad, 0.0, "where it is linearised")
-        fill(solver.system, which, out)
-    return Matrices(out[2], out[1], out[0])
+        entries(solver.system, at, values[which])
+        springs.append(_springs(solver))
+    values[1:] = (values[1:] - values[0]) / LARGE_FACTOR
+    springs[1:] = [(one - springs[0]) / LARGE_FACTOR for one in springs[1:]]
+    parts = [scipy.sparse.csc_array((value, (at[0], at[1])), shape=(size, size)) for value in values]
+    stiffness, damping, mass = (part + spring for part, spring in zip(parts, springs, strict=True))
+    return Matrices(mass, damping, stiffness)
+
+
+def _count_entries(solver: Solver) -> int:
+    """Number of entries that blocks and elements have in one matrix."""
+    t, e = solver.topology, solver.elements
+    count = int((t.size**2).sum())
+    for k, order in enumerate(e.order):
+        sizes = t.size[t.block[e.nodes[k, : order + 1]]].copy()
+        sizes[1:] = 6
+        count += int(sizes.sum() ** 2 - (sizes**2).sum())
+    return count
+
+
+def _springs(solver: Solver) -> Sparse:
+    """Give the part of springs between points in the linearisation, -C A of their rows in the border."""
+    ties = solver.border.ties
+    pulls = ties.kind == PULL
+    sides, across = (scipy.sparse.csc_array(part[pulls]) for part in (ties.sides, ties.across))
+    return -(sides.T @ across)
 
 
 @jit_formula
@@ -71,6 +96,40 @@ def differentiate(system, joints, out):
 
 
 @jit
+def entries(system, at, values):
+    """Fill the places (2, entries) and values (entries,) [any unit] of the linearisation without springs between points."""
+    work = system.work  # by itself: it is written to (`assembly._passive_rows`)
+    topology, elements, n = system.topology, system.elements, 0
+    for b in range(len(topology.size)):
+        o, size = topology.offset[b], topology.size[b]
+        n = _list(work.diagonal[b], (o, size), (o, size), at, values, n)
+    for k in range(len(elements.order)):
+        nodes, count = elements.nodes[k], elements.order[k] + 1
+        for i in range(count):
+            for q in range(count):
+                if i == q:
+                    continue
+                rows = topology.size[topology.block[nodes[i]]] if i == 0 else 6
+                columns = topology.size[topology.block[nodes[q]]] if q == 0 else 6
+                for r in range(rows):
+                    for c in range(columns):
+                        work.system[r, c] = 0.0
+                _add_coupling(topology, system.variation, nodes, i, q, work.tangent[k], (0, 0), work.system)
+                of, by = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
+                n = _list(work.system, (of, rows), (by, columns), at, values, n)
+
+
+@jit_inner
+def _list(block, rows, columns, at, values, n):
+    """List a block of the linearisation from entry n on; rows, columns : first and number; return the next entry."""
+    for r in range(rows[1]):
+        for c in range(columns[1]):
+            at[0, n], at[1, n], values[n] = rows[0] + r, columns[0] + c, block[r, c]
+            n += 1
+    return n
+
+
+@jit
 def fill(system, which, out):
     """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `weighed`.
 
@@ -89,7 +148,9 @@ def fill(system, which, out):
         for i in range(count):
             for q in range(count):
                 if i != q:
-                    _add_coupling(topology, variation, elements.nodes[k], i, q, work.tangent[k], whole)
+                    nodes = elements.nodes[k]
+                    rows, columns = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
+                    _add_coupling(topology, variation, nodes, i, q, work.tangent[k], (rows, columns), whole)
     for r in range(whole.shape[0]):
         for c in range(whole.shape[1]):
             for k in range(len(ties.a)):
@@ -100,10 +161,10 @@ def fill(system, which, out):
 
 
 @jit_inner
-def _add_coupling(topology, variation, nodes, first, second, tangent, out):
-    """Add B_i^T K_iq B_q; the first node moves with all unknowns of its block, every other with its own six."""
+def _add_coupling(topology, variation, nodes, first, second, tangent, at, out):
+    """Add B_i^T K_iq B_q from row and column ``at`` on; the first node moves with all of its block, others with their six."""
     root = nodes[0]
-    rows, columns = topology.offset[topology.block[nodes[first]]], topology.offset[topology.block[nodes[second]]]
+    rows, columns = at
     for r in range(topology.size[topology.block[root]] if first == 0 else 6):
         by_x, by_t = vec_at(tangent[6 * first + r % 6], 6 * second), vec_at(tangent[6 * first + r % 6], 6 * second + 3)
         if first == 0:

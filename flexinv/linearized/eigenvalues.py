@@ -1,16 +1,20 @@
 """Eigenvalues of M y'' + K y = 0 where some freedoms have no inertia and some motions no stiffness.
 
-Slow motions are found exactly where K is positive definite; what moves without stiffness is taken out of K before.
+Freedoms without inertia follow the others: what they do is eliminated, exactly (`without_massless`).  Of the rest slow motions
+are found exactly where K is positive definite; what moves without stiffness is taken out of K before.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
+from numpy.typing import NDArray
 
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.errors import InputError
-from flexinv.typing import Array
+from flexinv.typing import Array, Sparse
 
 # Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
 SOFT = 1e-12
@@ -21,15 +25,103 @@ SOFTER = 1e3
 CANCELLED, LARGEST_ROUNDED = 1e-13, 1e-16
 # Of a stiffness with a unit diagonal: what rounding leaves of its symmetry, and of an eigenvalue that is zero, for each freedom.
 SYMMETRIC, LEAST = 1e-9, 1e-15
+# Roundings of an omega^2 over the absolute sum of its terms, where K is not symmetric.
+CIRCULATORY = 1e-13
+# Of a mass matrix with a unit diagonal, an eigenvalue below this is zero: some tens of roundings of bodies' lever arms.
+NO_INERTIA = 1e-13
+# Of a pivot of a stiffness with a unit diagonal: below this the freedom has none.
+NO_STIFFNESS = 1e-14
+
+# Pivots on the diagonal are safe as long as entries do not grow by more than this.
+GROWTH = 1e6
+# Freedoms up to which eigenvalues are found one and all, by dense matrices.
+ONE_AND_ALL = 300
 
 
-def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Array]:
-    """Return omega^2 (modes,) [1/s^2], rising, and shapes (unknowns, modes) with unit modal mass.
+class Split(NamedTuple):
+    """Freedoms with inertia (freedoms, n), and those without (freedoms, m) as combinations of the march's: sparse bases."""
 
-    1 / omega^2 are eigenvalues of M by K where K is positive definite: so the low frequencies are the exact ones, and freedoms
-    without inertia (1 / infinity) need no care.  What moves without stiffness, or falls, is taken out of K first.
+    massive: Sparse
+    massless: Sparse
+
+
+def split_by_inertia(mass: Sparse) -> Split:
+    """Return bases of the motions with and without inertia; M [kg m^2] positive semidefinite, in scaled unknowns.
+
+    M couples few freedoms with each other: each such set is judged by itself, over its own inertias.
     """
-    k, m = (allowed.T @ part @ allowed for part in (stiffness, mass))
+    diagonal = mass.diagonal()
+    none = diagonal <= MASSLESS * diagonal.max(initial=0.0)
+    size = np.where(none, 1.0, np.sqrt(np.abs(diagonal)))
+    unit = scipy.sparse.csr_array(scipy.sparse.diags_array(1 / size) @ mass @ scipy.sparse.diags_array(1 / size))
+    sets, label = scipy.sparse.csgraph.connected_components(unit, directed=False)
+    order, ends = np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=sets))
+    alone = np.diff(ends, prepend=0)[label] == 1
+    massive, massless = [_columns(np.flatnonzero(alone & ~none))], [_columns(np.flatnonzero(alone & none))]
+    for k in np.unique(label[~alone]):
+        own = order[ends[k - 1] if k else 0 : ends[k]]
+        values, vectors = scipy.linalg.eigh(unit[own][:, own].toarray())
+        for found, which in ((massive, values > NO_INERTIA), (massless, values <= NO_INERTIA)):
+            rows, columns = np.meshgrid(own, np.arange(which.sum()), indexing="ij")
+            found.append((rows.ravel(), columns.ravel(), (vectors[:, which] / size[own, None]).ravel()))
+    return Split(_basis(massive, len(size)), _basis(massless, len(size)))
+
+
+def _columns(which: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    return which, np.arange(len(which)), np.ones(len(which))
+
+
+def _basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
+    """Columns of all parts side by side."""
+    first, shifted = 0, []
+    for _, columns, _ in parts:
+        shifted.append(columns + first)
+        first += int(columns.max(initial=-1)) + 1
+    rows, values = (np.concatenate([part[k] for part in parts]) for k in (0, 2))
+    places = rows.astype(np.int64), np.concatenate(shifted).astype(np.int64)
+    return scipy.sparse.csc_array((values, places), shape=(size, first))
+
+
+def without_massless(stiffness: Sparse, split: Split) -> Sparse:
+    """Return N (freedoms, massive) [-]: all freedoms by those with inertia, others in equilibrium, K_00 b = -K_01 a.
+
+    Raises InputError where a freedom has neither inertia nor stiffness.
+    """
+    count = split.massless.shape[1]
+    if not count:
+        return split.massive
+    own = scipy.sparse.csc_array(split.massless.T @ stiffness @ split.massless)
+    across = scipy.sparse.csc_array(split.massless.T @ stiffness @ split.massive)
+    touched = np.flatnonzero(np.diff(across.indptr))
+    follow = np.zeros(across.shape)
+    follow[:, touched] = solve_held(own, across[:, touched].toarray())
+    return scipy.sparse.csc_array(split.massive - split.massless @ scipy.sparse.csc_array(follow))
+
+
+def solve_held(stiffness: Sparse, sides: Array) -> Array:
+    """Return K^-1 sides (freedoms, sides); raises InputError where a freedom has no stiffness [N m]."""
+    size = np.sqrt(np.abs(stiffness).max(axis=1).toarray().ravel())
+    nothing = "modes: a freedom has neither inertia nor stiffness; give its link a mass"
+    if not size.all():
+        raise InputError(nothing)
+    unit = scipy.sparse.csc_array(scipy.sparse.diags_array(1 / size) @ stiffness @ scipy.sparse.diags_array(1 / size))
+    try:
+        factors = scipy.sparse.linalg.splu(unit)
+    except RuntimeError:  # exactly singular
+        raise InputError(nothing) from None
+    if np.abs(factors.U.diagonal()).min() < NO_STIFFNESS:
+        raise InputError(nothing)
+    return np.asarray(factors.solve(sides / size[:, None]) / size[:, None])
+
+
+def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
+    """Return omega^2 (modes,) [1/s^2], rising, and shapes (freedoms, modes) with unit modal mass, of a symmetric K.
+
+    1 / omega^2 are eigenvalues of M by K where K is positive definite: so the low frequencies are the exact ones.  Freedoms
+    without inertia follow the others.  What moves without stiffness, or falls, is taken out of K first.
+    """
+    moves = without_massless(stiffness, split_by_inertia(mass))
+    k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
     k, m = (k + k.T) / 2, (m + m.T) / 2
     soft = _soft(k, m)
     # Q^T M x = 0 for the soft motions x: what is left of K moves by Q, and soft motions take no part in it
@@ -38,7 +130,7 @@ def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Arra
     squared, shapes = _soft_squares(k, m, soft)
     if rest.shape[1]:
         values, vectors = scipy.linalg.eigh((inertia + inertia.T) / 2, (inner + inner.T) / 2)
-        use = values > MASSLESS * values.max(initial=0.0)
+        use = values > 0.0
         stiff = rest @ vectors[:, use][:, ::-1]
         # Of slow motions the eigenvalue, of fast ones Rayleigh's quotient: rounding is 1e-16 of 1 / omega^2 of the slowest, but
         # of K of the fastest, and each is the better one on its side of their mean.
@@ -48,25 +140,44 @@ def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Arra
         squared, shapes = np.concatenate([squared, np.where(slow, inverse, quotient)]), np.hstack([shapes, stiff])
     order = np.argsort(squared, kind="stable")
     masses = np.einsum("km,kl,lm->m", shapes, m, shapes)  # (mode,)
-    return squared[order], (allowed @ shapes / np.sqrt(masses))[:, order]
+    return squared[order], np.asarray(moves @ (shapes / np.sqrt(masses)))[:, order]
 
 
-def negative(stiffness: Array) -> int:
-    """Return the number of negative eigenvalues of K (freedoms, freedoms) [N m], beyond rounding [-].
+def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return omega^2 (modes,) [1/s^2], by size, and shapes (freedoms, modes) with unit modal mass, of a K that is not symmetric.
 
-    K is symmetric where loads have a potential.  Where moments keep their axes in space it is not: real eigenvalues are meant.
+    Forces that turn along do work on closed paths: omega^2 may be complex, in pairs.  Values and shapes are complex then.
+    omega^2 + shift = 1 / mu with (K + shift M)^-1 M x = mu x.  What rounding leaves of zeros and of real values is taken away:
+    each value is known to eps |z| |K| |x| / |z M x|, z its left vector, and to what the eigenvalue solve loses.
     """
-    k = (stiffness + stiffness.T) / 2
-    if _definite(k):
-        return 0
-    size = np.sqrt(np.abs(np.diag(stiffness)))
-    size[size == 0.0] = 1.0  # a spherical joint about the axis of its link: nothing holds it
-    unit = stiffness / np.outer(size, size)  # signs stay, and stiff motions hide no soft ones
-    if np.abs(unit - unit.T).max() < SYMMETRIC:
-        values = scipy.linalg.eigvalsh((unit + unit.T) / 2).astype(complex)
-    else:
-        values = np.asarray(scipy.linalg.eigvals(unit))
-    return int(((values.real < -LEAST * len(k)) & (values.imag == 0.0)).sum())
+    moves = without_massless(stiffness, split_by_inertia(mass))
+    k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
+    shift = SOFT * np.abs(k).max() / np.abs(m).max()
+    inner = k + shift * m
+    slow = scipy.linalg.solve(inner, m)
+    values, left, right = scipy.linalg.eig(slow, left=True, right=True)
+    # the eigenvalue solve itself: a rounding of its matrix, over the angle between the vectors; it is the fast ones that suffer
+    lost = np.finfo(float).eps * len(k) * np.linalg.norm(slow) / np.abs(np.einsum("km,km->m", left.conj(), right))
+    squared, left = 1 / values - shift, scipy.linalg.solve(inner.T, left)
+    weight = np.abs(np.einsum("km,kl,lm->m", left.conj(), m, right))
+    known = CIRCULATORY * np.einsum("km,kl,lm->m", np.abs(left), np.abs(k), np.abs(right)) / weight
+    known = known + lost / np.abs(values) ** 2
+    squared = np.where(np.abs(squared) <= known, 0.0, squared)
+    squared = np.where(np.abs(squared.imag) <= known, squared.real, squared)
+    order = (
+        np.lexsort((-squared.imag, squared.real))
+        if not squared.imag.any()
+        else np.argsort(np.abs(squared), kind="stable")
+    )
+    shapes = right / np.sqrt(np.einsum("km,kl,lm->m", right.conj(), m, right).real)
+    squared, shapes = squared[order], np.asarray(moves @ shapes[:, order])
+    return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
+
+
+def is_symmetric(stiffness: Sparse) -> bool:
+    """Return True where K with a unit diagonal [-] is symmetric but for rounding."""
+    unit = with_unit_diagonal(stiffness)
+    return bool(abs(unit - unit.T).max() <= SYMMETRIC) if unit.shape[0] else True
 
 
 def _soft(k: Array, m: Array) -> Array:
@@ -77,7 +188,7 @@ def _soft(k: Array, m: Array) -> Array:
     """
     if not k.any() and _definite(m):  # all motions are, and no shift of K is in scale with M
         return np.eye(len(k))
-    shift, smallest = 0.0, SOFT * np.abs(k).max() / max(np.abs(m).max(), np.finfo(float).tiny)
+    shift, smallest = 0.0, SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
     while not _definite(k + shift * m):
         if shift > smallest / SOFT**2:
             raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
@@ -107,3 +218,41 @@ def _definite(matrix: Array) -> bool:
     except scipy.linalg.LinAlgError:
         return False
     return bool((np.diag(factor) ** 2 > SOFT * np.abs(np.diag(matrix))).all())
+
+
+def with_unit_diagonal(stiffness: Sparse) -> Sparse:
+    """Return a matrix scaled so that its diagonal is 1, -1 or 0 [-]: signs stay, and stiff motions hide no soft ones."""
+    size = np.sqrt(np.abs(stiffness.diagonal()))
+    size[size == 0.0] = 1.0  # a spherical joint about the axis of its link: nothing holds it
+    return scipy.sparse.csc_array(scipy.sparse.diags_array(1 / size) @ stiffness @ scipy.sparse.diags_array(1 / size))
+
+
+def negative(stiffness: Sparse) -> int:
+    """Return the number of negative eigenvalues of a symmetric K (freedoms, freedoms) [N m], beyond rounding [-].
+
+    By Sylvester's law of inertia it is the number of negative pivots of K + shift 1, whatever the order of elimination.
+    """
+    unit = with_unit_diagonal(stiffness)
+    count = unit.shape[0]
+    if count <= ONE_AND_ALL:
+        return int((scipy.linalg.eigvalsh((unit + unit.T).toarray() / 2) < -LEAST * count).sum())
+    unit = (unit + unit.T) / 2 + LEAST * count * scipy.sparse.eye_array(count)
+    return negative_pivots(scipy.sparse.csc_array(unit))
+
+
+def negative_pivots(symmetric: Sparse) -> int:
+    """Return the number of negative pivots [-] of a symmetric matrix: that of its negative eigenvalues.
+
+    Pivots stay on the diagonal.  Where one is so small that this is not sure, eigenvalues are counted one by one.
+    """
+    options = {"SymmetricMode": True}
+    try:
+        factors = scipy.sparse.linalg.splu(symmetric, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        pivots = factors.U.diagonal()
+        sure = np.array_equal(factors.perm_r, factors.perm_c)
+        sure = sure and np.abs(factors.U.data).max(initial=0.0) < GROWTH * np.abs(symmetric.data).max(initial=1.0)
+    except RuntimeError:  # exactly singular
+        sure = False
+    if sure:
+        return int((pivots < 0.0).sum())
+    return int((scipy.linalg.eigvalsh(symmetric.toarray()) < 0.0).sum())

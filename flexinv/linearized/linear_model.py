@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import slides
-from flexinv.linearized.eigenvalues import SOFT, undamped
+from flexinv.linearized.eigenvalues import SOFT, is_symmetric, undamped
 from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes, numbers_of_rates, tip_moves
 from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.by_value import ByValue
@@ -29,6 +29,8 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import names, of_kind, whole
 
+# Of the largest entry of C, what rounding leaves of its symmetry where nothing is gyroscopic.
+GYROSCOPIC = 1e-9
 AXIS_NAMES = ("x", "y", "z")
 
 
@@ -38,6 +40,7 @@ class LinearModel(ByValue):
 
     states, inputs, outputs : names; state_units, input_units, output_units : their units
     bias : (inputs,) what the inputs are in the steady motion itself [N m], [N], [rad/s^2]
+    notes : what a reader must know, as that kept modes are those without gyroscopic terms
     """
 
     A: Array
@@ -51,6 +54,7 @@ class LinearModel(ByValue):
     input_units: tuple[str, ...]
     output_units: tuple[str, ...]
     bias: Array
+    notes: tuple[str, ...] = ()
 
     @property
     def matrices(self) -> tuple[Array, Array, Array, Array]:
@@ -75,8 +79,9 @@ def linear_model(
     q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s]
     free : joints that move, by default all that are not accelerated; joints that are neither are held
     accelerated : joints whose acceleration is given, with one velocity coordinate each; not in a loop
-    modes : number of the slowest modes (accelerated joints held) that are kept, all by default
-    Raises InputError as `steady_modes`, and for joints that cannot be accelerated.
+    modes : number of the slowest modes (accelerated joints held) that are kept, all by default: those without gyroscopic terms
+        and damping (``notes`` says so where something turns)
+    Raises InputError as `steady_modes`, for few modes under loads that turn along, and for joints that cannot be accelerated.
     """
     if modes is not None:
         modes = whole("modes", modes, 0, "0 or more, or None for all")
@@ -118,7 +123,25 @@ def linear_model(
         (*("N m" if turns[v] else "N" for v in driven), *(f"{u}/s^2" for u in unit[:given])),
         units,
         np.concatenate([coordinates[driven] @ motion.residual, np.zeros(given)]),
+        _notes(mechanism, motion, modes),
     )  # fmt: skip
+
+
+def _notes(mechanism: Mechanism, motion: Steady, modes: int | None) -> tuple[str, ...]:
+    """Name what few modes leave out; raises InputError where they are not modes of the mechanism at all."""
+    if modes is None:
+        return ()
+    n = allowed_motions(motion.solver)
+    damping, stiffness = (n.T @ part @ n for part in motion.matrices[1:])
+    if not is_symmetric(scipy.sparse.csc_array(stiffness)):
+        raise InputError(
+            f"linear model: modes = {modes}: loads of '{mechanism.name}' turn along or are moments, so that its modes are not "
+            "those of a symmetric stiffness; leave modes out"
+        )
+    if np.abs(damping - damping.T).max(initial=0.0) <= GYROSCOPIC * np.abs(damping).max(initial=0.0):
+        return ()
+    return ("modes are kept that the mechanism has without gyroscopic terms, which couple them to those that are left out: its "
+            "poles are not those of the mechanism; leave modes out, or compare them with steady_modes",)  # fmt: skip
 
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:
@@ -126,7 +149,8 @@ def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array
     k, m = motion.matrices.stiffness, motion.matrices.mass
     own = accelerated.any(axis=0)
     if not own.any():
-        return undamped(k, m, allowed_motions(motion.solver))[1][:, :modes], 0
+        allowed = allowed_motions(motion.solver)
+        return allowed @ _shapes(allowed.T @ k @ allowed, allowed.T @ m @ allowed)[:, :modes], 0
     rest = np.diag(motion.solver.topology.scale)[:, ~own]
     held, inertia = (rest.T @ part @ rest for part in (k, m))
     held, inertia = (held + held.T) / 2, (inertia + inertia.T) / 2
@@ -134,7 +158,13 @@ def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
     follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
-    return np.hstack([follow, undamped(k, m, rest)[1][:, :modes]]), len(accelerated)
+    return np.hstack([follow, rest @ _shapes(held, inertia)[:, :modes]]), len(accelerated)
+
+
+def _shapes(stiffness: Array, mass: Array) -> Array:
+    """Shapes (freedoms, modes) of unit modal mass, slowest first, of the symmetric part of K."""
+    k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
+    return undamped(k, m)[1]
 
 
 def _first_order(mass: Array, damping: Array, stiffness: Array, efforts: Array, given: int) -> tuple[Array, Array]:

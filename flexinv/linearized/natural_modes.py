@@ -9,8 +9,8 @@ Kelvin-Voigt damping with one retardation time eta for all strains, D = eta C (`
 with the ratio zeta = eta omega / 2: it grows with frequency, so that one target ratio at one mode fixes it for all others.
 A rigid motion dissipates nothing; in steps of h on a circle of rate w the scheme's velocities are off by a part (w h)^2, which
 leaves strain rates of second order (and power of fourth).
-Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric; where an
-outside effort holds a free joint in place, it is taken as constant, and of K the symmetric part.
+Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric but for forces
+that turn along and moments; where an outside effort holds a free joint in place, it is taken as constant.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.allocation import REDUNDANT
@@ -34,11 +35,11 @@ from flexinv.errors import InputError
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.eigenvalues import negative, undamped
+from flexinv.linearized.eigenvalues import circulatory, is_symmetric, negative, undamped
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.model.owned_cache import freeze, kept_with_owner
-from flexinv.typing import Array
+from flexinv.typing import Array, Complex, Sparse
 from flexinv.validation import floats, names, number, of_kind, table, whole
 
 # So many modes are named in the note that says what a ratio at one of them makes of the others.
@@ -72,19 +73,36 @@ class Shapes(ByValue):
 class Modes(Shapes):
     """Small motions about a rest position, in the order of their frequencies.
 
-    squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable
+    squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable (divergence);
+        complex, and shapes with it, where forces that turn along or moments make the mechanism flutter, in pairs
     displacement, rotation : of modal mass 1 kg m^2, the sum of m |displacement|^2 + rotation . J rotation (and of the rotors of
         free joints)
     friction : (modes,) y . D y [1/s], of dampers and damped beams in each mode (no dry friction)
     """
 
-    squared: Array
+    squared: NDArray[Any]
     friction: Array
 
     @property
+    def root(self) -> Complex:
+        """(modes,) roots [1/s] of a motion exp(root t), of each pair the one that swings or grows."""
+        root = 1j * np.sqrt(self.squared.astype(complex))
+        return np.asarray(np.where(np.isreal(self.squared) & (self.squared.real < 0.0), np.abs(root), root))
+
+    @property
+    def stability(self) -> tuple[str, ...]:
+        """(modes,) "stable", "rigid motion", "divergence", "flutter" (swings and grows) or its twin [-]."""
+        words = []
+        for squared, root in zip(self.squared.tolist(), self.root.tolist(), strict=True):
+            swings = "flutter" if root.real > 0.0 else "twin of flutter"
+            still = "rigid motion" if squared == 0.0 else "divergence" if complex(squared).real < 0.0 else "stable"
+            words.append(swings if complex(squared).imag else still)
+        return tuple(words)
+
+    @property
     def frequency(self) -> Array:
-        """(modes,) natural frequencies [Hz]; nan where the rest position is unstable."""
-        return np.sqrt(np.where(self.squared < 0.0, np.nan, self.squared)) / (2 * np.pi)
+        """(modes,) natural frequencies [Hz], real; of flutter that with which it swings, nan of divergence (`stability`)."""
+        return np.where(np.array(self.stability) == "divergence", np.nan, self.root.imag) / (2 * np.pi)
 
     @property
     def ratio(self) -> Array:
@@ -92,7 +110,8 @@ class Modes(Shapes):
 
         Exact where D is a multiple of K; else what light damping does, as it then couples modes.
         """
-        omega = np.sqrt(np.where(self.squared > 0.0, self.squared, np.nan))
+        stable = np.array(self.stability) == "stable"
+        omega = np.sqrt(np.where(stable, self.squared.real, np.nan))
         return np.asarray(self.friction / (2 * omega))
 
 
@@ -116,12 +135,20 @@ def natural_modes(
     mesh, at, moving = chosen(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
     mass, damping, stiffness = matrices_at_rest(solver, rest(solver, at)[0])
-    squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
+    squared, shapes = _modes(stiffness, mass, allowed_motions(solver))
     last = len(squared) if count is None else count
     moves = nodal_shapes(solver, shapes[:, :last])
-    lost = np.einsum("um,uw,wm->m", shapes, damping, shapes)[:last]  # (mode,)
+    shown = shapes[:, :last]
+    lost = np.einsum("um,um->m", shown.conj(), damping @ shown).real  # (mode,)
     place, turn = solver.frames.x.copy(), solver.frames.r.copy()
     return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost)
+
+
+def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse) -> tuple[NDArray[Any], NDArray[Any]]:
+    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow."""
+    k, m = (allowed.T @ part @ allowed for part in (stiffness, mass))
+    squared, shapes = undamped(k, m) if is_symmetric(k) else circulatory(k, m)
+    return squared, allowed @ shapes
 
 
 def chosen(
@@ -211,15 +238,19 @@ def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
     ties.multiplier[:n] = 0.0
     mass, damping, stiffness = matrices(solver, joints)
     ties.multiplier[:] = force
-    return Matrices(mass, damping, stiffness + tied)
+    return Matrices(mass, damping, scipy.sparse.csc_array(stiffness + tied))
 
 
 def unstable_motions(solver: Solver, joints: Joints) -> int:
     """Return in how many independent motions a mechanism would leave the rest position that the solver has found [-]."""
     if not len(solver.topology.scale):
         return 0
-    allowed = allowed_motions(solver)
-    return negative(allowed.T @ matrices_at_rest(solver, joints).stiffness @ allowed)
+    allowed, found = allowed_motions(solver), matrices_at_rest(solver, joints)
+    k, m = (allowed.T @ part @ allowed for part in (found.stiffness, found.mass))
+    if is_symmetric(k):
+        return negative(k)
+    squared, _ = circulatory(k, m)
+    return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum())
 
 
 # Central differences of the closures' gradients, fourth order: their derivatives are of the size of one over the mechanism's
@@ -227,12 +258,12 @@ def unstable_motions(solver: Solver, joints: Joints) -> int:
 STEP = 1e-3
 
 
-def stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
+def stiffness_of_ties(solver: Solver, joints: Joints) -> Sparse:
     """Return -d(G^T lambda) / dy [N/m], [N m]: what forces in closures add to the stiffness where something loads them."""
     n, size = constraints(solver), len(solver.topology.scale)
-    force, k = solver.border.ties.multiplier[:n].copy(), np.zeros((size, size))
+    force, k = solver.border.ties.multiplier[:n].copy(), scipy.sparse.lil_array((size, size))
     if not np.any(force):
-        return k
+        return scipy.sparse.csc_array(k)
 
     def pull(unknown: int, step: float) -> Array:
         solver.state.d[unknown] = step * solver.topology.scale[unknown]
@@ -240,20 +271,36 @@ def stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
         solver.state.d[unknown] = 0.0
         return np.asarray(solver.border.ties.sides[:n].T @ force)
 
-    for unknown in range(size):
+    plan = solver.border.ties.layout  # the gradient of a row moves with the unknowns of its own nodes only
+    for unknown in np.unique(plan.unknown[: plan.first_unknown[n]]).tolist():
         near, far = pull(unknown, STEP) - pull(unknown, -STEP), pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
-        k[:, unknown] = (8 * near - far) / (12 * STEP * solver.topology.scale[unknown])
-    return k
+        k[:, [unknown]] = ((8 * near - far) / (12 * STEP * solver.topology.scale[unknown]))[:, None]
+    return scipy.sparse.csc_array(k)
 
 
-def allowed_motions(solver: Solver) -> Array:
-    """Return N (unknowns, freedoms) [m], [rad]: the motions that closures allow, columns of unit length in scaled unknowns."""
+def allowed_motions(solver: Solver) -> Sparse:
+    """Return N (unknowns, freedoms) [m], [rad]: the motions that closures allow.
+
+    In scaled unknowns: as many of them as closures have independent rows follow the others, those with the largest pivots.
+    """
+    scale = solver.topology.scale
+    every = scipy.sparse.diags_array(scale)
     g, _ = scaled_gradient(solver)
-    if not len(g):
-        return np.diag(solver.topology.scale)
-    _, values, right = np.linalg.svd(g)
-    rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
-    return np.asarray(solver.topology.scale[:, None] * right[rank:].T)
+    touched = np.flatnonzero(g.any(axis=0))
+    if not len(touched):
+        return scipy.sparse.csc_array(every)
+    r, pivot = scipy.linalg.qr(g[:, touched], mode="r", pivoting=True)
+    size = np.abs(np.diag(r))
+    rank = int((size > REDUNDANT * size[0]).sum())
+    follow = -scipy.linalg.solve_triangular(r[:rank, :rank], r[:rank, rank:])
+    moves = np.ones(len(scale), dtype=bool)
+    moves[touched[pivot[:rank]]] = False
+    number = np.cumsum(moves) - 1
+    by = scipy.sparse.lil_array((len(scale), int(moves.sum())))
+    by[np.flatnonzero(moves), number[moves]] = 1.0
+    if rank < len(pivot):
+        by[np.ix_(touched[pivot[:rank]], number[touched[pivot[rank:]]])] = follow
+    return scipy.sparse.csc_array(every @ scipy.sparse.csc_array(by))
 
 
 def scaled_gradient(solver: Solver) -> tuple[Array, Array]:

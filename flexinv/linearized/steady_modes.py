@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.analysis.solution import beyond
 from flexinv.constraints.allocation import REDUNDANT
@@ -38,9 +38,8 @@ from flexinv.linearized import natural_modes as at_rest
 from flexinv.linearized.natural_modes import Shapes, allowed_motions, scaled_gradient
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
-from flexinv.typing import Array
+from flexinv.typing import Array, Complex
 
-Complex = NDArray[np.complex128]
 # Roots are found as 1 / (root - shift): the shift over the size of the fastest ones.  Its square is what rounding leaves of a
 # freedom without stiffness, as in `natural_modes`.
 ROOT_SHIFT = 1e-6
@@ -51,6 +50,8 @@ ZERO_ROOT = 0.1
 # Real part and imaginary part of a root below this part of its size are rounding of nothing: roots of multiplicity two (free
 # motions) are known to the root of 1e-16 only.
 DOUBLE_ROOT = 1e-8
+# Rates of a coupling whose sum is below this part of the largest agree: decimals of a ratio of teeth.
+CONTRADICTS = 1e-9
 MOST_HALVINGS = 8  # of steps in which rates are raised from zero
 # Gravity or a load across the axis by more than this part of itself is no rounding of an axis.
 ACROSS = 1e-9
@@ -91,8 +92,14 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
             raise InputError(f"rate of joint {name!r}: '{m.name}' turns by {known or 'no revolute joint'}")
         if not np.isfinite(rate):
             raise InputError(f"rate of joint {name!r} is {rate}, expected a finite number [rad/s]")
+    rates = with_coupled_rates(mesh, rates)
     spun = [j for j in m.joints if rates.get(j.name, 0.0) != 0.0]
     for joint in spun:
+        if joint.stiffness:
+            raise InputError(
+                f"joint '{joint.name}' of '{m.name}' cannot turn steadily: its spring ({joint.stiffness:g} N m/rad) winds up; "
+                "write its rate as 0, or its stiffness"
+            )
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
     solver = Solver.of(mesh, free)
     joints, held = at_rest.rest(solver, q)
@@ -109,6 +116,45 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
     return Steady(solver, found, solver.work.residual[0].copy())
+
+
+def with_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, float]:
+    """Return rates [rad/s] of joints with those that follow from couplings, sum factor rate = 0; joints beside them have none.
+
+    Raises InputError where rates contradict a coupling, where they leave one open, and where a joint would slide along.
+    """
+    m, out = mesh.mechanism, dict(rates)
+    table = [closure for closure in m.closures if closure.kind == "coupling"]
+    moved = {name for closure in table for name, _ in closure.factors}
+    grown = {name for name in moved if out.get(name, 0.0) != 0.0}
+    while more := {n for c in table if grown & {n for n, _ in c.factors} for n, _ in c.factors} - grown:
+        grown |= more
+    tied = [closure for closure in table if grown & {name for name, _ in closure.factors}]
+    if not tied:
+        return out
+    open_ones = sorted(grown - set(rates), key=list(m.joint_of).index)
+    factors = np.array([[dict(c.factors).get(name, 0.0) for name in open_ones] for c in tied]).reshape(len(tied), -1)
+    given = np.array([sum(factor * rates.get(name, 0.0) for name, factor in c.factors) for c in tied])
+    found = np.linalg.lstsq(factors, -given, rcond=None)[0] if open_ones else np.zeros(0)
+    if open_ones and np.linalg.matrix_rank(factors) < len(open_ones):
+        raise InputError(
+            f"rates of '{m.name}': couplings leave the rates of {', '.join(open_ones)} open; write one of them, 0 if it rests"
+        )
+    out |= {name: float(rate) for name, rate in zip(open_ones, found, strict=True)}
+    for closure in tied:
+        terms = [factor * out.get(name, 0.0) for name, factor in closure.factors]
+        if abs(sum(terms)) > CONTRADICTS * max(map(abs, terms)):
+            said = " + ".join(f"{factor:g} x {out.get(name, 0.0):g} ('{name}')" for name, factor in closure.factors)
+            raise InputError(
+                f"rates of '{m.name}' contradict coupling '{closure.name}': {said} = {sum(terms):g} rad/s, expected 0; "
+                "write the rate of one joint, the others follow"
+            )
+    for name in grown:
+        if out.get(name, 0.0) != 0.0 and not KINDS[m.joint_of[name].kind].repeats:
+            raise InputError(
+                f"joint '{name}' of '{m.name}' cannot move steadily: it slides along with '{tied[0].name}'"
+            )
+    return out
 
 
 def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
@@ -237,7 +283,7 @@ def _increment(solver: Solver, stiffness: Array, residual: Array) -> Array:
 
 def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
     """M, C and K in the axes that turn along, from those of the march's unknowns, with A, B and D of the head of this file."""
-    t, (by_acceleration, by_rate, by_place) = solver.topology, found
+    t, (by_acceleration, by_rate, by_place) = solver.topology, (part.toarray() for part in found)
     a, b, d = (np.zeros((len(t.scale), len(t.scale))) for _ in range(3))
     for n in np.flatnonzero(t.independent):
         o, rate = t.offset[t.block[n]], turning.rate[n]
@@ -259,7 +305,7 @@ class SteadyModes(Shapes):
 
     root : (modes,) [1/s], of a pair the one with positive imaginary part
     displacement, rotation : complex, as the axes stand at q; the largest displacement (or, without one, rotation) is 1
-    rates : of the joints that turn [rad/s]
+    rates : of the joints that turn [rad/s], those that follow from couplings among them
     """
 
     rates: dict[str, float]
@@ -288,14 +334,16 @@ def steady_modes(
 
     M y'' + C y' + K y = 0 in the axes that turn along: gyroscopic terms and all damping in C, stress and centrifugal terms in K.
 
-    q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s], none by default
+    q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s], none by default; those of joints that couplings
+        tie to them follow
     free : joints that move about the motion, as in `natural_modes`; count : number of modes, all by default
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
     ConvergenceError where no deformed shape is found.
     """
-    rates = at_rest.numbers_of_rates(rates)
     mesh, at, names = at_rest.chosen(mechanism, q, free, count)
+    rates = at_rest.numbers_of_rates(rates)
     motion = steady_motion(mesh, at, rates, set(names))
+    turning = with_coupled_rates(mesh, rates)
     n = allowed_motions(motion.solver)
     root, shapes = roots(*(n.T @ part @ n for part in motion.matrices))
     last = len(root) if count is None else count
@@ -304,7 +352,7 @@ def steady_modes(
     largest = np.where(moved > DOUBLE_ROOT * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]
     place, turn = motion.solver.frames.x.copy(), motion.solver.frames.r.copy()
-    return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, rates, root[:last])
+    return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, turning, root[:last])
 
 
 def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Complex]:

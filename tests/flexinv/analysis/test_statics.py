@@ -26,6 +26,9 @@ BEND = REISSNER[REISSNER.case == "bend45"][["stiffness", "P", "x", "y", "z"]].to
 # Princeton beam (Dowell, Traybar): tip weight at angle beta to the strong axis.
 PRINCETON = REISSNER[REISSNER.case == "princeton"][["P", "beta_deg", "ux", "uy", "uz"]].to_numpy().tolist()
 
+# A moment about an axis that stays, and a push that turns along, are no loads with a potential: these slender beams flutter.
+FLUTTERS = pytest.mark.filterwarnings("ignore:.*complex. flutter:flexinv.ModelWarning")
+
 
 @pytest.mark.parametrize(("alpha", "w", "u", "angle"), ELASTICA)
 def test_elastica(alpha: float, w: float, u: float, angle: float) -> None:
@@ -69,12 +72,14 @@ def test_geradin_cardona_cantilever() -> None:
     assert s.deflection["beam"][0] == pytest.approx([-0.59647127224, 0, -2.1596938945], abs=1e-5 * 2.16)
 
 
+@FLUTTERS
 def test_end_moment_rolls_the_beam_into_a_circle() -> None:
     beam = uniform(10.0, 1e6, 1e6, 100.0, (100.0, 100.0))
     s = flexinv.statics(clamped(beam, 4, 6), [Load("beam", moment=[0, 0, 2 * np.pi * 100.0 / 10.0])])
     assert np.linalg.norm(s.tip["beam"][0]) < 1e-5  # the tip is back at the root; 1e-6 of the length is mesh error
 
 
+@FLUTTERS
 def test_follower_and_dead_load_differ_as_they_must() -> None:
     """A follower force keeps its angle to the tip: the root moment is what the lever and the turned force say."""
     beam = uniform(1.0, 1e7, 1e7, 1.0, (1.0, 1.0))
@@ -109,6 +114,7 @@ def test_bad_loads_are_explained(load: dict[str, Any], words: str) -> None:
         flexinv.statics(clamped(uniform(1.0, 1e6, 1e6, 1.0, (1.0, 1.0)), 1, 4), [Load(**load)])
 
 
+@FLUTTERS
 def test_forces_of_the_mechanism_act_as_loads_do() -> None:
     m = clamped(uniform(1.0, 1e6, 1e6, 1.0, (1.0, 1.0)), 1, 4)
     at = Attachment("beam", Placement(np.array([0.1, 0.2, 0.0])), 0.7)
@@ -168,7 +174,8 @@ def test_a_column_says_whether_it_would_stay(part: float, stable: bool) -> None:
         assert flexinv.statics(clamped(rod, 2, 8), press).stable is True
         return
     with pytest.warns(
-        flexinv.ModelWarning, match=r"this equilibrium is unstable, .* 2 negative eigenvalues: .* buckling load"
+        flexinv.ModelWarning,
+        match=r"this equilibrium is unstable, .* 2 unstable eigenvalues .*divergence.* buckling load",
     ):
         s = flexinv.statics(clamped(rod, 2, 8), press)
     assert s.stable is False

@@ -160,7 +160,9 @@ def test_without_coriolis_the_turntable_is_wrong(monkeypatch: pytest.MonkeyPatch
 
 
 def test_without_what_turns_along_the_rotor_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_matrices", lambda found, solver, turning: found)
+    monkeypatch.setattr(
+        module, "_matrices", lambda found, solver, turning: Matrices(*(part.toarray() for part in found))
+    )
     found = steady_modes(straight(0, Mounting()), rates={"hub": 750 * RPM}, count=6)
     assert abs(found.root.imag[:5] / OTHER_CODE[750][:5] - 1).max() > 0.03
 
