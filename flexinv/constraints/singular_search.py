@@ -56,10 +56,10 @@ NEAR, SMOOTH = (
     0.02,
     1e-9,
 )  # of the first d: below it nodes are left out, and how far a polynomial through both sides may miss d
-APART = 2e-2  # change of G from where extrapolation begins to the part in question: rounding is small beside it
+REGULAR = 2e-2  # change of G from where extrapolation begins to the part in question: rounding is small beside it
 AT_ONCE = 1024  # intervals whose matrices are in memory
 CLOSE = 1e-6  # d below which rounding of the places, 1e-16 / d, spoils what is extrapolated
-# Bend of G between two samples over the square of the joints' way [-]: h^2 G'' / 8, where G'' is G times two or three rates' squares.
+# Bend of G between two samples over the square of the joints' way [-]: h^2 G'' / 8, where G'' is G times some rates' squares.
 BEND = 0.5
 
 
@@ -77,7 +77,7 @@ def find_singular(branch: Branch, time: Array, q: Array, condition: Array, chang
         return None
     done = np.cumsum(change)
     for k in intervals[_left(branch, q, intervals, bend)].tolist():
-        earlier = max(int(np.searchsorted(done, done[k] - APART, side="right")) - 1, 0)
+        earlier = max(int(np.searchsorted(done, done[k] - REGULAR, side="right")) - 1, 0)
         found = _search(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
         if found is not None:
             return found
@@ -112,7 +112,7 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
         if k >= len(places):
             return None
         ends = float(times[k]), float(times[k + 1])
-        before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > APART else earlier
+        before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > REGULAR else earlier
         if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_TIME:
             found = _search(branch, *ends, places[k], before)
         else:
@@ -123,7 +123,7 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
 
 
 def _bend(matrices: Array) -> float:
-    """How far G may leave the straight line between two of the matrices (m, rows, columns): from their second differences."""
+    """The most by which G leaves the straight line between two of the matrices (m, rows, columns), by second differences."""
     second = np.diff(matrices, 2, axis=0)
     return 0.5 * float(np.linalg.norm(second, ord=2, axis=(1, 2)).max(initial=0.0))
 
@@ -189,7 +189,7 @@ def _smooth_values(matrices: Array) -> Array:
 
 
 def _leading(mask: Mask) -> int:
-    """How many entries are True from the first on."""
+    """The number of entries that are True from the first on."""
     return len(mask) if mask.all() else int(np.argmin(mask))
 
 

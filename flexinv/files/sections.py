@@ -178,8 +178,8 @@ def shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
 def section_along(value: Any, sections: Mapping[str, CrossSection], where: Location) -> Section:
     """Assemble a beam's section from one name or from stations [-].
 
-    Stations begin at 0, end at 1 and increase, two equal ones are a step; one name is a uniform beam.  Between two sections of one
-    shape dimensions and material are linear (more stations say so), between others stiffness and mass are.
+    Stations begin at 0, end at 1 and increase, two equal ones are a step; one name is a uniform beam.  Between two sections of
+    one shape dimensions and material are linear (more stations say so), between others stiffness and mass are.
     """
     uniform = isinstance(value, str)
     rows = [{"at": 0.0, "section": value}] if uniform else value
@@ -211,7 +211,7 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
 
 
 def _are_stations(at: NDArray[np.floating]) -> bool:
-    """Whether stations increase, but for two and two that are equal between the ends: there the section steps."""
+    """True for stations that increase, but for two and two that are equal between the ends: there the section steps."""
     steps = np.diff(at)
     lone = not np.any((steps[1:] == 0.0) & (steps[:-1] == 0.0))
     return bool(np.all(steps >= 0.0) and lone and steps[0] > 0.0 and steps[-1] > 0.0)
