@@ -45,7 +45,7 @@ class Branch:
 
 # A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
 WORST_CONDITION = 1e8
-SAME_TIME = 1e-10  # [s]: two estimates of an instant as close as this are one
+SAME_ESTIMATE = 1e-10  # [s]: two estimates of an instant as close as this are one
 PARTS = 8  # of an interval that is cut
 # A part in which G changes by less than this of itself is short enough to extrapolate: terms of the seventh order are rounding.
 SHORT = 0.02
@@ -60,7 +60,7 @@ REGULAR = 2e-2  # change of G from where extrapolation begins to the part in que
 AT_ONCE = 1024  # intervals whose matrices are in memory
 CLOSE = 1e-6  # d below which rounding of the places, 1e-16 / d, spoils what is extrapolated
 # Bend of G between two samples over the square of the joints' way [-]: h^2 G'' / 8, where G'' is G times some rates' squares.
-BEND = 0.5
+OFF_LINE = 0.5
 
 
 def find_singular(branch: Branch, time: Array, q: Array, condition: Array, change: Array, way: Array) -> float | None:
@@ -71,7 +71,7 @@ def find_singular(branch: Branch, time: Array, q: Array, condition: Array, chang
     way : (samples - 1,) of all joints between two samples [rad], slides over the mechanism's length
     """
     least = np.divide(1.0, condition, out=np.zeros_like(condition), where=np.isfinite(condition) & (condition > 0.0))
-    bend = BEND * way**2
+    bend = OFF_LINE * way**2
     intervals = np.flatnonzero(least[1:] + least[:-1] <= change[1:] + bend)
     if len(intervals) == 0:
         return None
@@ -113,7 +113,7 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
             return None
         ends = float(times[k]), float(times[k + 1])
         before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > REGULAR else earlier
-        if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_TIME:
+        if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_ESTIMATE:
             found = _search(branch, *ends, places[k], before)
         else:
             found = _locate(branch, before[0], ends[1], before[1])
@@ -136,7 +136,7 @@ def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | Non
         places, matrices = branch.through(times, q)
         d = _smooth_values(matrices)
         kept = _leading(d > KEPT * d[0])
-        if end - start < SAME_TIME or d[0] < CLOSE:
+        if end - start < SAME_ESTIMATE or d[0] < CLOSE:
             break
         if kept <= DEGREE:
             end = float(times[max(kept, 1)])
@@ -146,7 +146,7 @@ def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | Non
             return None
         if found is not None:
             estimates.append(start + found)
-            if abs(estimates[-1] - estimates[-2]) < SAME_TIME:
+            if abs(estimates[-1] - estimates[-2]) < SAME_ESTIMATE:
                 break
         start, q, end = float(times[kept - 1]), places[kept - 1], limit
         if found is not None:  # a part that ends between here and there
@@ -207,5 +207,5 @@ def _zero(fitted: Polynomial, first: float, last: float) -> float | None:
 
 def _between(roots: NDArray[np.complexfloating], first: float, last: float) -> Array:
     """The real ones of some roots in (first, last], in their order."""
-    real = roots[np.abs(roots.imag) < SAME_TIME].real
+    real = roots[np.abs(roots.imag) < SAME_ESTIMATE].real
     return np.sort(real[(real > first) & (real <= last)])

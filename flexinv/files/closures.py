@@ -236,7 +236,9 @@ def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple
     if first.link == second.link:
         given = f'first and second are both on "{second.link}"'
         write = (
-            'second = { link = "world" }, or another link' if second.link != WORLD else "a link in place of one of them"
+            'second = { link = "world" }, or another link'
+            if second.link != WORLD
+            else 'another link in place of one "world"'
         )
         raise where.inner("second").wrong("link", given, "two different links", write)
     return first, second
