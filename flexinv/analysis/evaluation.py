@@ -16,6 +16,7 @@ from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, joint_wrenches, nodal_forces, own_efforts
 from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
+from flexinv.inverse.spring_lengths import check_spring_lengths
 from flexinv.kernels.memory import for_kernels, together
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
@@ -141,6 +142,7 @@ def skeleton(mesh: Mesh) -> Skeleton:
 def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple) -> FirstStep:
     """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics."""
     motion = rigid_motion(mesh, *joints)
+    check_spring_lengths(mesh, motion, time)
     applied = applied_forces(mesh, motion, time)
     return FirstStep(rigid_trajectory(mesh, motion, applied), time, joints, applied)
 

@@ -29,6 +29,7 @@ from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, own_wrenches, project
+from flexinv.inverse.spring_lengths import check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -47,6 +48,7 @@ def rigid_loops(task: Task) -> FirstStep:
     joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive))
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
+    check_spring_lengths(mesh, motion, time)
     acting = applied_forces(mesh, motion, time)
     forces = nodal_forces(mesh, motion, acting)
     wrenches = own_wrenches(mesh, motion, forces)

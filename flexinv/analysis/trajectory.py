@@ -20,6 +20,7 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import applied_forces
+from flexinv.inverse.spring_lengths import check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import fill_passive, relative_motion
 from flexinv.kinematics.tree import Joints
@@ -135,6 +136,7 @@ class _March:
             if self.last is not None and joint.name in task.passive:
                 own = mesh.mechanism.q_slices[joint.name]
                 q[:, own] = self.last[own]
+        check_spring_lengths(mesh, trajectory.motion, time)
         fill_passive(mesh, trajectory.motion, task.passive, q, qd, qdd)
         self.last, applied = q[-1], applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)

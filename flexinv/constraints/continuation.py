@@ -17,6 +17,7 @@ from flexinv.constraints import continuation_kernel as kernel
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
 from flexinv.constraints.continuation_kernel import Chain, Continuation, continue_branch
+from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import for_kernels
 from flexinv.kernels.sparse_qr import FrontFactors
@@ -26,9 +27,8 @@ from flexinv.kinematics.nodal_motion import JointHistory, moved, rigid_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.typing import Array, Mask, Triple
 
-# A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
-WORST_CONDITION = 1e8
-MOST_HALVINGS = 10
+# A branch that ends is followed to this near its end [s].
+END_OF_BRANCH = 2e-10
 # Rates that leave less than this open, relative to what the joints bring, are closed: rounding, over the worst condition that
 # configurations have which are not singular to the eye.
 CLOSED_RATE = 1e-11
@@ -81,11 +81,13 @@ def closed_motion(
     q[0] = follower.start(float(time[0]), q[0] if start is None else np.where(follower.owned, start, q[0]))
     follower.check_freedoms(q[0], float(time[0]), phase=rows is not None)
     chain, problem = follower.compiled()
+    problem = problem._replace(before=np.zeros(len(problem.fronts.entry)), change=np.zeros(len(time)))
     qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
     condition, k = np.empty(len(time)), 1
     while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
+    follower.check_between(history, time, (q, qd), condition, problem.change)
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
         one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
@@ -185,16 +187,53 @@ class Follower:
         inverse = sizes[:, None] * np.linalg.pinv(g, rcond=REDUNDANT) / rows.scale
         condition = np.linalg.cond(g) if unknown.any() else np.zeros(len(g))
         if condition[worst := int(np.argmax(condition))] > WORST_CONDITION:
-            raise ConvergenceError(
-                f"mechanism '{mesh.mechanism.name}', t = {time[worst]:g} s: singular configuration (condition number "
-                f"{condition[worst]:.1e}): the closures do not determine the passive coordinates there; drive another joint, or "
-                "keep the motion away from this position (a dead point)"
-            )
+            raise self._singular(float(time[worst]), f"{condition[worst]:.1e}")
         for order, rate in ((1, qd), (2, qdd)):
             phi, _ = closed_rows(mesh, rigid_motion(mesh, q, qd, qdd), rows)
             opening = phi[:, :, order] + coupling_residuals(rows, q, qd, qdd)[order]
             rate[:, unknown] = -np.einsum("sur,sr->su", inverse, opening)
         return qd, qdd
+
+    def _singular(self, time: float, condition: str) -> ConvergenceError:
+        return ConvergenceError(
+            f"mechanism '{self.mesh.mechanism.name}', t = {time:.10g} s: singular configuration (condition number {condition}): "
+            "the closures do not determine the passive coordinates there; drive another joint, or keep the motion away from "
+            "this position (a dead point)"
+        )
+
+    def check_between(
+        self, history: JointHistory, time: Array, joints: tuple[Array, Array], condition: Array, change: Array
+    ) -> None:
+        """Raise ConvergenceError with the instant where the motion passes a singular configuration between two samples.
+
+        joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]; condition, change : as in `find_singular`
+        """
+        if len(time) < 2 or not self.unknown.any():
+            return
+        turning = self.rows.pattern[(self.rows.a >= 0) | (self.rows.b >= 0)].any(
+            axis=0
+        )  # G does not change with other joints
+        rates = (np.abs(joints[1]) / measures(self.mesh))[:, turning].sum(axis=1)
+        way = np.diff(time) * np.maximum(rates[1:], rates[:-1])
+        branch = Branch(lambda times, start: self._followed(history, times, start), self._passive_columns)
+        if (found := find_singular(branch, time, joints[0], condition, change, way)) is not None:
+            raise self._singular(found, f"above {WORST_CONDITION:.0e}")
+
+    def _passive_columns(self, q: Array) -> Array:
+        """G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
+        rest = np.zeros((len(q), self.mesh.mechanism.nv))
+        _, g = closed_rows(self.mesh, rigid_motion(self.mesh, q, rest, rest), self.rows)
+        return (g * measures(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
+
+    def _followed(self, history: JointHistory, times: Array, start: Array) -> Array:
+        """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,)."""
+        given = history(times)
+        q = np.array(given[0])
+        q[0] = start
+        chain, problem = self.compiled()
+        qd, qdd = (np.where(self.unknown, 0.0, rate) for rate in given[1:])
+        reached = continue_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), 1)
+        return q[:reached]
 
     def closures(self, q: Array) -> tuple[Array, Array]:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
@@ -261,14 +300,14 @@ class Follower:
             target = min(1.0, done + part)
             now, then = (before + share * (after - before) for share in (done, target))
             if (reached := self._step(history, q, now, then)) is not None:
-                q, done = reached, target
+                q, done, part = reached, target, 2.0 * part
                 continue
             part *= 0.5
-            if part < 0.5**MOST_HALVINGS:
+            if part * (after - before) < END_OF_BRANCH:
                 rest = self.closures(q)[1][:, self.unknown]
                 condition = np.linalg.cond(rest) if rest.size else np.inf
                 raise ConvergenceError(
-                    f"mechanism '{self.mesh.mechanism.name}', t = {now:g} s: the branch of the closures cannot be followed "
+                    f"mechanism '{self.mesh.mechanism.name}', t = {now:.10g} s: the branch of the closures cannot be followed "
                     f"(condition number {condition:.1e}): a dead point, or the motion asks for a position that the loops cannot "
                     "reach; drive another joint or shorten the motion"
                 )

@@ -8,6 +8,7 @@ what to do.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,8 @@ class Continuation(NamedTuple):
 
     unknown : velocity coordinates; owner : (nq,) whether a coordinate belongs to an unknown one
     scale : (rows,) [m], [-] of the equations; sizes : (nq,), measure : (unknown,) of the coordinates [m], [-]
+    change : (samples,) of G_u over its scales since the sample before, over its largest singular value at least [-]; of no length
+        where it is not wanted
     """
 
     unknown: NDArray[np.int64]
@@ -75,6 +78,8 @@ class Continuation(NamedTuple):
     guess: Array  # (nq,)
     rest: Array  # (nv,) zeros
     measure: Array = np.ones(0)
+    before: Array = np.zeros(0)  # (entries,) of G_u over its scales at the sample before
+    change: Array = np.zeros(0)
 
 
 @jit_inner
@@ -190,7 +195,22 @@ def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
         _copy(problem.guess, q[k])
     for k in range(q.shape[0]):
         condition[k] = _set_rates(chain, problem, q[k], qd[k], qdd[k])
+        if problem.change.shape[0] > 0:
+            _set_change(problem, k)
     return q.shape[0]
+
+
+@jit_inner
+def _set_change(problem, k):
+    """Set the change of G_u since the last call: |G_u - G_before|_F / |G_u|_F sqrt(columns)."""
+    moved = size = 0.0
+    for e in range(problem.fronts.entry.shape[0]):
+        r, i = problem.fronts.entry[e, 0], problem.fronts.entry[e, 1]
+        value = problem.g[r, problem.unknown[i]] * problem.measure[i] / problem.scale[r]
+        moved += (value - problem.before[e]) ** 2
+        size += value**2
+        problem.before[e] = value
+    problem.change[k] = math.sqrt(moved * problem.unknown.shape[0] / size) if size > 0.0 else 0.0
 
 
 @jit_inner

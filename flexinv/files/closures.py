@@ -234,7 +234,12 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
 def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:
     first, second = (read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
     if first.link == second.link:
-        given, write = f'first and second are both on "{second.link}"', 'second = { link = "world" }, or another link'
+        given = f'first and second are both on "{second.link}"'
+        write = (
+            'second = { link = "world" }, or another link'
+            if second.link != WORLD
+            else 'another link in place of one "world"'
+        )
         raise where.inner("second").wrong("link", given, "two different links", write)
     return first, second
 

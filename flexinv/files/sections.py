@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from flexinv.files.schema import SOURCE, Across, Rotary, Times
@@ -178,8 +178,8 @@ def shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
 def section_along(value: Any, sections: Mapping[str, CrossSection], where: Location) -> Section:
     """Assemble a beam's section from one name or from stations [-].
 
-    Stations begin at 0, end at 1 and increase; one name is a uniform beam.  Between two sections of one shape dimensions and
-    material are linear (more stations say so), between others stiffness and mass are.
+    Stations begin at 0, end at 1 and increase, two equal ones are a step; one name is a uniform beam.  Between two sections of
+    one shape dimensions and material are linear (more stations say so), between others stiffness and mass are.
     """
     uniform = isinstance(value, str)
     rows = [{"at": 0.0, "section": value}] if uniform else value
@@ -189,8 +189,9 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
         raise where.wrong("section", f"section = {toml_text(value)}", expected, advice)
     tables = [validate(StationTable, row, where.inner(f"section[{k}]")) for k, row in enumerate(rows)]
     at = np.array([table.at for table in tables])
-    if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or np.any(np.diff(at) <= 0)):
-        raise where.wrong("section", f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice)
+    if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or not _are_stations(at)):
+        expected = "at increasing from 0 to 1 [-]; two equal ones between are a step"
+        raise where.wrong("section", f"at = {at.tolist()}", expected, advice)
     for name in (table.section for table in tables):
         if name not in sections:
             near = nearest(name, sections)
@@ -200,13 +201,20 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
     own = [sections[table.section] for table in tables]
     stations = [(float(at[0]), own[0])]  # with more between those of one shape, wherever linear would not be the taper
     for (start, first), (end, last) in pairwise(zip(at.tolist(), own, strict=True)):
-        if first.table is not None and type(first.table) is type(last.table):
+        if end > start and first.table is not None and type(first.table) is type(last.table):
             stations += _between(first, last, start, end)
         stations.append((end, last))
     numbers = np.array([part.numbers for _, part in stations])
     stiffness, mass, rotary, retardation = np.split(numbers, [6, 7, 10], axis=1)
     at = np.array([place for place, _ in stations])
     return Section(at, stiffness, mass[:, 0], rotary, retardation * stiffness if retardation.any() else None)
+
+
+def _are_stations(at: NDArray[np.floating]) -> bool:
+    """True for stations that increase, but for two and two that are equal between the ends: there the section steps."""
+    steps = np.diff(at)
+    lone = not np.any((steps[1:] == 0.0) & (steps[:-1] == 0.0))
+    return bool(np.all(steps >= 0.0) and lone and steps[0] > 0.0 and steps[-1] > 0.0)
 
 
 def _between(first: CrossSection, last: CrossSection, start: float, end: float) -> list[tuple[float, CrossSection]]:

@@ -27,6 +27,9 @@ from flexinv.typing import Array
 
 # Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
 _NO_JOINT = np.zeros(3), -1, -1, np.zeros((0, 3)), np.zeros((0, 3))
+KINK = (
+    1.0  # change of a section's relative slope over the length of one element [-], from which on an element ends there
+)
 SAME_STATION = 1e-9  # two stations of one beam closer than this fraction of its length are one cross-section
 
 
@@ -145,13 +148,15 @@ class _Builder(Places):
             own.append(self.node(own[-1], SECTION, arc(beam, (here - previous) * beam.length), link))
         nodes += own[1:]
         stations += list(at_nodes[1:])
-        rho_a, rho_i = _interpolate(beam, at_nodes, beam.section.mass_per_length, beam.section.rotary_inertia)
+        rho_a, rho_i = _interpolate(
+            beam, (start, end), at_nodes, beam.section.mass_per_length, beam.section.rotary_inertia
+        )
         for node, w, mass, rotary in zip(own, ref.weights * jacobian, rho_a, rho_i, strict=True):
             self.mass[node] += float(w * mass)
             self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
         gamma0, kappa0 = _stress_free_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
         of_rate = np.zeros_like(beam.section.stiffness) if beam.section.damping is None else beam.section.damping
-        stiffness, damping = _interpolate(beam, at_points, beam.section.stiffness, of_rate)
+        stiffness, damping = _interpolate(beam, (start, end), at_points, beam.section.stiffness, of_rate)
         self.elements.append([
             np.array(beam.order), np.array(own, dtype=float), stiffness, damping, gamma0, kappa0,
             ref.point_weights * jacobian, ref.shape, ref.slope / jacobian, at_points, np.array(link),
@@ -159,12 +164,17 @@ class _Builder(Places):
 
 
 def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
-    """Element ends as fractions of the length: equal parts, cut again where something is attached between nodes.
+    """Element ends as fractions of the length: equal parts, cut again where the section steps or bends abruptly.
+
+    And where something is attached between nodes.
 
     One cut at a time: it moves the nodes of the element that it cuts, so that another station may need one too.
     """
     fractions = 0.5 * (1 + reference(beam.order).nodes)
     bounds = np.linspace(0.0, 1.0, beam.elements + 1)
+    for place in section_breaks(beam):
+        if np.min(np.abs(bounds - place)) > SAME_STATION:
+            bounds = np.sort(np.append(bounds, place))
     while True:
         nodes = np.concatenate([a + (b - a) * fractions for a, b in pairwise(bounds)])
         between = [s for s in wanted if np.min(np.abs(nodes - s)) > SAME_STATION]
@@ -173,15 +183,39 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
         bounds = np.sort(np.append(bounds, between[0]))
 
 
+def section_breaks(beam: Beam) -> list[float]:
+    """Return the fractions of a beam's length at which its section steps or bends abruptly [-]: elements end there.
+
+    An element of any order converges by the first power of its length across a kink, so that neither a higher order nor the
+    difference of two meshes says much.  Kinks are told by the change of the relative slope of any number of the section over one
+    element's length (`KINK`); stations that stand for a smooth taper have small ones.
+    """
+    section, at = beam.section, beam.section.stations
+    if len(at) < 3:
+        return []
+    columns = np.column_stack([section.stiffness, section.mass_per_length, section.rotary_inertia])
+    size = np.maximum(np.abs(columns[1:]), np.abs(columns[:-1]))
+    width = np.maximum(np.diff(at), SAME_STATION)[:, None]
+    slope = np.diff(columns, axis=0) / np.where(size > 0.0, size, 1.0) / width
+    kinked = (np.abs(np.diff(slope, axis=0)) > KINK * beam.elements).any(axis=1)
+    return [float(place) for place in at[1:-1][kinked]]
+
+
 def arc(beam: Beam, length: float) -> Placement:
     """Return the section frame [m] after ``length`` [m] of the stress-free beam: R = exp(s kappa), x = H(s kappa)^T s e1."""
     psi = length * beam.curvature
     return Placement(tangent3(psi).T @ np.array([length, 0.0, 0.0]), exp_so3(psi))
 
 
-def _interpolate(beam: Beam, at: Array, *tables: Array) -> list[Array]:
-    """Section tables at fractions ``at``, linear between the stations, constant beyond them."""
+def _interpolate(beam: Beam, bounds: tuple[float, float], at: Array, *tables: Array) -> list[Array]:
+    """Section tables at fractions ``at`` of one element, linear between the stations, constant beyond them.
+
+    Where two stations are equal the section steps, and each end of an element takes the value on its own side.
+    """
     stations = beam.section.stations
+    if np.any(np.diff(stations) == 0.0):
+        inside = SAME_STATION * (bounds[1] - bounds[0])
+        at = np.clip(at, bounds[0] + inside, bounds[1] - inside)
     return [np.apply_along_axis(lambda column: np.interp(at, stations, column), 0, table) for table in tables]
 
 

@@ -178,7 +178,7 @@ class Body(Frozen):
 class Section(Frozen):
     """Stiffness and inertia per length along a beam, linear between the stations (one station: uniform).
 
-    stations : (n,) [-], fraction 0..1 of the length, increasing
+    stations : (n,) [-], fraction 0..1 of the length, increasing; where two are equal the section steps
     stiffness : (n, 6): EA [N], GA_y [N], GA_z [N], GJ [N m^2], EI_y [N m^2], EI_z [N m^2]
         (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
     mass_per_length : (n,) [kg/m]; rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z

@@ -1,0 +1,211 @@
+"""Search for singular positions between samples: where a Jacobian that moves with the time loses its rank for an instant.
+
+Samples see a singular position only if one lies on it.  Between two samples the smallest singular value s of a matrix G cannot
+fall to zero unless
+
+    s_k + s_(k+1) <= |G_(k+1) - G_k|      (singular values change by no more than the matrix, Weyl)
+
+with some more for the bend of G.  Where that holds the interval is cut into parts, until s can be extrapolated.  With the
+singular vectors U, V at the beginning of a part
+
+    d(t) = det(U^T G(t) V) / (s_1 .. s_(n-1))
+
+is smooth, equals s there, and is zero where s is: a change of sign and a touching are roots and least values of one polynomial.
+Only what lies before the singular position is read, since behind it the branch may be another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+
+from flexinv.typing import Array, Mask
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A branch of configurations, and the matrix that may be singular on it.
+
+    follow : some times (n,) [s], q (nq,) at the first -> q (m, nq) [rad], [m] at the m that are reached
+    matrices : q (m, nq) -> G (m, rows, columns) [-]
+    """
+
+    follow: Callable[[Array, Array], Array]
+    matrices: Callable[[Array], Array]
+
+    def through(self, times: Array, start: Array) -> tuple[Array, Array]:
+        """Return q (m, nq) [rad], [m] and G (m, rows, columns) [-] at the times [s] that are reached from ``start`` (nq,)."""
+        places = self.follow(times, start)
+        return places, self.matrices(places)
+
+
+# A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
+WORST_CONDITION = 1e8
+SAME_ESTIMATE = 1e-10  # [s]: two estimates of an instant as close as this are one
+PARTS = 8  # of an interval that is cut
+# A part in which G changes by less than this of itself is short enough to extrapolate: terms of the seventh order are rounding.
+SHORT = 0.02
+NODES, DEGREE = 12, 5  # of a part at which d is computed, and of the polynomial through it
+KEPT = 0.2  # of its first value, above which d is computed well enough to be extrapolated from
+MOST_ZOOMS = 60
+NEAR, SMOOTH = (
+    0.02,
+    1e-9,
+)  # of the first d: below it nodes are left out, and how far a polynomial through both sides may miss d
+REGULAR = 2e-2  # change of G from where extrapolation begins to the part in question: rounding is small beside it
+AT_ONCE = 1024  # intervals whose matrices are in memory
+CLOSE = 1e-6  # d below which rounding of the places, 1e-16 / d, spoils what is extrapolated
+# Bend of G between two samples over the square of the joints' way [-]: h^2 G'' / 8, where G'' is G times some rates' squares.
+OFF_LINE = 0.5
+
+
+def find_singular(branch: Branch, time: Array, q: Array, condition: Array, change: Array, way: Array) -> float | None:
+    """Return the first instant [s] at which G is singular, at a sample or between two, None if there is none.
+
+    time : (samples,) [s]; q : (samples, nq) [rad], [m] on the branch; condition : (samples,) not less than the condition number
+    of G [-]; change : (samples,) of G since the sample before, over its largest singular value, or more [-]
+    way : (samples - 1,) of all joints between two samples [rad], slides over the mechanism's length
+    """
+    least = np.divide(1.0, condition, out=np.zeros_like(condition), where=np.isfinite(condition) & (condition > 0.0))
+    bend = OFF_LINE * way**2
+    intervals = np.flatnonzero(least[1:] + least[:-1] <= change[1:] + bend)
+    if len(intervals) == 0:
+        return None
+    done = np.cumsum(change)
+    for k in intervals[_left(branch, q, intervals, bend)].tolist():
+        earlier = max(int(np.searchsorted(done, done[k] - REGULAR, side="right")) - 1, 0)
+        found = _search(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
+        if found is not None:
+            return found
+    return None
+
+
+def _left(branch: Branch, q: Array, intervals: NDArray[np.int64], bend: Array) -> Mask:
+    """Mask of the intervals that singular values themselves do not exclude, a thousand at a time."""
+    out = np.ones(len(intervals), dtype=bool)
+    for first in range(0, len(intervals), AT_ONCE):
+        own = intervals[first : first + AT_ONCE]
+        before, after = branch.matrices(q[own]), branch.matrices(q[own + 1])
+        values, others = (np.linalg.svd(part, compute_uv=False) for part in (before, after))
+        change = np.linalg.norm(after - before, ord=2, axis=(1, 2))
+        out[first : first + AT_ONCE] = values[:, -1] + others[:, -1] <= change + bend[own] * values[:, 0]
+    return out
+
+
+def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[float, Array]) -> float | None:
+    """The first instant of an interval at which G is singular; ``earlier``: an instant before and the place (nq,) there."""
+    times = np.linspace(start, end, PARTS + 1)
+    places, matrices = branch.through(times, q)
+    if matrices.shape[2] == 0:
+        return None
+    values = np.linalg.svd(matrices, compute_uv=False)
+    least, size = values[:, -1] / values[:, 0], values[:-1, 0]
+    change = np.linalg.norm(np.diff(matrices, axis=0), ord=2, axis=(1, 2)) / size
+    held = least[1:] + least[:-1] > change + _bend(matrices) / size
+    for k in range(PARTS):
+        if k < len(held) and held[k]:
+            continue
+        if k >= len(places):
+            return None
+        ends = float(times[k]), float(times[k + 1])
+        before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > REGULAR else earlier
+        if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_ESTIMATE:
+            found = _search(branch, *ends, places[k], before)
+        else:
+            found = _locate(branch, before[0], ends[1], before[1])
+        if found is not None:
+            return found
+    return None
+
+
+def _bend(matrices: Array) -> float:
+    """The most by which G leaves the straight line between two of the matrices (m, rows, columns), by second differences."""
+    second = np.diff(matrices, 2, axis=0)
+    return 0.5 * float(np.linalg.norm(second, ord=2, axis=(1, 2)).max(initial=0.0))
+
+
+def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | None:
+    """The instant in one short part, up to ``limit``, at which d is zero, by extrapolation from ever nearer before it."""
+    end, estimates, first = limit, [np.inf], (start, q)
+    for _ in range(MOST_ZOOMS):
+        times = np.linspace(start, end, NODES)
+        places, matrices = branch.through(times, q)
+        d = _smooth_values(matrices)
+        kept = _leading(d > KEPT * d[0])
+        if end - start < SAME_ESTIMATE or d[0] < CLOSE:
+            break
+        if kept <= DEGREE:
+            end = float(times[max(kept, 1)])
+            continue
+        found = _zero(Polynomial.fit(times[:kept] - start, d[:kept], DEGREE), 0.0, limit - start)
+        if found is None and end == limit and kept == NODES:
+            return None
+        if found is not None:
+            estimates.append(start + found)
+            if abs(estimates[-1] - estimates[-2]) < SAME_ESTIMATE:
+                break
+        start, q, end = float(times[kept - 1]), places[kept - 1], limit
+        if found is not None:  # a part that ends between here and there
+            end = start + min(limit - start, 0.9 * (estimates[-1] - start))
+    if len(estimates) > 2:  # the last ones may be spoiled by rounding
+        return _polished(branch, *first, estimates[2 + int(np.argmin(np.abs(np.diff(estimates[1:]))))])
+    return _polished(branch, *first, estimates[1]) if len(estimates) == 2 else None
+
+
+def _polished(branch: Branch, start: float, q: Array, estimate: float) -> float:
+    """An instant at which d is zero [s], from both sides of it where d is smooth there: rounding grows in extrapolation."""
+    wide = estimate - start
+    times = np.linspace(-wide, wide, 3 * NODES)
+    places, matrices = branch.through(estimate + times, q)
+    if len(places) < len(times):
+        return estimate
+    d = _smooth_values(matrices)
+    sure = np.abs(d) > NEAR * d[0]
+    fitted = Polynomial.fit(times[sure], d[sure], 2 * DEGREE, w=np.abs(d[sure]))
+    if (
+        np.abs(fitted(times[sure]) - d[sure]).max() > SMOOTH * d[0]
+    ):  # the branch behind it is another, or the motion bends
+        return estimate
+    found = _zero(fitted, -0.5 * wide, 0.5 * wide)
+    return estimate if found is None else estimate + found
+
+
+def _smooth_values(matrices: Array) -> Array:
+    """d of the matrices (m, rows, columns) with the singular vectors of the first, over its largest singular value, (m,)."""
+    u, values, v = np.linalg.svd(matrices[0], full_matrices=False)
+    sign, size = np.linalg.slogdet(u.T @ matrices @ v.T)
+    sign = (
+        sign * np.linalg.det(u.T @ matrices[0] @ v.T / np.maximum(values, np.finfo(float).tiny))
+        if values[-1] > 0
+        else sign
+    )
+    others = np.log(np.maximum(values[:-1], np.finfo(float).tiny)).sum() + np.log(values[0])
+    with np.errstate(over="ignore"):
+        return np.asarray(sign * np.exp(size - others))
+
+
+def _leading(mask: Mask) -> int:
+    """The number of entries that are True from the first on."""
+    return len(mask) if mask.all() else int(np.argmin(mask))
+
+
+def _zero(fitted: Polynomial, first: float, last: float) -> float | None:
+    """The first time at which a polynomial touches or crosses zero in (first, last]; None if it does neither."""
+    bar = 1.0 / WORST_CONDITION
+    last = (
+        2.0 * last if abs(fitted(last)) < bar else last
+    )  # a singular end counts, although zero lies a little behind it
+    turns = _between(fitted.deriv().roots(), first, last)
+    touching = turns[np.abs(fitted(turns)) < bar]
+    zeros = touching if len(touching) else _between(fitted.roots(), first, last)
+    return float(zeros[0]) if len(zeros) else None
+
+
+def _between(roots: NDArray[np.complexfloating], first: float, last: float) -> Array:
+    """The real ones of some roots in (first, last], in their order."""
+    real = roots[np.abs(roots.imag) < SAME_ESTIMATE].real
+    return np.sort(real[(real > first) & (real <= last)])

@@ -1,0 +1,106 @@
+"""Lengths of springs between samples: a spring of no length pulls in no direction, which no result may pass in silence.
+
+Between two samples the vector d from one end to the other is the quintic that has its values and both rates there; at the least
+of |d|^2 it is held against the cubic through values and first rates, whose difference says how well it is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from scipy.interpolate import BPoly
+
+from flexinv.errors import InputError
+from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.attachments import Spring
+from flexinv.model.links import Attachment
+from flexinv.typing import Array, Triple
+
+NO_LENGTH = 1e-9  # over the mechanism's length: shorter is a spring of no length
+KNOWN = 0.01  # of the difference between cubic and quintic: what the quintic may be off
+
+
+def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array) -> None:
+    """Raise InputError where a spring that pulls or pushes at no length has none, at a sample or between two.
+
+    time : (samples,) [s] of a motion that is continuous.  The error names spring and instant, to 1e-9 s where the motion is given
+    and to a step where it was marched.
+    """
+    for spring in mesh.mechanism.springs:
+        if float(spring.pull(np.zeros(1))[0]) == 0.0:
+            continue  # its force is smooth there
+        instant = first_without_length(_gap(mesh, motion, spring), time, mesh.length)
+        if instant is not None:
+            raise InputError(
+                f"mechanism '{mesh.mechanism.name}', t = {instant:.10g} s: spring '{spring.name}' has no length there, so that "
+                f"its pull has no direction (rest = {spring.rest:g} m); keep its ends apart, or write rest_m = 0 for a spring "
+                "that pulls them together from every side"
+            )
+
+
+def first_without_length(gap: Triple, time: Array, length: float) -> float | None:
+    """Return the first instant [s] at which a vector of three numbers is zero, None if it never is.
+
+    gap : the vector and its two rates, (samples, 3) each [m, s]; length : what its size is measured against [m]
+    """
+    d, rate, second = gap
+    size = np.linalg.norm(d, axis=1)
+    least = NO_LENGTH * length
+    if len(time) > 1:
+        steps = np.diff(time)
+        way = steps * np.maximum(np.linalg.norm(rate[1:], axis=1), np.linalg.norm(rate[:-1], axis=1))
+        way += steps**2 * np.maximum(np.linalg.norm(second[1:], axis=1), np.linalg.norm(second[:-1], axis=1))
+        for k in np.flatnonzero(size[1:] + size[:-1] <= way + 2.0 * least).tolist():
+            own = slice(k, k + 2)
+            found = _zero_between((d[own], rate[own], second[own]), float(steps[k]), least)
+            if found is not None:
+                return float(time[k]) + found
+    short = np.flatnonzero(size <= least)
+    return float(time[short[0]]) if len(short) else None
+
+
+def _zero_between(ends: Triple, step: float, least: float) -> float | None:
+    """The time after the first of two samples at which the quintic through them is zero."""
+    quintic = [_power(BPoly.from_derivatives([0.0, 1.0], _columns(ends, i, 3, step))) for i in range(3)]
+    cubic = [_power(BPoly.from_derivatives([0.0, 1.0], _columns(ends, i, 2, step))) for i in range(3)]
+    square = sum((part**2 for part in quintic), Polynomial([0.0]))
+    turns = square.deriv().roots()
+    places = np.sort(np.concatenate([turns.real[np.abs(turns.imag) < 1e-3], [0.0, 1.0]]))  # a zero is a double root
+    for place in places[(places >= 0.0) & (places <= 1.0)].tolist():
+        size = float(np.sqrt(sum(part(place) ** 2 for part in quintic)))
+        doubt = float(np.sqrt(sum((a(place) - b(place)) ** 2 for a, b in zip(quintic, cubic, strict=True))))
+        if size <= least + KNOWN * doubt:
+            return place * step
+    return None
+
+
+def _columns(ends: Triple, axis: int, orders: int, step: float) -> list[list[float]]:
+    """One component at both ends: value and rates by parts of the step."""
+    return [[float(part[end, axis]) * step**n for n, part in enumerate(ends[:orders])] for end in (0, 1)]
+
+
+def _power(piece: BPoly) -> Polynomial:
+    """The polynomial in powers of a piece over (0, 1)."""
+    degree = len(piece.c) - 1
+    places = np.linspace(0.0, 1.0, degree + 1)
+    return Polynomial.fit(places, piece(places), degree).convert()
+
+
+def _gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> Triple:
+    """The vector from a spring's first end to its second and its two rates, world axes, (samples, 3)."""
+    ends = [_end(mesh, motion, at) for at in (spring.first, spring.second)]
+    d, rate, second = (b - a for a, b in zip(*ends, strict=True))
+    return d, rate, second
+
+
+def _end(mesh: Mesh, motion: NodalMotion, at: Attachment) -> Triple:
+    node, place = attachment_node(mesh, at), at.placement.position
+    if node < 0:
+        still = np.zeros((len(motion.x), 3))
+        return still + place, still, still
+    r, w, al = motion.rotation[:, node], motion.omega[:, node], motion.alpha[:, node]
+    spin = np.cross(w, place)
+    bent = np.cross(al, place) + np.cross(w, spin)
+    arm, speed, turned = (np.einsum("sij,sj->si", r, part) for part in (np.tile(place, (len(r), 1)), spin, bent))
+    return motion.x[:, node] + arm, motion.v[:, node] + speed, motion.a[:, node] + turned
