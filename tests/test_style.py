@@ -59,7 +59,6 @@ DRAWING = "loads what draws, or what the page is written with, when it is asked 
 ALONE = {
     "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "crosscheck.identification.logs.bag": "a file format of its own",
-    "crosscheck.verdicts.provenance": "sources of values, which every night states; the values stand elsewhere",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
@@ -94,6 +93,7 @@ ALONE = {
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.couplings": COMPARED,
+    "crosscheck.equivalence.loops": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.report.plots": DRAWING,

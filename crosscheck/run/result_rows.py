@@ -6,16 +6,20 @@ import dataclasses
 import datetime
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from crosscheck.engines import missing
 from crosscheck.measures.limits import find, references, unused
-from crosscheck.measures.record import Record
+from crosscheck.measures.record import Record, RecordError, load
 from crosscheck.measures.spectrum import RINGING, peaks, ringing
 from crosscheck.run.isolation import Attempt
+from crosscheck.run.work import Work
 from crosscheck.studies import Study
+from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison, Pair, compare, group
-from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.results import RunRow, StudyRow
+from crosscheck.verdicts.plan import Task, case_row
+from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow
 
 
 def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
@@ -81,3 +85,31 @@ def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
         return replace(row, status="error", message="the study gave no table")
     table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items()}
     return replace(row, **table)
+
+
+UNREPEATED = Record("", status="error", message="interrupted")
+
+
+def load_saved(stem: Path | None, engine: str) -> Record:
+    """Return a record that was saved; what cannot be read any more cannot be repeated."""
+    try:
+        return load(stem) if stem is not None else Record(engine)
+    except RecordError:
+        return Record(engine)
+
+
+def opening(work: Work, command: str) -> Results:
+    """Return the results of a run before anything has run: its engines, cases, settings and machine."""
+    plan = work.plan
+    options = work.options
+    broken = [CaseRow(name, "", problem=message) for name, message in plan.broken]
+    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in work.engines.values()]
+    return Results(
+        started=store.now(),
+        command=command,
+        settings={"timeout": options.timeout, "jobs": options.jobs, "options": dict(options.engine)},
+        machine=store.machine(),
+        versions=store.versions(),
+        engines=tuple(rows),
+        cases=(*broken, *(case_row(task) for task in plan.tasks)),
+    )

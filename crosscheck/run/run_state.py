@@ -15,21 +15,21 @@ from crosscheck import output_folder as owned
 from crosscheck.engines import Engine, missing
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.measures.record import Record, RecordError, load, save
+from crosscheck.measures.record import Record, save
 from crosscheck.run.abilities import Abilities, skipped
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.questions import diagnosis, questions
-from crosscheck.run.result_rows import compare_all, run_row, study_row
+from crosscheck.run.result_rows import UNREPEATED, compare_all, load_saved, run_row, study_row
 from crosscheck.run.work import Event, Notify, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.certificates import by_certificate, certificates
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.plan import Task, case_row
+from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.refinement import Finer, is_open, read_kind, renewed, wanted
 from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
-from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
+from crosscheck.verdicts.results import Diagnosis, Results, RunRow, StudyRow, slug
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Signal, describe_signals
 
@@ -125,7 +125,7 @@ class State:
     def _first(self, mechanism: str, case: str, engine: str) -> Record:
         """Return the record of a run as it was saved."""
         stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
-        return _loaded(stems.get((mechanism, case, engine)), engine)
+        return load_saved(stems.get((mechanism, case, engine)), engine)
 
     def _refine(self, task: Task, finer: Finer, record: Record) -> None:
         """Judge open comparisons of a case anew, with a finer reference; where it failed they stay open."""
@@ -398,29 +398,3 @@ def label(kind: str, what: Any, engine: Engine | None) -> str:
 def _describe_harness_failure(error: Exception) -> str:
     """Return the words for something of ours that failed."""
     return f"the harness failed: {type(error).__name__}: {error}"
-
-
-UNREPEATED = Record("", status="error", message="interrupted")
-
-
-def _loaded(stem: Path | None, engine: str) -> Record:
-    """Return a record that was saved; what cannot be read any more cannot be repeated."""
-    try:
-        return load(stem) if stem is not None else Record(engine)
-    except RecordError:
-        return Record(engine)
-
-
-def opening(work: Work, command: str) -> Results:
-    plan, options = work.plan, work.options
-    broken = [CaseRow(name, "", problem=message) for name, message in plan.broken]
-    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in work.engines.values()]
-    return Results(
-        started=store.now(),
-        command=command,
-        settings={"timeout": options.timeout, "jobs": options.jobs, "options": dict(options.engine)},
-        machine=store.machine(),
-        versions=store.versions(),
-        engines=tuple(rows),
-        cases=(*broken, *(case_row(task) for task in plan.tasks)),
-    )

@@ -21,8 +21,9 @@ from crosscheck.run.cluster import far, luggage, workers
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.result_rows import opening
 from crosscheck.run.run_cache import Attempts
-from crosscheck.run.run_state import SHAKES, Job, State, opening
+from crosscheck.run.run_state import SHAKES, Job, State
 from crosscheck.run.shelves import Shelves
 from crosscheck.run.work import Notify, Options, Work
 from crosscheck.verdicts.refinement import read_kind

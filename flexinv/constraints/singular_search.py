@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -196,16 +197,15 @@ def _leading(mask: Mask) -> int:
 def _zero(fitted: Polynomial, first: float, last: float) -> float | None:
     """The first time at which a polynomial touches or crosses zero in (first, last]; None if it does neither."""
     bar = 1.0 / WORST_CONDITION
-    last = (
-        2.0 * last if abs(fitted(last)) < bar else last
-    )  # a singular end counts, although zero lies a little behind it
+    if abs(fitted(last)) < bar:  # a singular end counts, although zero lies a little behind it
+        last = 2.0 * last
     turns = _between(fitted.deriv().roots(), first, last)
     touching = turns[np.abs(fitted(turns)) < bar]
     zeros = touching if len(touching) else _between(fitted.roots(), first, last)
     return float(zeros[0]) if len(zeros) else None
 
 
-def _between(roots: NDArray[np.complexfloating], first: float, last: float) -> Array:
+def _between(roots: NDArray[Any], first: float, last: float) -> Array:
     """The real ones of some roots in (first, last], in their order."""
     real = roots[np.abs(roots.imag) < SAME_ESTIMATE].real
     return np.sort(real[(real > first) & (real <= last)])

@@ -71,7 +71,7 @@ def _zero_between(ends: Triple, step: float, least: float) -> float | None:
         size = float(np.sqrt(sum(part(place) ** 2 for part in quintic)))
         doubt = float(np.sqrt(sum((a(place) - b(place)) ** 2 for a, b in zip(quintic, cubic, strict=True))))
         if size <= least + KNOWN * doubt:
-            return place * step
+            return float(place) * step
     return None
 
 
