@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,5 +45,35 @@ def write_source(file: Path, mechanism: Mechanism, case, level: int) -> None:
 
 
 def changes(mechanism: Mechanism) -> dict[str, Mechanism]:
-    """Return the mechanism, and those with one fault."""
-    return {"right": mechanism}
+    """Return the mechanism, and those with one fault, by its name; a payload is changed where there is one."""
+    (link,) = mechanism.links
+    (joint,) = mechanism.joints
+    section = link.beam.section
+    shear = np.array([1.0, 2e-3, 2e-3, 1.0, 1.0, 1.0])
+    bending = np.array([1.0, 1.0, 1.0, 1.0, 0.95, 0.95])
+    beams = {
+        "heavy": {"section": replace(section, mass_per_length=section.mass_per_length * 1.03)},
+        "soft": {"section": replace(section, stiffness=section.stiffness * bending)},
+        "sheared": {"section": replace(section, stiffness=section.stiffness * shear)},
+        "no_section_inertia": {"section": replace(section, rotary_inertia=section.rotary_inertia * 50.0)},
+        "longer": {"length": link.beam.length * 1.01},
+    }
+    made = {"right": mechanism}
+    for name, change in beams.items():
+        made[name] = replace(mechanism, links=(replace(link, beam=replace(link.beam, **change)),))
+    if link.bodies:
+        (body,) = link.bodies
+        inertia = body.inertia
+        loads = {
+            "load_mirrored": replace(inertia, com=-inertia.com),
+            "load_heavier": replace(inertia, mass=inertia.mass * 1.03),
+            "load_point": replace(inertia, tensor=0.0 * inertia.tensor),
+        }
+        for name, load in loads.items():
+            made[name] = replace(mechanism, links=(replace(link, bodies=(replace(body, inertia=load),)),))
+        made["no_load"] = replace(mechanism, links=(replace(link, bodies=()),))
+        made["weightless"] = replace(mechanism, gravity=np.zeros(3))
+        made["no_rotor"] = replace(mechanism, joints=(replace(joint, rotor_inertia=0.0),))
+        made["undamped"] = replace(mechanism, joints=(replace(joint, damping=0.0),))
+        made["overdamped"] = replace(mechanism, joints=(replace(joint, damping=3.0 * joint.damping),))
+    return made
