@@ -2,17 +2,16 @@
 
     python campaigns/door_faults.py [--only f001,f002] [--folder FOLDER]
 
-``data/door_faults/faults.csv`` holds a line per fault: machine, door, fault, its size, which column or body, the bars with which it is
-answered (``door_program.py`` explains them), what is expected (refused: neither within nor explained; within; explained), and the
-names that a diagnosis may give it, as a regular expression.  *Unknown* is always allowed.  Who wrote the list had read neither the
-causes that crosscheck names nor the rules of its verdicts beyond the page for users.  Nothing is drawn but noise, of a fixed seed.
+``data/door_faults/faults.csv`` holds a line per fault: machine, door, fault, its size, which column or body, the bars with which
+it is answered (``door_program.py`` explains them), what is expected (refused: neither within nor explained; within), and the names
+that a diagnosis may give it, as a regular expression.  *Unknown* is always allowed.  Whoever wrote the list had read neither the
+causes that crosscheck names nor more of its rules for verdicts than the page for users.  Nothing is drawn but noise, of fixed seeds.
 
 Exit code 1 where an answer is accepted that is expected to be refused, refused that is expected to be accepted, or named wrongly.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -25,6 +24,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
 import door_package
 import door_program
 import door_sources
@@ -136,9 +136,18 @@ def run(folder: Path, faults: list[dict[str, str]]) -> list[Result]:
         "1",
     ]
     words += ["--engines", ",".join(["flexinv", *(f"{row['id']}-{bars}" for row, bars in answers(faults))])]
-    with (folder / "run.log").open("w") as log:
-        surroundings = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(folder)}
-        subprocess.run([*words, "--out", "report"], cwd=folder, stdout=log, stderr=log, env=surroundings, check=False)
+    surroundings = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(folder)}
+    told = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "encoding": "utf-8"}
+    child = subprocess.Popen([*words, "--out", "report"], cwd=folder, env=surroundings, **told)
+    assert child.stdout is not None
+    with (
+        (folder / "run.log").open("w", encoding="utf-8") as log,
+        click.progressbar(length=len(answers(faults)), label="answers; then their causes", file=sys.stderr) as bar,
+    ):
+        for line in child.stdout:
+            log.write(line)
+            bar.update(int(f"/{CASE} f" in line and not line.startswith("–")))
+    child.wait()
     return read_results(folder, faults)
 
 
@@ -151,14 +160,19 @@ def read_results(folder: Path, faults: list[dict[str, str]]) -> list[Result]:
 def judge(row: dict[str, str], bars: str, found: dict) -> Result:
     """Return what a report says of one answer."""
     name = f"{row['id']}-{bars}"
-    about = {part: [one for one in found[part] if one["engine"] == name and one["mechanism"] == row["machine"]] for part in PARTS}
+    about = {
+        part: [one for one in found[part] if one["engine"] == name and one["mechanism"] == row["machine"]]
+        for part in PARTS
+    }
     mine = [one for one in about["comparisons"] if one["quantity"] == "torque"]
     names = tuple(words for one in about["diagnoses"] for words in named(one))
     if not mine or mine[0]["maximum"] is None:
         runs = [*about["runs"], {"status": "no run", "message": ""}]
         return Result(row, bars, runs[0]["status"], 0.0, 0.0, names, runs[0]["message"])
     (one,) = mine
-    return Result(row, bars, one["verdict"], one["maximum"] / (one["scale"] or 1.0), one["limit"] or 0.0, names, one["message"])
+    return Result(
+        row, bars, one["verdict"], one["maximum"] / (one["scale"] or 1.0), one["limit"] or 0.0, names, one["message"]
+    )
 
 
 def named(diagnosis: dict) -> tuple[str, ...]:
@@ -185,21 +199,24 @@ def table(results: list[Result]) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
-    """Run the campaign, and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--only", default="", help="faults, separated by commas")
-    parser.add_argument("--folder", type=Path, default=None, help="an empty folder for the project; kept")
-    words = parser.parse_args()
-    faults = read_faults(tuple(filter(None, words.only.split(","))))
+@click.command()
+@click.option("--only", default="", help="Faults, separated by commas.")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path),
+    help="Folder of the project; kept, and judged again where it has a report.",
+)
+def main(only: str, folder: Path | None) -> None:
+    """Plant faults in answers behind three doors, and say how they are judged."""
+    faults = read_faults(tuple(filter(None, only.split(","))))
     with tempfile.TemporaryDirectory() as spare:
-        folder = words.folder or Path(spare)
+        folder = folder or Path(spare)
         folder.mkdir(parents=True, exist_ok=True)
         again = (folder / "report" / "results.json").exists()
         results = read_results(folder, faults) if again else run(make_project(faults, folder), faults)
-    print(table(results))
-    return int(any(one.problem for one in results))
+    click.echo(table(results))
+    sys.exit(int(any(one.problem for one in results)))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
