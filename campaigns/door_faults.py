@@ -2,10 +2,11 @@
 
     python campaigns/door_faults.py [--only f001,f002] [--folder FOLDER]
 
-``data/door_faults/faults.csv`` holds a line per fault: machine, door, fault, its size, which column or body, the bars with which
-it is answered (``door_program.py`` explains them), what is expected (refused: neither within nor explained; within), and the names
-that a diagnosis may give it, as a regular expression.  *Unknown* is always allowed.  Whoever wrote the list had read neither the
-causes that crosscheck names nor more of its rules for verdicts than the page for users.  Nothing is drawn but noise, of fixed seeds.
+``data/door_faults/faults.csv`` holds a line per fault: machine, door, fault, its size, which column or body, the bars with
+which it is answered (``door_program.py`` explains them), what is expected (refused: neither within nor explained; within), and
+the names that a diagnosis may give it, as a regular expression.  *Unknown* is always allowed.  Whoever wrote the list had not
+read the causes that crosscheck names, nor more of its rules for verdicts than the page for users.  Only noise is drawn, of
+fixed seeds.
 
 Exit code 1 where an answer is accepted that is expected to be refused, refused that is expected to be accepted, or named wrongly.
 """

@@ -55,7 +55,7 @@ def changes(mechanism: Mechanism) -> dict[str, Mechanism]:
         "heavy": {"section": replace(section, mass_per_length=section.mass_per_length * 1.03)},
         "soft": {"section": replace(section, stiffness=section.stiffness * bending)},
         "sheared": {"section": replace(section, stiffness=section.stiffness * shear)},
-        "no_section_inertia": {"section": replace(section, rotary_inertia=section.rotary_inertia * 50.0)},
+        "no_section_inertia": {"section": replace(section, rotary_inertia=section.rotary_inertia * 500.0)},
         "longer": {"length": link.beam.length * 1.01},
     }
     made = {"right": mechanism}
