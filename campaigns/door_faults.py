@@ -59,7 +59,7 @@ class Result:
     def problem(self) -> str:
         """Return what is wrong with the judgement, "" where nothing is."""
         expected = self.fault["expected"]
-        settled = self.bars == "settling" and expected == "within"
+        settled = self.bars in door_program.FALLS and expected == "within"
         if expected == "refused" and self.verdict in ACCEPTED:
             return f"accepted: {self.verdict}"
         if expected == "refused" and self.verdict not in ("deviation", "unjudged"):

@@ -11,7 +11,7 @@ from crosscheck.engines.base import sample_times
 from crosscheck.kit.write import write
 from crosscheck.measures.record import Record, Series
 
-REFINED = ("refined", "settling", "restless")
+REFINED = ("refined", "restless", *door_program.FALLS)
 
 
 class Package:

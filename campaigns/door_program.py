@@ -5,8 +5,9 @@
 It lies in a folder with ``faults.csv`` (a line per fault), ``rigid.py`` (an honest program for rigid links) and, for beams,
 ``sources/MACHINE/CHANGE-LEVEL.csv`` (answers of flexinv to the mechanism with one change, at 1, 2 and 4 times as fine steps).
 Bars: none; honest (last digits); wide (a part ``bar`` of the range); narrow (1e-9 of it); zero.  The others are for doors that
-ask for refinements: refined (the same whatever is asked, or the finer source), settling (an error of its own that falls with the
-square of the refinement, on top of the fault), restless (an error that is another one each time).
+ask for ask for refinements: refined (the same whatever is asked, or the finer source), settling (an error of its own that falls with
+the square of the refinement, on top of the fault; coarse: a large one; slow: one of first order), restless (an error that is
+another one each time).
 """
 
 from __future__ import annotations
@@ -25,7 +26,12 @@ sys.path.append(
     str(HERE.parent / "tests" / "shared" / "kit_programs")
 )  # of a checkout; a project has its copy beside this file
 ROUNDING, NARROW = 1e-12, 1e-9  # parts of the largest value, of the range
-SETTLING = 3e-3  # part of the range: the discretisation error of the coarsest of three runs
+SCATTER = 3e-3  # part of the range
+FALLS = {
+    "settling": (3e-3, 2),
+    "coarse": (8e-2, 2),
+    "slow": (3e-2, 1),
+}  # error of the coarsest run [of the range], its order
 
 
 def planted(name):
@@ -93,10 +99,11 @@ def unsettled(kit, time, values, bars):
     """Return the values with an error of the program's own, as a refinement shows it."""
     level = json.loads((kit / "case.json").read_text())["case"].get("refinement", 1)
     spans = np.ptp(values, axis=0)
-    if bars == "settling":
-        return values + SETTLING * spans / level**2 * np.sin(9.0 * time / time[-1])[:, None]
+    if bars in FALLS:
+        size, order = FALLS[bars]
+        return values + size * spans / level**order * np.sin(9.0 * time / time[-1])[:, None]
     if bars == "restless":
-        return values + SETTLING * spans * np.random.default_rng(level).standard_normal(values.shape)
+        return values + SCATTER * spans * np.random.default_rng(level).standard_normal(values.shape)
     return values
 
 

@@ -27,7 +27,7 @@ def test_the_list_has_all_doors_machines_and_bars() -> None:
     assert {row["door"] for row in planted} == {"record", "command", "package"}
     assert {row["machine"] for row in planted} == {"arm", "pendulum", "loop", "strip", "boom"}
     bars = {bars for row in planted for bars in row["bars"].split()}
-    assert bars == {"none", "honest", "wide", "narrow", "zero", "refined", "settling", "restless"}
+    assert bars == {"none", "honest", "wide", "narrow", "zero", "refined", "settling", "coarse", "slow", "restless"}
     assert all(row["expected"] == ("within" if row["fault"] == "none" else "refused") for row in faults)
 
 
