@@ -5,7 +5,7 @@
 It lies in a folder with ``faults.csv`` (a line per fault), ``rigid.py`` (an honest program for rigid links) and, for beams,
 ``sources/MACHINE/CHANGE-LEVEL.csv`` (answers of flexinv to the mechanism with one change, at 1, 2 and 4 times as fine steps).
 Bars: none; honest (last digits); wide (a part ``bar`` of the range); narrow (1e-9 of it); zero.  The others are for doors that
-ask for ask for refinements: refined (the same whatever is asked, or the finer source), settling (an error of its own that falls with
+ask for refinements: refined (the same whatever is asked, or the finer source), settling (an error of its own that falls with
 the square of the refinement, on top of the fault; coarse: a large one; slow: one of first order), restless (an error that is
 another one each time).
 """
