@@ -139,16 +139,14 @@ def run(folder: Path, faults: list[dict[str, str]]) -> list[Result]:
     words += ["--engines", ",".join(["flexinv", *(f"{row['id']}-{bars}" for row, bars in answers(faults))])]
     surroundings = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(folder)}
     told = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "encoding": "utf-8"}
-    child = subprocess.Popen([*words, "--out", "report"], cwd=folder, env=surroundings, **told)
-    assert child.stdout is not None
     with (
+        subprocess.Popen([*words, "--out", "report"], cwd=folder, env=surroundings, **told) as child,
         (folder / "run.log").open("w", encoding="utf-8") as log,
         click.progressbar(length=len(answers(faults)), label="answers; then their causes", file=sys.stderr) as bar,
     ):
-        for line in child.stdout:
+        for line in child.stdout or ():
             log.write(line)
             bar.update(int(f"/{CASE} f" in line and not line.startswith("–")))
-    child.wait()
     return read_results(folder, faults)
 
 
