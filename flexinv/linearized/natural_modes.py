@@ -15,6 +15,7 @@ that turn along and moments; where an outside effort holds a free joint in place
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,19 +32,22 @@ from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.linearization import Matrices, matrices
 from flexinv.dynamics.solver import Solver
-from flexinv.errors import InputError
+from flexinv.errors import InputError, ModelWarning
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.eigenvalues import circulatory, is_symmetric, negative, undamped
+from flexinv.linearized.eigenvalues import ONE_AND_ALL, circulatory, is_symmetric, negative, undamped
+from flexinv.linearized.slowest_modes import slowest, slowest_circulatory
 from flexinv.model.by_value import ByValue
-from flexinv.model.mechanism import Mechanism, with_retardation
-from flexinv.model.owned_cache import freeze, kept_with_owner
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import freeze
 from flexinv.typing import Array, Complex, Sparse
 from flexinv.validation import floats, names, number, of_kind, table, whole
 
-# So many modes are named in the note that says what a ratio at one of them makes of the others.
-NAMED = 4
+# Freedoms of a mesh up to which all modes are found where no count is written, and how many slowest ones of a larger mesh.
+ALL_MODES, SLOWEST = 1000, 30
+# Of modes that are fewer than one in so many, the slowest are found by themselves.
+FEW = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +133,13 @@ def natural_modes(
 
     q : (nq,) [rad], [m], zero by default; in a loop drives stay there, and for the other joints it is the guess
     free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
-    count : number of modes, all by default
+    count : number of modes; by default all of up to 1,000 freedoms, the 30 slowest of more (a ModelWarning says so)
     Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
     """
     mesh, at, moving = chosen(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
     mass, damping, stiffness = matrices_at_rest(solver, rest(solver, at)[0])
-    squared, shapes = _modes(stiffness, mass, allowed_motions(solver))
+    squared, shapes = _modes(stiffness, mass, allowed_motions(solver), count)
     last = len(squared) if count is None else count
     moves = nodal_shapes(solver, shapes[:, :last])
     shown = shapes[:, :last]
@@ -144,10 +148,22 @@ def natural_modes(
     return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost)
 
 
-def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse) -> tuple[NDArray[Any], NDArray[Any]]:
-    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow."""
-    k, m = (allowed.T @ part @ allowed for part in (stiffness, mass))
-    squared, shapes = undamped(k, m) if is_symmetric(k) else circulatory(k, m)
+def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
+    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones."""
+    k, m = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in (stiffness, mass))
+    size = k.shape[0]
+    if count is None and size > ALL_MODES:
+        count = SLOWEST
+        warnings.warn(
+            f"natural_modes: of {size} modes the {count} slowest are found; write count = a number, or fewer elements",
+            ModelWarning,
+            stacklevel=3,
+        )
+    symmetric = is_symmetric(k)
+    if size <= ONE_AND_ALL or count is None or FEW * count > size:
+        squared, shapes = undamped(k, m) if symmetric else circulatory(k, m)
+    else:
+        squared, shapes = slowest(k, m, count) if symmetric else slowest_circulatory(k, m, count)
     return squared, allowed @ shapes
 
 
@@ -249,7 +265,8 @@ def unstable_motions(solver: Solver, joints: Joints) -> int:
     k, m = (allowed.T @ part @ allowed for part in (found.stiffness, found.mass))
     if is_symmetric(k):
         return negative(k)
-    squared, _ = circulatory(k, m)
+    few = k.shape[0] <= ONE_AND_ALL
+    squared, _ = circulatory(k, m) if few else slowest_circulatory(k, m, SLOWEST)
     return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum())
 
 
@@ -341,47 +358,3 @@ def numbers_of_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
     """Return rates [rad/s] by joint as floats, none for None."""
     given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
     return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}
-
-
-# --------------------------------------------------------------------------------- damping by a ratio
-
-
-@kept_with_owner()
-def damped(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
-
-    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `with_ratio`.
-    """
-    stated = mechanism.modal_damping
-    if stated is None or stated.seconds is not None:
-        return mechanism
-    made, seconds, found = with_ratio(mechanism, stated.ratio, stated.mode)
-    pairs = zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True)
-    ratios = ", ".join(f"{k} at {frequency:.4g} Hz {ratio:.3g}" for k, (frequency, ratio) in enumerate(pairs, 1))
-    computed = replace(stated, seconds=seconds)
-    note = f"damping of beams: {computed}, computed by flexinv; ratios of modes: {ratios}"
-    return replace(made, modal_damping=computed, notes=(*made.notes, note))
-
-
-def with_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tuple[Mechanism, float, Modes]:
-    """Return the mechanism with all beams so damped that one natural mode has a given ratio [-], the time [s], and the modes.
-
-    eta = ratio / (ratio of that mode at eta = 1 s)
-
-    ratio : of critical damping, 0 to 1; mode : its number, 1 the lowest, all joints held at zero [rad], [m]
-    Raises InputError for a ratio outside 0 to 1, without beams, and for a mode that does not oscillate or strain them.
-    """
-    if not mechanism.beams:
-        raise InputError(
-            f"damping ratio: '{mechanism.name}' has no beam that could be damped; give its joints a damping"
-        )
-    if not 0.0 <= ratio < 1.0:
-        raise InputError(f"damping ratio {ratio:g}: expected 0 to 1 [-], for example 0.01")
-    found = natural_modes(with_retardation(mechanism, 1.0))
-    if not 1 <= mode <= len(found.squared):
-        raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(found.squared)}, the modes that the mesh has")
-    own = float(found.ratio[mode - 1])
-    if not own > 0.0:
-        raise InputError(f"damping ratio: mode {mode} does not oscillate; take another, `flexinv modes` lists them")
-    seconds = ratio / own
-    return with_retardation(mechanism, seconds), seconds, replace(found, friction=seconds * found.friction)
