@@ -168,7 +168,7 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     weight = np.abs(np.einsum("km,kl,lm->m", left.conj(), m, right))
     known = CIRCULATORY * np.einsum("km,kl,lm->m", np.abs(left), np.abs(k), np.abs(right)) / weight
     known = known + lost / np.abs(values) ** 2
-    squared, right = without_rounding(squared, right, known)
+    squared, right = without_rounded_parts(squared, right, known)
     order = in_order(squared)
     shapes = right / np.sqrt(np.einsum("km,kl,lm->m", right.conj(), m, right).real)
     squared, shapes = squared[order], np.asarray(moves @ shapes[:, order])
@@ -184,7 +184,9 @@ def near_slowest(squared: NDArray[Any], shift: float) -> float:
     return OFF_ROOT * float(size[~slow].min())
 
 
-def without_rounding(squared: NDArray[Any], shapes: NDArray[Any], known: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+def without_rounded_parts(
+    squared: NDArray[Any], shapes: NDArray[Any], known: Array
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return omega^2 (modes,) [1/s^2] that are zero or real but for what they are ``known`` to, and their shapes, real ones.
 
     A real double root comes as a pair a +- i b of shapes, of which a and b are shapes of its own.

@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import slides
+from flexinv.linearized.closed_motions import allowed_motions
 from flexinv.linearized.eigenvalues import SOFT, is_symmetric, undamped
-from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes, numbers_of_rates, tip_moves
+from flexinv.linearized.natural_modes import chosen, nodal_shapes, numbers_of_rates, tip_moves
 from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS

@@ -26,7 +26,7 @@ from flexinv.linearized.eigenvalues import (
     solve_held,
     split_by_inertia,
     sure_negative_pivots,
-    without_rounding,
+    without_rounded_parts,
 )
 from flexinv.typing import Array, Sparse
 
@@ -34,7 +34,7 @@ from flexinv.typing import Array, Sparse
 # That of a beam of n nodes is 1 / (4 n^3).
 ROUNDED_PIVOT = 1e-13
 # So many modes more than are asked for are found: between two of them lies the place where modes are counted.
-MARGIN = 4
+SPARE_MODES = 4
 # Times that the number of modes looked for is doubled, as modes of the same frequency may be found late.
 MOST_DOUBLINGS = 3
 # Factor by which a shift grows until it makes K definite; further than this over the smallest one it never does.
@@ -72,11 +72,11 @@ def slowest(stiffness: Sparse, mass: Sparse, count: int) -> tuple[Array, Array]:
     massless = _negative_massless(k, m)
     shift = _definite_shift(k, m, massless)
     if shift > 0.0:  # so small a shift hides all but motions without stiffness: near the slowest others all are known
-        squared, _ = _lanczos(k, m, shift, min(count + MARGIN, _most(k)))
+        squared, _ = _lanczos(k, m, shift, min(count + SPARE_MODES, _most(k)))
         shift = near_slowest(squared, shift)
         while _count_below(k, m, -shift) != massless:
             shift *= GROWS
-    looked_for = count + MARGIN
+    looked_for = count + SPARE_MODES
     for _ in range(MOST_DOUBLINGS + 1):
         looked_for = min(looked_for, _most(k))
         squared, shapes = _lanczos(k, m, shift, looked_for)
@@ -175,7 +175,7 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
     """
     k, m = (scipy.sparse.csc_array(part) for part in (stiffness, mass))
     _refuse_loose(k, m)
-    found = min(count + MARGIN, _most(k))
+    found = min(count + SPARE_MODES, _most(k))
     smallest = SOFT * np.abs(k.diagonal()).max() / np.abs(m.diagonal()).max()
     shift = 0.0 if k.diagonal().all() and ShiftedStiffness(k).least > ROUNDED_PIVOT else smallest
     if shift > 0.0:
@@ -185,7 +185,7 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
     known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
     if shift == 0.0:
         known = np.minimum(known, SOFT**0.5 * np.abs(squared))  # K is definite beyond rounding: nothing is zero
-    squared, right = without_rounding(squared, right, known)
+    squared, right = without_rounded_parts(squared, right, known)
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), m @ right).real)
     order = np.argsort(np.abs(squared), kind="stable")
     if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):

@@ -35,7 +35,8 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized import natural_modes as at_rest
-from flexinv.linearized.natural_modes import Shapes, allowed_motions, scaled_gradient
+from flexinv.linearized.closed_motions import allowed_motions, scaled_gradient
+from flexinv.linearized.natural_modes import Shapes
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array, Complex

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from vibrating_beams import bar
 
 import flexinv
 from flexinv.errors import ConvergenceError, InputError, ModelWarning
@@ -17,32 +18,15 @@ from flexinv.linearized.natural_modes import Modes, natural_modes
 from flexinv.model.mechanism import (
     WORLD,
     Attachment,
-    Beam,
     Closure,
-    Force,
     Joint,
-    Link,
     Mechanism,
     Placement,
-    Section,
 )
 from flexinv.typing import Array, Sparse
 
-YOUNG, SHEAR, DENSITY, WIDTH = 2e11, 8e10, 7800.0, 0.02
-AREA, BENDING = WIDTH**2, WIDTH**4 / 12
-EI = YOUNG * BENDING  # buckling load of the metre that is clamped: 2.467 EI
 # Omega^2 by two orders of elimination; the stiffness of a mesh of 60 nodes in a metre is 1e5 times that of its slowest motion.
 BOTH = 1e-8
-
-
-def bar(elements: int, kind: str = "fixed", push: float = 0.0, follower: bool = False, thick: bool = True) -> Mechanism:
-    """A square steel bar of a metre, pushed along by so many EI / m^2."""
-    stiffness = np.array([[YOUNG * AREA, SHEAR * AREA / 1.2, SHEAR * AREA / 1.2, 2 * SHEAR * BENDING, EI, EI]])
-    rotary = DENSITY * BENDING * np.array([[2.0, 1.0, 1.0]]) * thick
-    link = Link("bar", (), Beam(1.0, Section(np.zeros(1), stiffness, np.array([DENSITY * AREA]), rotary), elements, 4))
-    wrench = np.array([[-push * EI, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    force = Force("push", Attachment("bar", station=1.0), wrench, follower=follower)
-    return Mechanism("bar", (link,), (Joint("root", kind, WORLD, "bar"),), np.zeros(3), forces=(force,) if push else ())
 
 
 def dense(mechanism: Mechanism, free: list[str] | None, count: int, monkeypatch: pytest.MonkeyPatch) -> Modes:
