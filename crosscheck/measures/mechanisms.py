@@ -18,7 +18,7 @@ def read_mechanism(path: str | Path) -> Mechanism:
     mechanism = load_mechanism(path)
     if mechanism.modal_damping is None:
         return mechanism
-    from flexinv.linearized.natural_modes import damped  # loads the compiler
+    from flexinv.linearized.modal_damping import damped  # loads the compiler
 
     return damped(mechanism)
 

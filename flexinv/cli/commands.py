@@ -152,13 +152,21 @@ def info(model: Path) -> None:
 @click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="How many modes.")
 @click.option("--rate", multiple=True, metavar="JOINT=RAD_PER_S", help="A joint that turns steadily (may be repeated).")
 @click.option("--damped", is_flag=True, help="Damping counts: frequencies and damping ratios of the damped motions.")
+@click.option("--accuracy", type=float, help="Refine the mesh until error bars are below this part of each frequency.")
 def modes(
-    model: Path, name: str | None, free: tuple[str, ...], count: int, rate: tuple[str, ...], damped: bool
+    model: Path,
+    name: str | None,
+    free: tuple[str, ...],
+    count: int,
+    rate: tuple[str, ...],
+    damped: bool,
+    accuracy: float | None,
 ) -> None:
     """Show natural frequencies about the rest position: links that bend, joints that are free, loops that swing.
 
     In a loop the joints without a drive are free, unless --free says which. With --rate the frequencies are those about a
-    steady rotation, stress, centrifugal and gyroscopic terms included.
+    steady rotation, stress, centrifugal and gyroscopic terms included. At rest each frequency has an error bar, from a finer mesh
+    and rounding.
     """
     mechanism, at = load_mechanism(model), None
     if name is not None:
@@ -166,15 +174,18 @@ def modes(
         mechanism, at = case.meshed(mechanism), overview.start_of(mechanism, case)
     rates = by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
     if rates or damped:
+        if accuracy is not None:
+            raise InputError("--accuracy is of frequencies at rest; leave out --rate and --damped")
         steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
         names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
         return show(pd.DataFrame(columns, columns=names), missing="-")
-    found = natural_modes(mechanism, at, free or None, count)
-    rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
-    table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
+    found = natural_modes(mechanism, at, free or None, count, accuracy)
+    omega, bars = np.sqrt(np.abs(found.squared)), [f"{bar:.1e}" for bar in found.frequency_error]
+    rows = zip(range(1, count + 1), found.frequency, bars, omega, found.link, strict=False)
+    table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "error bar [Hz]", "omega [rad/s]", "moves most"])
     if found.friction.any():
-        table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
+        table.insert(4, "damping ratio [-]", found.ratio[: len(table)])
     if {"flutter", "divergence"} & set(found.stability):
         table["stability"] = found.stability
     return show(table, missing="unstable")

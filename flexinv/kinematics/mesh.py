@@ -258,7 +258,7 @@ def build(mechanism: Mechanism) -> Mesh:
     Raises InputError for drives that are not part of the mechanism (`mechanism.expanded`), and for a ratio of no mode.
     """
     if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
-        from flexinv.linearized.natural_modes import damped  # its modes need a mesh
+        from flexinv.linearized.modal_damping import damped  # its modes need a mesh
 
         return build(damped(mechanism))
     builder, index = _Builder(mechanism, {}, {}, {}, {}, {}), {link.name: k for k, link in enumerate(mechanism.links)}

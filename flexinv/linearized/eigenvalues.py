@@ -13,7 +13,7 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from flexinv.dynamics.index1 import MASSLESS
-from flexinv.errors import InputError
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array, Sparse
 
 # Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
@@ -27,6 +27,8 @@ CANCELLED, LARGEST_ROUNDED = 1e-13, 1e-16
 SYMMETRIC, LEAST = 1e-9, 1e-15
 # Roundings of an omega^2 over the absolute sum of its terms, where K is not symmetric.
 CIRCULATORY = 1e-13
+# A shift over the size of an omega^2 near which it is: one that is minus the shift makes the matrix singular.
+OFF_ROOT = 1.37
 # Of a mass matrix with a unit diagonal, an eigenvalue below this is zero: some tens of roundings of bodies' lever arms.
 NO_INERTIA = 1e-13
 # Of a pivot of a stiffness with a unit diagonal: below this the freedom has none.
@@ -36,6 +38,8 @@ NO_STIFFNESS = 1e-14
 GROWTH = 1e6
 # Freedoms up to which eigenvalues are found one and all, by dense matrices.
 ONE_AND_ALL = 300
+# Freedoms up to which eigenvalues are counted by a dense matrix, and how often others are moved by rounding before that fails.
+COUNTED, MOST_MOVES = 1500, 8
 
 
 class Split(NamedTuple):
@@ -153,6 +157,8 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     moves = without_massless(stiffness, split_by_inertia(mass))
     k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
     shift = SOFT * np.abs(k).max() / np.abs(m).max()
+    # so small a shift hides all but motions without stiffness, where there are such: near the slowest others all are known
+    shift = near_slowest(1 / scipy.linalg.eigvals(scipy.linalg.solve(k + shift * m, m)) - shift, shift)
     inner = k + shift * m
     slow = scipy.linalg.solve(inner, m)
     values, left, right = scipy.linalg.eig(slow, left=True, right=True)
@@ -162,16 +168,40 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     weight = np.abs(np.einsum("km,kl,lm->m", left.conj(), m, right))
     known = CIRCULATORY * np.einsum("km,kl,lm->m", np.abs(left), np.abs(k), np.abs(right)) / weight
     known = known + lost / np.abs(values) ** 2
-    squared = np.where(np.abs(squared) <= known, 0.0, squared)
-    squared = np.where(np.abs(squared.imag) <= known, squared.real, squared)
-    order = (
-        np.lexsort((-squared.imag, squared.real))
-        if not squared.imag.any()
-        else np.argsort(np.abs(squared), kind="stable")
-    )
+    squared, right = without_rounded_parts(squared, right, known)
+    order = in_order(squared)
     shapes = right / np.sqrt(np.einsum("km,kl,lm->m", right.conj(), m, right).real)
     squared, shapes = squared[order], np.asarray(moves @ shapes[:, order])
     return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
+
+
+def near_slowest(squared: NDArray[Any], shift: float) -> float:
+    """Return a shift [1/s^2] as large as the slowest motion with stiffness, of omega^2 (modes,) that a small shift has shown."""
+    size = np.abs(squared)
+    slow = size <= shift
+    if not slow.any() or slow.all():
+        return shift
+    return OFF_ROOT * float(size[~slow].min())
+
+
+def without_rounded_parts(
+    squared: NDArray[Any], shapes: NDArray[Any], known: Array
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return omega^2 (modes,) [1/s^2] that are zero or real but for what they are ``known`` to, and their shapes, real ones.
+
+    A real double root comes as a pair a +- i b of shapes, of which a and b are shapes of its own.
+    """
+    twin = squared.imag < 0.0
+    out = np.where(np.abs(squared) <= known, 0.0, squared)
+    out = np.where(np.abs(out.imag) <= known, out.real, out)
+    return out, np.where(out.imag == 0.0, np.where(twin, shapes.imag, shapes.real), shapes)
+
+
+def in_order(squared: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the order of omega^2 (modes,) [1/s^2]: rising where all are real, by size where some are not."""
+    if squared.imag.any():
+        return np.argsort(np.abs(squared), kind="stable")
+    return np.lexsort((-squared.imag, squared.real))
 
 
 def is_symmetric(stiffness: Sparse) -> bool:
@@ -241,18 +271,36 @@ def negative(stiffness: Sparse) -> int:
 
 
 def negative_pivots(symmetric: Sparse) -> int:
-    """Return the number of negative pivots [-] of a symmetric matrix: that of its negative eigenvalues.
+    """Return the number of negative pivots [-] of a symmetric matrix with a unit diagonal: that of its negative eigenvalues.
 
-    Pivots stay on the diagonal.  Where one is so small that this is not sure, eigenvalues are counted one by one.
+    Where that is not sure, the diagonal is moved by some more roundings; of a matrix of few freedoms eigenvalues are counted.
+    Raises ConvergenceError where neither helps.
+    """
+    count = sure_negative_pivots(symmetric)
+    if count is None and symmetric.shape[0] <= COUNTED:
+        count = int((scipy.linalg.eigvalsh(symmetric.toarray()) < 0.0).sum())
+    for more in range(1, MOST_MOVES + 1):
+        if count is None:
+            moved = symmetric + more * LEAST * symmetric.shape[0] * scipy.sparse.eye_array(symmetric.shape[0])
+            count = sure_negative_pivots(scipy.sparse.csc_array(moved))
+    if count is None:
+        raise ConvergenceError(
+            "modes: whether the equilibrium is stable is not sure: pivots of its stiffness are rounding; write fewer elements"
+        )
+    return count
+
+
+def sure_negative_pivots(symmetric: Sparse) -> int | None:
+    """Return the number of negative pivots [-] of a symmetric matrix; None where one is so small that it is not sure.
+
+    Pivots stay on the diagonal.
     """
     options = {"SymmetricMode": True}
     try:
         factors = scipy.sparse.linalg.splu(symmetric, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-        pivots = factors.U.diagonal()
-        sure = np.array_equal(factors.perm_r, factors.perm_c)
-        sure = sure and np.abs(factors.U.data).max(initial=0.0) < GROWTH * np.abs(symmetric.data).max(initial=1.0)
     except RuntimeError:  # exactly singular
-        sure = False
-    if sure:
-        return int((pivots < 0.0).sum())
-    return int((scipy.linalg.eigvalsh(symmetric.toarray()) < 0.0).sum())
+        return None
+    largest = np.abs(symmetric.data).max(initial=1.0)
+    sure = np.array_equal(factors.perm_r, factors.perm_c)
+    sure = sure and np.abs(factors.U.data).max(initial=0.0) < GROWTH * largest
+    return int((factors.U.diagonal() < 0.0).sum()) if sure else None

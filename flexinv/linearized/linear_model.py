@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import slides
+from flexinv.linearized.closed_motions import allowed_motions
 from flexinv.linearized.eigenvalues import SOFT, is_symmetric, undamped
-from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes, numbers_of_rates, tip_moves
-from flexinv.linearized.steady_modes import Steady, steady_motion
+from flexinv.linearized.natural_modes import chosen, nodal_shapes, numbers_of_rates, tip_moves
+from flexinv.linearized.steady_modes import Steady, roots, steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -31,6 +32,8 @@ from flexinv.validation import names, of_kind, whole
 
 # Of the largest entry of C, what rounding leaves of its symmetry where nothing is gyroscopic.
 GYROSCOPIC = 1e-9
+# Of shapes of unit modal mass, what is left of one that others represent: rounding of complex modes of one frequency.
+SAME_SPAN = 1e-7
 AXIS_NAMES = ("x", "y", "z")
 
 
@@ -40,7 +43,7 @@ class LinearModel(ByValue):
 
     states, inputs, outputs : names; state_units, input_units, output_units : their units
     bias : (inputs,) what the inputs are in the steady motion itself [N m], [N], [rad/s^2]
-    notes : what a reader must know, as that kept modes are those without gyroscopic terms
+    notes : what a reader must know, as which poles are exact where few modes of a gyroscopic mechanism are kept
     """
 
     A: Array
@@ -79,8 +82,8 @@ def linear_model(
     q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s]
     free : joints that move, by default all that are not accelerated; joints that are neither are held
     accelerated : joints whose acceleration is given, with one velocity coordinate each; not in a loop
-    modes : number of the slowest modes (accelerated joints held) that are kept, all by default: those without gyroscopic terms
-        and damping (``notes`` says so where something turns)
+    modes : number of the slowest modes (accelerated joints held) that are kept, all by default: those without damping; where
+        something turns the complex ones with all terms, each by one or two shapes, so that their poles are exact (``notes``)
     Raises InputError as `steady_modes`, for few modes under loads that turn along, and for joints that cannot be accelerated.
     """
     if modes is not None:
@@ -138,19 +141,24 @@ def _notes(mechanism: Mechanism, motion: Steady, modes: int | None) -> tuple[str
             f"linear model: modes = {modes}: loads of '{mechanism.name}' turn along or are moments, so that its modes are not "
             "those of a symmetric stiffness; leave modes out"
         )
-    if np.abs(damping - damping.T).max(initial=0.0) <= GYROSCOPIC * np.abs(damping).max(initial=0.0):
+    if not _is_gyroscopic(damping):
         return ()
-    return ("modes are kept that the mechanism has without gyroscopic terms, which couple them to those that are left out: its "
-            "poles are not those of the mechanism; leave modes out, or compare them with steady_modes",)  # fmt: skip
+    return (f"shapes are the real and imaginary parts of the {modes} slowest complex modes, gyroscopic terms and damping "
+            "included: the poles of these are those of the mechanism, others are not (steady_modes has all)",)  # fmt: skip
+
+
+def _is_gyroscopic(damping: Array) -> bool:
+    return bool(np.abs(damping - damping.T).max(initial=0.0) > GYROSCOPIC * np.abs(damping).max(initial=0.0))
 
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:
     """T (unknowns, given + modes), and how many of its columns are given joints."""
-    k, m = motion.matrices.stiffness, motion.matrices.mass
+    m, c, k = motion.matrices
     own = accelerated.any(axis=0)
     if not own.any():
         allowed = allowed_motions(motion.solver)
-        return allowed @ _shapes(allowed.T @ k @ allowed, allowed.T @ m @ allowed)[:, :modes], 0
+        mass, damping, stiffness = (allowed.T @ part @ allowed for part in (m, c, k))
+        return allowed @ _shapes(mass, damping, stiffness, modes), 0
     rest = np.diag(motion.solver.topology.scale)[:, ~own]
     held, inertia = (rest.T @ part @ rest for part in (k, m))
     held, inertia = (held + held.T) / 2, (inertia + inertia.T) / 2
@@ -158,13 +166,27 @@ def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
     follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
-    return np.hstack([follow, rest @ _shapes(held, inertia)[:, :modes]]), len(accelerated)
+    return np.hstack([follow, rest @ _shapes(inertia, rest.T @ c @ rest, held, modes)]), len(accelerated)
 
 
-def _shapes(stiffness: Array, mass: Array) -> Array:
-    """Shapes (freedoms, modes) of unit modal mass, slowest first, of the symmetric part of K."""
-    k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
-    return undamped(k, m)[1]
+def _shapes(mass: Array, damping: Array, stiffness: Array, modes: int | None) -> Array:
+    """Shapes (freedoms, modes) of unit modal mass, slowest first, of the symmetric part of K; few of them so that poles stay.
+
+    Few shapes of a gyroscopic mechanism span its slowest complex modes: (root^2 M + root C + K) x = 0 holds for what T can
+    represent, x = T z, whatever the rest is.
+    """
+    if modes is None or not _is_gyroscopic(damping):
+        k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
+        return undamped(k, m)[1][:, :modes]
+    complex_shapes = roots(mass, damping, stiffness)[1][:, :modes]
+    both = np.hstack([complex_shapes.real, complex_shapes.imag])
+    squared, vectors = scipy.linalg.eigh((mass + mass.T) / 2)
+    weighed = np.sqrt(np.clip(squared, 0.0, None))[:, None] * (vectors.T @ both)
+    size = np.linalg.norm(weighed, axis=0)
+    use = size > SAME_SPAN * size.max(initial=0.0)
+    _, independent, right = scipy.linalg.svd(weighed[:, use] / size[use], full_matrices=False)
+    last = int((independent > SAME_SPAN).sum())
+    return np.asarray((both[:, use] / size[use]) @ right[:last].T / independent[:last])
 
 
 def _first_order(mass: Array, damping: Array, stiffness: Array, efforts: Array, given: int) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ that turn along and moments; where an outside effort holds a free joint in place
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,27 +24,35 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.allocation import REDUNDANT
-from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
 from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.linearization import Matrices, matrices
 from flexinv.dynamics.solver import Solver
-from flexinv.errors import InputError
+from flexinv.errors import ConvergenceError, InputError, ModelWarning
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.eigenvalues import circulatory, is_symmetric, negative, undamped
+from flexinv.linearized.closed_motions import allowed_motions, closing_forces, constraints, stiffness_of_ties
+from flexinv.linearized.eigenvalues import ONE_AND_ALL, circulatory, is_symmetric, negative, undamped
+from flexinv.linearized.slowest_modes import slowest, slowest_circulatory
 from flexinv.model.by_value import ByValue
-from flexinv.model.mechanism import Mechanism, with_retardation
+from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.typing import Array, Complex, Sparse
-from flexinv.validation import floats, names, number, of_kind, table, whole
+from flexinv.validation import floats, names, number, of_kind, seconds, table, whole
 
-# So many modes are named in the note that says what a ratio at one of them makes of the others.
-NAMED = 4
+# Freedoms of a mesh up to which all modes are found where no count is written, and how many slowest ones of a larger mesh.
+ALL_MODES, SLOWEST = 1000, 30
+# The distance to a finer mesh is as large as the error where that converges by half; 1.7 of it were missed at most.
+SAFETY = 2.0
+# Roundings of K beside the absolute sum of the terms of omega^2.
+ROUNDED = 1e-16
+# Finer meshes that are tried for an accuracy, and unknowns beyond which none is.
+MOST_REFINEMENTS, MOST_UNKNOWNS = 8, 50_000
+# Of modes that are fewer than one in so many, the slowest are found by themselves.
+FEW = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +87,12 @@ class Modes(Shapes):
     displacement, rotation : of modal mass 1 kg m^2, the sum of m |displacement|^2 + rotation . J rotation (and of the rotors of
         free joints)
     friction : (modes,) y . D y [1/s], of dampers and damped beams in each mode (no dry friction)
+    rounding : (modes,) what rounding of K leaves of omega^2 [1/s^2]
     """
 
     squared: NDArray[Any]
     friction: Array
+    rounding: Array
 
     @property
     def root(self) -> Complex:
@@ -105,6 +116,19 @@ class Modes(Shapes):
         return np.where(np.array(self.stability) == "divergence", np.nan, self.root.imag) / (2 * np.pi)
 
     @property
+    def frequency_error(self) -> Array:
+        """(modes,) error bars of the frequencies [Hz], of mesh and rounding; nan of divergence.
+
+        Twice the distance to the frequency of the same number of a finer mesh, two elements of the next order for one: it is
+        solved when this is asked for first.  inf where the finer mesh has divergence there.
+        """
+        bars = _rounding_bars(self)
+        if self.mesh.mechanism.is_rigid:
+            return bars
+        bars = bars + SAFETY * np.abs(self.frequency - refined_modes(self).frequency)
+        return np.where(np.isnan(bars) & ~np.isnan(self.frequency), np.inf, bars)
+
+    @property
     def ratio(self) -> Array:
         """(modes,) of critical damping [-]: y . D y / (2 omega); nan without oscillation.
 
@@ -122,32 +146,96 @@ def update_start(topology, scheme, state, y):
     advance(topology, scheme, state)
 
 
+@kept_with_owner()
+def refined_modes(modes: Modes) -> Modes:
+    """Return the same modes of a finer mesh [Hz]: two elements of the next order in place of each."""
+    finer = modes.mesh.mechanism.refined(2, 1)
+    return natural_modes(finer, modes.q, modes.free, len(modes.squared))
+
+
+def _rounding_bars(modes: Modes) -> Array:
+    """(modes,) error bars of the frequencies [Hz] of rounding alone: of omega^2 near zero its root."""
+    squared, lost = np.abs(modes.squared), modes.rounding
+    known = squared > lost
+    size = np.sqrt(np.where(known, squared, 1.0)) + np.sqrt(np.where(known, squared - lost, 1.0))
+    return np.asarray(np.where(known, lost / size, np.sqrt(squared + lost)) / (2 * np.pi))
+
+
 def natural_modes(
-    mechanism: Mechanism, q: ArrayLike | None = None, free: Collection[str] | None = None, count: int | None = None
+    mechanism: Mechanism,
+    q: ArrayLike | None = None,
+    free: Collection[str] | None = None,
+    count: int | None = None,
+    accuracy: float | None = None,
 ) -> Modes:
     """Return natural frequencies [Hz] and mode shapes at rest under gravity, joints clamped at ``q`` but for the free ones.
 
     q : (nq,) [rad], [m], zero by default; in a loop drives stay there, and for the other joints it is the guess
     free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
-    count : number of modes, all by default
-    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
+    count : number of modes; by default all of up to 1,000 freedoms, the 30 slowest of more (a ModelWarning says so)
+    accuracy : largest ``frequency_error`` as a part of each frequency [-]: the mesh is refined until it is kept; needs a count
+    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found, or where
+    the accuracy is not reached.
     """
+    if accuracy is not None:
+        if count is None:
+            raise InputError("natural_modes: accuracy needs a count, as the fastest modes of a mesh are none of a beam")
+        limit = seconds("accuracy", accuracy, "a part of each frequency above 0 [-], for example 1e-3")
+        return _accurate(natural_modes(mechanism, q, free, count), limit)
     mesh, at, moving = chosen(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
     mass, damping, stiffness = matrices_at_rest(solver, rest(solver, at)[0])
-    squared, shapes = _modes(stiffness, mass, allowed_motions(solver))
+    squared, shapes = _modes(stiffness, mass, allowed_motions(solver), count)
     last = len(squared) if count is None else count
     moves = nodal_shapes(solver, shapes[:, :last])
     shown = shapes[:, :last]
     lost = np.einsum("um,um->m", shown.conj(), damping @ shown).real  # (mode,)
+    size = np.abs(shown)
+    rounding = ROUNDED * np.einsum("um,um->m", size, abs(stiffness) @ size)
     place, turn = solver.frames.x.copy(), solver.frames.r.copy()
-    return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost)
+    return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost, rounding)
 
 
-def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse) -> tuple[NDArray[Any], NDArray[Any]]:
-    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow."""
-    k, m = (allowed.T @ part @ allowed for part in (stiffness, mass))
-    squared, shapes = undamped(k, m) if is_symmetric(k) else circulatory(k, m)
+def _accurate(modes: Modes, limit: float) -> Modes:
+    """The modes of the first of the finer meshes of which error bars keep a limit, part of each frequency [-].
+
+    Raises ConvergenceError where none does.
+    """
+    for _ in range(MOST_REFINEMENTS):
+        frequency = np.where(
+            modes.frequency > 0.0, modes.frequency, np.inf
+        )  # of rigid motions and divergence none is asked
+        part, rounded = modes.frequency_error / frequency, _rounding_bars(modes) / frequency
+        if not (part > limit).any():
+            return modes
+        hopeless = bool((rounded > limit).any())
+        if hopeless or modes.mesh.mechanism.is_rigid or 6 * modes.mesh.size > MOST_UNKNOWNS:
+            break
+        modes = refined_modes(modes)
+    missed = rounded if hopeless else part
+    worst, why = int(np.nanargmax(missed)), "rounding leaves no more" if hopeless else f"with {modes.mesh.size} nodes"
+    raise ConvergenceError(
+        f"natural_modes: accuracy {limit:g} is not reached: mode {worst + 1}, {modes.frequency[worst]:.6g} Hz, is known to "
+        f"{missed[worst]:.2g} of itself, {why}; write a larger accuracy or a smaller count"
+    )
+
+
+def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
+    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones."""
+    k, m = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in (stiffness, mass))
+    size = k.shape[0]
+    if count is None and size > ALL_MODES:
+        count = SLOWEST
+        warnings.warn(
+            f"natural_modes: of {size} modes the {count} slowest are found; write count = a number, or fewer elements",
+            ModelWarning,
+            stacklevel=3,
+        )
+    symmetric = is_symmetric(k)
+    if size <= ONE_AND_ALL or count is None or FEW * count > size:
+        squared, shapes = undamped(k, m) if symmetric else circulatory(k, m)
+    else:
+        squared, shapes = slowest(k, m, count) if symmetric else slowest_circulatory(k, m, count)
     return squared, allowed @ shapes
 
 
@@ -208,11 +296,6 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     return joints, held
 
 
-def constraints(solver: Solver) -> int:
-    """Return the number [-] of the border's rows that are constraints; springs follow."""
-    return int(solver.instant.multipliers.shape[1])
-
-
 def load_springs(solver: Solver, joints: Joints) -> None:
     """Give the springs between points the forces that they have where the mechanism stands [N]."""
     n = constraints(solver)
@@ -249,70 +332,9 @@ def unstable_motions(solver: Solver, joints: Joints) -> int:
     k, m = (allowed.T @ part @ allowed for part in (found.stiffness, found.mass))
     if is_symmetric(k):
         return negative(k)
-    squared, _ = circulatory(k, m)
+    few = k.shape[0] <= ONE_AND_ALL
+    squared, _ = circulatory(k, m) if few else slowest_circulatory(k, m, SLOWEST)
     return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum())
-
-
-# Central differences of the closures' gradients, fourth order: their derivatives are of the size of one over the mechanism's
-# length, rounding 1e-16 / STEP and truncation STEP^4 / 30 leave 1e-12 of it.
-STEP = 1e-3
-
-
-def stiffness_of_ties(solver: Solver, joints: Joints) -> Sparse:
-    """Return -d(G^T lambda) / dy [N/m], [N m]: what forces in closures add to the stiffness where something loads them."""
-    n, size = constraints(solver), len(solver.topology.scale)
-    force, k = solver.border.ties.multiplier[:n].copy(), scipy.sparse.lil_array((size, size))
-    if not np.any(force):
-        return scipy.sparse.csc_array(k)
-
-    def pull(unknown: int, step: float) -> Array:
-        solver.state.d[unknown] = step * solver.topology.scale[unknown]
-        solver.evaluate(STATICS, joints)
-        solver.state.d[unknown] = 0.0
-        return np.asarray(solver.border.ties.sides[:n].T @ force)
-
-    plan = solver.border.ties.layout  # the gradient of a row moves with the unknowns of its own nodes only
-    for unknown in np.unique(plan.unknown[: plan.first_unknown[n]]).tolist():
-        near, far = pull(unknown, STEP) - pull(unknown, -STEP), pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
-        k[:, [unknown]] = ((8 * near - far) / (12 * STEP * solver.topology.scale[unknown]))[:, None]
-    return scipy.sparse.csc_array(k)
-
-
-def allowed_motions(solver: Solver) -> Sparse:
-    """Return N (unknowns, freedoms) [m], [rad]: the motions that closures allow.
-
-    In scaled unknowns: as many of them as closures have independent rows follow the others, those with the largest pivots.
-    """
-    scale = solver.topology.scale
-    every = scipy.sparse.diags_array(scale)
-    g, _ = scaled_gradient(solver)
-    touched = np.flatnonzero(g.any(axis=0))
-    if not len(touched):
-        return scipy.sparse.csc_array(every)
-    r, pivot = scipy.linalg.qr(g[:, touched], mode="r", pivoting=True)
-    size = np.abs(np.diag(r))
-    rank = int((size > REDUNDANT * size[0]).sum())
-    follow = -scipy.linalg.solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    moves = np.ones(len(scale), dtype=bool)
-    moves[touched[pivot[:rank]]] = False
-    number = np.cumsum(moves) - 1
-    by = scipy.sparse.lil_array((len(scale), int(moves.sum())))
-    by[np.flatnonzero(moves), number[moves]] = 1.0
-    if rank < len(pivot):
-        by[np.ix_(touched[pivot[:rank]], number[touched[pivot[rank:]]])] = follow
-    return scipy.sparse.csc_array(every @ scipy.sparse.csc_array(by))
-
-
-def scaled_gradient(solver: Solver) -> tuple[Array, Array]:
-    """Return G (rows, unknowns) [-] of the acting closures, lengths over the mechanism's, and the rows' scales [m], [-]."""
-    scales = constraint_rows(solver.mesh).scale
-    return -solver.border.ties.sides[: constraints(solver)] * solver.topology.scale / scales[:, None], scales
-
-
-def closing_forces(solver: Solver, residual: Array) -> Array:
-    """Return the multipliers (rows,) [N], [N m] of least norm that hold a residual (unknowns,), G^T lambda = r."""
-    g, scales = scaled_gradient(solver)
-    return np.linalg.lstsq(g.T, solver.topology.scale * residual, rcond=REDUNDANT)[0] / scales
 
 
 def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
@@ -341,47 +363,3 @@ def numbers_of_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
     """Return rates [rad/s] by joint as floats, none for None."""
     given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
     return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}
-
-
-# --------------------------------------------------------------------------------- damping by a ratio
-
-
-@kept_with_owner()
-def damped(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
-
-    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `with_ratio`.
-    """
-    stated = mechanism.modal_damping
-    if stated is None or stated.seconds is not None:
-        return mechanism
-    made, seconds, found = with_ratio(mechanism, stated.ratio, stated.mode)
-    pairs = zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True)
-    ratios = ", ".join(f"{k} at {frequency:.4g} Hz {ratio:.3g}" for k, (frequency, ratio) in enumerate(pairs, 1))
-    computed = replace(stated, seconds=seconds)
-    note = f"damping of beams: {computed}, computed by flexinv; ratios of modes: {ratios}"
-    return replace(made, modal_damping=computed, notes=(*made.notes, note))
-
-
-def with_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tuple[Mechanism, float, Modes]:
-    """Return the mechanism with all beams so damped that one natural mode has a given ratio [-], the time [s], and the modes.
-
-    eta = ratio / (ratio of that mode at eta = 1 s)
-
-    ratio : of critical damping, 0 to 1; mode : its number, 1 the lowest, all joints held at zero [rad], [m]
-    Raises InputError for a ratio outside 0 to 1, without beams, and for a mode that does not oscillate or strain them.
-    """
-    if not mechanism.beams:
-        raise InputError(
-            f"damping ratio: '{mechanism.name}' has no beam that could be damped; give its joints a damping"
-        )
-    if not 0.0 <= ratio < 1.0:
-        raise InputError(f"damping ratio {ratio:g}: expected 0 to 1 [-], for example 0.01")
-    found = natural_modes(with_retardation(mechanism, 1.0))
-    if not 1 <= mode <= len(found.squared):
-        raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(found.squared)}, the modes that the mesh has")
-    own = float(found.ratio[mode - 1])
-    if not own > 0.0:
-        raise InputError(f"damping ratio: mode {mode} does not oscillate; take another, `flexinv modes` lists them")
-    seconds = ratio / own
-    return with_retardation(mechanism, seconds), seconds, replace(found, friction=seconds * found.friction)

@@ -35,7 +35,8 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized import natural_modes as at_rest
-from flexinv.linearized.natural_modes import Shapes, allowed_motions, scaled_gradient
+from flexinv.linearized.closed_motions import allowed_motions, closing_forces, constraints, scaled_gradient
+from flexinv.linearized.natural_modes import Shapes
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array, Complex
@@ -245,14 +246,14 @@ def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -
 
 
 def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
-    n, ties, size = at_rest.constraints(solver), solver.border.ties, 0.0
+    n, ties, size = constraints(solver), solver.border.ties, 0.0
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
         at_rest.load_springs(solver, joints)
         stiffness = _matrices(matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
         y = _increment(solver, stiffness, residual)
-        ties.multiplier[:n] += at_rest.closing_forces(solver, residual + stiffness @ y)
+        ties.multiplier[:n] += closing_forces(solver, residual + stiffness @ y)
         if not np.isfinite(y).all():
             break
         at_rest.update_start(solver.topology, STATICS, solver.state, y)

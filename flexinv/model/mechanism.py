@@ -54,7 +54,7 @@ class ModalDamping(Frozen):
     """Damping of all beams by the ratio of one natural mode, all joints held at zero.
 
     ratio : of critical damping [-]; mode : its number, 1 the lowest
-    seconds : retardation time that follows from it [s], None until modes are computed (`linearized.natural_modes.damped`)
+    seconds : retardation time that follows from it [s], None until modes are computed (`linearized.modal_damping.damped`)
     """
 
     ratio: float

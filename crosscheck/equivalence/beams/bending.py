@@ -16,7 +16,7 @@ from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Share, share_of
 from flexinv.analysis.solve import solve
 from flexinv.errors import FlexinvError
-from flexinv.linearized.natural_modes import damped
+from flexinv.linearized.modal_damping import damped
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Joint, Mechanism
 from flexinv.model.motion import Motion

@@ -27,7 +27,7 @@ from crosscheck.verdicts.certificates import certificates
 from crosscheck.verdicts.plan import task
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.linearized.natural_modes import damped
+from flexinv.linearized.modal_damping import damped
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
 

@@ -14,7 +14,8 @@ from scipy.optimize import least_squares
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.linearized.natural_modes import natural_modes, with_ratio
+from flexinv.linearized.modal_damping import with_ratio
+from flexinv.linearized.natural_modes import natural_modes
 from flexinv.model.mechanism import Beam, Inertia, Joint, Link, Mechanism, with_retardation
 
 EPS = np.finfo(float).eps

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from flexible_examples import STRIP, spatial_tree
 from kernels import Array, derivative
 from scipy.optimize import brentq
+from vibrating_beams import CLAMPED, PINNED, ROWS, cantilever, in_plane, pendulum, rod, thin
 
 from flexinv.dynamics.solver import Solver
 from flexinv.errors import InputError
@@ -18,7 +18,7 @@ from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
 from flexinv.linearized import natural_modes as module
 from flexinv.linearized.linear_model import linear_model
-from flexinv.linearized.natural_modes import Modes, natural_modes, tip_moves
+from flexinv.linearized.natural_modes import natural_modes, tip_moves
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import (
     WORLD,
@@ -31,38 +31,12 @@ from flexinv.model.mechanism import (
     Link,
     Mechanism,
     Placement,
-    Section,
 )
 
 EPS = np.finfo(float).eps
-# Frequencies of steel cantilevers from the exact Timoshenko frequency determinant (transfer matrix), nine decimals.
-TABLE = Path(__file__).resolve().parents[2] / "data" / "cantilever_frequencies_timoshenko.csv"
 # What two elements of order 8 leave of the fourth frequency of the stockiest beam (measured 1e-7 there, less elsewhere).
 SPECTRAL = 1e-6
-# Roots of two beams: clamped - clamped and clamped - pinned (cos x cosh x = 1, tan x = tanh x).
-CLAMPED, PINNED = 4.730040744862704, 3.926602312047919
 G = 9.81
-
-
-def cantilever(row: dict[str, str], elements: int = 2, order: int = 8) -> Mechanism:
-    length, b, h, e, nu, rho, kappa = (float(row[k]) for k in ("L_m", "b_m", "h_m", "E_Pa", "nu", "rho", "kappa"))
-    area, thin, wide, g = b * h, b * h**3 / 12, h * b**3 / 12, e / (2 * (1 + nu))
-    # bending of the table is that about z; about y and in twist the beam is made much stiffer, so as to come later
-    stiffness = np.array([[e * area, kappa * g * area, kappa * g * area, 1e9, 1e9, e * thin]])
-    section = Section(np.zeros(1), stiffness, np.array([rho * area]), rho * np.array([[thin + wide, wide, thin]]))
-    link = Link("beam", (), Beam(length, section, elements, order))
-    return Mechanism("cantilever", (link,), (Joint("root", "fixed", WORLD, "beam"),), gravity=np.zeros(3))
-
-
-def in_plane(found: Modes) -> list[int]:
-    """Modes that bend the beam in its x-y plane."""
-    size = np.abs(found.displacement).max(axis=1)  # (mode, xyz)
-    turn = np.abs(found.rotation[:, :, 0]).max(axis=1)
-    return [k for k, (x, y, z) in enumerate(size) if y > 1e3 * max(x, z) and y > 1e-3 * turn[k]]
-
-
-with TABLE.open(encoding="utf-8", newline="") as stream:
-    ROWS = list(csv.DictReader(stream))
 
 
 @pytest.mark.parametrize("thickness", sorted({row["h_m"] for row in ROWS}))
@@ -82,13 +56,6 @@ def test_bending_without_shear_is_another_table() -> None:
     assert (np.abs(found.frequency[in_plane(found)][:4] / exact - 1) > 5e-3).all()
 
 
-def thin(closure: tuple[Closure, ...] = ()) -> Mechanism:
-    """A beam of unit length, mass and bending stiffness, without shear and rotary inertia, clamped at its root."""
-    section = Section(np.zeros(1), np.array([[1e6, 1e9, 1e9, 1e3, 1e3, 1.0]]), np.ones(1), np.zeros((1, 3)))
-    link = Link("beam", (), Beam(1.0, section, 2, 8))
-    return Mechanism("beam", (link,), (Joint("root", "fixed", WORLD, "beam"),), np.zeros(3), closure)
-
-
 @pytest.mark.parametrize(("kind", "root"), [("fixed", CLAMPED), ("revolute", PINNED)])
 def test_a_closure_at_the_tip_holds_the_beam(kind: str, root: float) -> None:
     end = Attachment(WORLD, Placement(np.array([1.0, 0.0, 0.0])))
@@ -99,19 +66,6 @@ def test_a_closure_at_the_tip_holds_the_beam(kind: str, root: float) -> None:
     assert (
         np.abs(tip_moves(found.mesh, moves, found.orientation)["beam"]).max() < 1e-10 * np.abs(found.displacement).max()
     )
-
-
-def rod(name: str, length: float, mass: float) -> Link:
-    tensor = mass * length**2 / 12 * np.diag([0.0, 1.0, 1.0])
-    body = Body(name, Inertia(mass, np.array([length / 2, 0.0, 0.0]), tensor))
-    return Link(name, (body,), tip=np.array([length, 0.0, 0.0]))
-
-
-def pendulum(count: int) -> Mechanism:
-    links = tuple(rod(f"rod {k}", 0.5, 1.2) for k in range(count))
-    hang = [Joint(f"q{k}", "revolute", WORLD if k == 0 else f"rod {k - 1}", f"rod {k}",
-                  Placement(np.array([0.5 if k else 0.0, 0, 0]))) for k in range(count)]  # fmt: skip
-    return Mechanism("pendulum", links, tuple(hang), gravity=np.array([G, 0.0, 0.0]))
 
 
 def test_a_rod_swings_about_its_end() -> None:

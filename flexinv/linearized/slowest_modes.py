@@ -1,0 +1,227 @@
+"""The slowest modes of M y'' + K y = 0 where freedoms are many: sparse factors and Krylov subspaces, memory and time linear.
+
+Eigenvalues mu of (K + shift M)^-1 M are 1 / (omega^2 + shift): the slowest motions are the largest, and freedoms without inertia
+(mu = 0) need no care.  The shift makes K + shift M positive definite but for such freedoms, so that nothing is below it; it is
+zero where K is so by itself.  That no mode is left out is proved each time by Sylvester's law of inertia: K - omega^2 M has as
+many negative pivots as there are modes below omega.
+Source: Ericsson, Ruhe, *The spectral transformation Lanczos method*, Math. Comp. 35(152), 1980; ARPACK.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy  # its parts are loaded when they are asked for
+from numpy.typing import NDArray
+
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.linearized.eigenvalues import (
+    CANCELLED,
+    CIRCULATORY,
+    NO_STIFFNESS,
+    SOFT,
+    in_order,
+    near_slowest,
+    solve_held,
+    split_by_inertia,
+    sure_negative_pivots,
+    without_rounded_parts,
+)
+from flexinv.typing import Array, Sparse
+
+# A pivot of K with a unit diagonal below this part is rounding, that of a motion without stiffness: some hundreds of roundings.
+# That of a beam of n nodes is 1 / (4 n^3).
+ROUNDED_PIVOT = 1e-13
+# So many modes more than are asked for are found: between two of them lies the place where modes are counted.
+SPARE_MODES = 4
+# Times that the number of modes looked for is doubled, as modes of the same frequency may be found late.
+MOST_DOUBLINGS = 3
+# Factor by which a shift grows until it makes K definite; further than this over the smallest one it never does.
+GROWS, MOST_SHIFT = 10.0, 1e24
+NO_SHIFT = (
+    "modes: a freedom has neither inertia nor stiffness, or what has no inertia is unstable; give its link a mass"
+)
+
+
+class ShiftedStiffness:
+    """K + shift M in factors, with a unit diagonal; held : its least pivot is none of rounding."""
+
+    def __init__(self, matrix: Sparse) -> None:
+        """Raise InputError where the matrix (freedoms, freedoms) is singular."""
+        size = np.sqrt(np.abs(matrix.diagonal()))
+        self.size = np.where(size > 0.0, size, 1.0)
+        unit = scipy.sparse.diags_array(1 / self.size)
+        try:
+            self.inner = scipy.sparse.linalg.splu(scipy.sparse.csc_array(unit @ matrix @ unit))
+        except RuntimeError:  # exactly singular
+            raise InputError(NO_SHIFT) from None
+        self.least = float(np.abs(self.inner.U.diagonal()).min())
+
+    def solve(self, side: Array, transposed: bool = False) -> Array:
+        """Return (K + shift M)^-1 side (freedoms,) [m], [rad], or that of the transposed matrix."""
+        return np.asarray(self.inner.solve(side / self.size, "T" if transposed else "N") / self.size)
+
+
+def slowest(stiffness: Sparse, mass: Sparse, count: int) -> tuple[Array, Array]:
+    """Return omega^2 (count,) [1/s^2], rising, and shapes (freedoms, count) with unit modal mass, of a symmetric K.
+
+    Raises InputError where a freedom has neither inertia nor stiffness, ConvergenceError where some are missed.
+    """
+    k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
+    massless = _negative_massless(k, m)
+    shift = _definite_shift(k, m, massless)
+    if shift > 0.0:  # so small a shift hides all but motions without stiffness: near the slowest others all are known
+        squared, _ = _lanczos(k, m, shift, min(count + SPARE_MODES, _most(k)))
+        shift = near_slowest(squared, shift)
+        while _count_below(k, m, -shift) != massless:
+            shift *= GROWS
+    looked_for = count + SPARE_MODES
+    for _ in range(MOST_DOUBLINGS + 1):
+        looked_for = min(looked_for, _most(k))
+        squared, shapes = _lanczos(k, m, shift, looked_for)
+        if _is_complete(k, m, squared, count, massless):
+            break
+        looked_for *= 2
+    else:
+        raise ConvergenceError(
+            f"modes: of the {count} slowest modes some are missed: they are too close together; write another count"
+        )
+    squared, shapes = squared[:count], shapes[:, :count]
+    if shift > 0.0:
+        size = np.abs(shapes)
+        known = CANCELLED * np.einsum("km,km->m", size, abs(k) @ size)
+        squared = np.where(np.abs(squared) <= known, 0.0, squared)
+    return squared, shapes
+
+
+def _most(k: Sparse) -> int:
+    """Most modes that ARPACK finds at once [-]."""
+    return int(k.shape[0]) - 2
+
+
+def _lanczos(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[Array, Array]:
+    """omega^2 (count,), rising, and shapes of unit modal mass about a shift."""
+    factors = ShiftedStiffness(k + shift * m)
+    if factors.least < NO_STIFFNESS:
+        raise InputError(NO_SHIFT)
+    inverse = scipy.sparse.linalg.LinearOperator(k.shape, matvec=factors.solve, dtype=float)
+    start = factors.solve(m @ np.random.default_rng(0).standard_normal(k.shape[0]))
+    squared, shapes = scipy.sparse.linalg.eigsh(k, count, m, sigma=-shift, OPinv=inverse, v0=start)
+    # what freedoms without inertia have of rounding is taken away: x = (K + shift M)^-1 M x / mu
+    shapes = (
+        factors.solve(m @ shapes) if shapes.ndim == 1 else np.column_stack([factors.solve(m @ x) for x in shapes.T])
+    )
+    order = np.argsort(squared, kind="stable")
+    shapes = shapes[:, order]
+    return squared[order], shapes / np.sqrt(np.einsum("km,km->m", shapes, m @ shapes))
+
+
+def _negative_massless(k: Sparse, m: Sparse) -> int:
+    """Number of negative pivots of the freedoms without inertia [-]: they are below every omega^2."""
+    none = split_by_inertia(m).massless
+    if not none.shape[1]:
+        return 0
+    own = scipy.sparse.csc_array(none.T @ k @ none)
+    solve_held(own, np.zeros((own.shape[0], 1)))  # refuses what has no stiffness either
+    count = sure_negative_pivots(own)
+    if count is None:
+        raise InputError(NO_SHIFT)
+    return count
+
+
+def _count_below(stiffness: Sparse, mass: Sparse, squared: float) -> int | None:
+    """Number of modes with omega^2 below a value [-], those without inertia with them; None where it is not sure."""
+    matrix = stiffness - squared * mass
+    size = np.sqrt(np.abs(stiffness.diagonal()) + abs(squared) * mass.diagonal())
+    if not size.all():
+        raise InputError(NO_SHIFT)
+    unit = scipy.sparse.diags_array(1 / size)
+    return sure_negative_pivots(scipy.sparse.csc_array(unit @ matrix @ unit))
+
+
+def _definite_shift(stiffness: Sparse, mass: Sparse, massless: int) -> float:
+    """The smallest shift [1/s^2], of powers of ten, that leaves nothing below zero; 0 where K is definite, beyond rounding."""
+    if (
+        stiffness.diagonal().all()
+        and _count_below(stiffness, mass, 0.0) == massless
+        and ShiftedStiffness(stiffness).least > ROUNDED_PIVOT
+    ):
+        return 0.0
+    smallest = SOFT * np.abs(stiffness.diagonal()).max() / np.abs(mass.diagonal()).max() or np.finfo(float).tiny
+    shift = smallest
+    while _count_below(stiffness, mass, -shift) != massless:
+        shift *= GROWS
+        if shift > MOST_SHIFT * smallest:
+            raise InputError(NO_SHIFT)
+    return shift
+
+
+def _is_complete(k: Sparse, m: Sparse, squared: Array, count: int, massless: int) -> bool:
+    """True where as many modes as were found lie below a place between two of them, the count-th below it."""
+    if len(squared) <= count:
+        return True
+    gap = np.diff(squared[count - 1 :])
+    at = count - 1 + int(gap.argmax())
+    place = (squared[at] + squared[at + 1]) / 2
+    return _count_below(k, m, float(place)) == massless + at + 1
+
+
+def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return omega^2 (count,) [1/s^2], by size, and shapes (freedoms, count) with unit modal mass, of a K that is not symmetric.
+
+    As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here
+    that proves that none is missed.
+    """
+    k, m = (scipy.sparse.csc_array(part) for part in (stiffness, mass))
+    _refuse_loose(k, m)
+    found = min(count + SPARE_MODES, _most(k))
+    smallest = SOFT * np.abs(k.diagonal()).max() / np.abs(m.diagonal()).max()
+    shift = 0.0 if k.diagonal().all() and ShiftedStiffness(k).least > ROUNDED_PIVOT else smallest
+    if shift > 0.0:
+        shift = near_slowest(_arnoldi(k, m, shift, found)[0], shift)
+    squared, right, left = _arnoldi(k, m, shift, found)
+    weight = np.abs(np.einsum("km,km->m", left, m @ right))
+    known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
+    if shift == 0.0:
+        known = np.minimum(known, SOFT**0.5 * np.abs(squared))  # K is definite beyond rounding: nothing is zero
+    squared, right = without_rounded_parts(squared, right, known)
+    shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), m @ right).real)
+    order = np.argsort(np.abs(squared), kind="stable")
+    if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):
+        count += bool(squared[order[count - 1]].imag)
+    order = order[:count]
+    order = order[in_order(squared[order])]
+    squared, shapes = squared[order], shapes[:, order]
+    return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
+
+
+def _refuse_loose(k: Sparse, m: Sparse) -> None:
+    """Raise InputError where a freedom has neither inertia nor stiffness."""
+    none = split_by_inertia(m).massless
+    if none.shape[1]:
+        solve_held(scipy.sparse.csc_array(none.T @ k @ none), np.zeros((none.shape[1], 1)))
+
+
+def _arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """omega^2 (count,), right and left shapes (freedoms, count) about a shift; left ones those of the nearest value."""
+    factors = ShiftedStiffness(k + shift * m)
+    if factors.least < NO_STIFFNESS:
+        raise InputError(NO_SHIFT)
+    start = factors.solve(m @ np.random.default_rng(0).standard_normal(k.shape[0]))
+
+    def forward(x: Array) -> Array:
+        return factors.solve(m @ x)
+
+    def backward(x: Array) -> Array:
+        return factors.solve(m.T @ x, transposed=True)
+
+    operators = (scipy.sparse.linalg.LinearOperator(k.shape, matvec=f, dtype=float) for f in (forward, backward))
+    (values, right), (others, left) = (scipy.sparse.linalg.eigs(f, count, v0=start) for f in operators)
+    free = np.ones(len(others), dtype=bool)
+    order = []
+    for value in values:
+        nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
+        free[nearest] = False
+        order.append(nearest)
+    return 1 / values - shift, right, left[:, order]
