@@ -12,7 +12,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
-from flexinv.dynamics.index1 import MASSLESS
+from flexinv.dynamics.index1 import MASSLESS, NO_INERTIA
 from flexinv.errors import InputError
 from flexinv.typing import Array, Sparse
 
@@ -27,8 +27,6 @@ CANCELLED, LARGEST_ROUNDED = 1e-13, 1e-16
 SYMMETRIC, LEAST = 1e-9, 1e-15
 # Roundings of an omega^2 over the absolute sum of its terms, where K is not symmetric.
 CIRCULATORY = 1e-13
-# Of a mass matrix with a unit diagonal, an eigenvalue below this is zero: some tens of roundings of bodies' lever arms.
-NO_INERTIA = 1e-13
 # Of a pivot of a stiffness with a unit diagonal: below this the freedom has none.
 NO_STIFFNESS = 1e-14
 
