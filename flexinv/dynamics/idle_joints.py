@@ -55,7 +55,7 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
 
 
 def explain_idle(mesh: Mesh, passive: frozenset[str]) -> str:
-    """Return what an error says of passive joints that nothing resists, with what to write; empty where there are none."""
+    """Return the sentence of an error on passive joints that nothing resists, with advice; empty without such joints."""
     said = []
     for names in find_idle(mesh, passive):
         kinds = {mesh.mechanism.joint_of[name].kind for name in names}
@@ -73,7 +73,7 @@ def explain_idle(mesh: Mesh, passive: frozenset[str]) -> str:
 
 
 def _columns(solver: Solver) -> tuple[Indices, list[str]]:
-    """Return which unknowns are coordinates of passive joints, (columns,), and the joint of each."""
+    """Return the unknowns that are coordinates of passive joints, (columns,), and the joint of each."""
     topology, mesh = solver.topology, solver.mesh
     columns, owner = list[int](), list[str]()
     for joint in mesh.mechanism.joints:
