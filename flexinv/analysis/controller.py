@@ -149,7 +149,7 @@ class Flexible:
         status, _, count, size = self.march(self.system, scheme, *self.arguments)
         if status != CONVERGED:
             turned, when = (self.flat or self.solver).turned(count), "in a step of the controller"
-            raise step_failure(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
+            raise step_failure(self.solver.mesh, self.passive, (status, count, size), when, self.scheme.h, turned)
 
     def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
         """Make a step soon after a sudden start, between two calls as values, rates and accelerations have it [m, rad, s]."""

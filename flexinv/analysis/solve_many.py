@@ -289,7 +289,7 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
                 early = instant < 0  # see `batch_kernel`
                 times, parts = (early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
                 result = status, -1 - instant if early else instant, count, float(left[n])
-                results[n] = failure(one.mesh, result, times, one.settings.step, not early, own.turned, parts)
+                results[n] = failure((one.mesh, ()), result, times, one.settings.step, not early, own.turned, parts)
                 own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -36,6 +36,7 @@ SPATIAL_CHUNK, PLANAR_CHUNK = 1 << 14, 4096
 SAME_TIME = 1e-6
 
 Turned = Callable[[int], float] | None
+Marched = tuple[Mesh, Collection[str]]  # and the names of the joints that were free
 Status = tuple[int, int, int, float]
 
 
@@ -200,7 +201,7 @@ class _March:
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
         """Raise the error [-] of `failure` if there is one."""
         turned = (self._in_space() if self.flat is None else self.flat).turned
-        if error := failure(self.task.mesh, result, time, self.scheme.h, begins, turned, parts):
+        if error := failure((self.task.mesh, self.task.passive), result, time, self.scheme.h, begins, turned, parts):
             raise error
 
     def rows(self, first: int, last: int) -> Indices:
@@ -248,10 +249,17 @@ class _March:
 
 
 def failure(
-    mesh: Mesh, result: Status, time: Array, step: float, begins: bool = True, turned: Turned = None, parts: int = 1
+    marched: Marched,
+    result: Status,
+    time: Array,
+    step: float,
+    begins: bool = True,
+    turned: Turned = None,
+    parts: int = 1,
 ) -> ConvergenceError | None:
     """Return the error that a march over ``time`` (instants,) [s] has ended with, None if it has come to the end.
 
+    marched : the mesh and its free joints
     result : status, instant, iterations or element, last relative increment [-]; begins : whether it begins at the first
     turned : element -> by how much it had turned [rad], as `solver.Solver.turned`; parts : of a step, where they are the instants
     """
@@ -262,4 +270,5 @@ def failure(
     if not begins or instant > 0:
         divided = f", after a sudden start in {parts} parts" if parts > 1 else ""
         when = f"at t = {time[instant]:g} s (step {step:g} s{divided})"
-    return step_failure(mesh, status, count, size, when, step, turned(count) if turned is not None else 0.0)
+    bent = turned(count) if turned is not None else 0.0
+    return step_failure(*marched, (status, count, size), when, step, bent)

@@ -7,6 +7,9 @@ but a depends on the positions of several steps.  Index 1 requires accelerations
 
 Masses are lumped in the nodes, so M has one small matrix for each block of unknowns; r is Newton's remaining residual.  Elastic
 forces stay as they are: positions and velocities do not change.
+
+M may be singular: a section without rotary inertia that carries a hinge turns one way, what hangs on the hinge the other, and
+nothing resists.  Such a motion has no acceleration of its own (`hold_massless`).
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ from flexinv.kinematics.tree import bring_back
 
 # A freedom whose inertia is this far below the largest has none: rounding of sums over the nodes of a block.
 MASSLESS = 1e-16
+# Of an inertia, this part is left by rounding of some tens of lever arms where all of it moves with other freedoms.
+NO_INERTIA = 1e-13
 
 
 @jit_inner
@@ -96,11 +101,49 @@ def solve_masses(system, y):
                 own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
             own[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
-    weigh_massless(topology, diagonal)
-    plan = ties.layout
+    largest, plan = largest_inertia(topology, diagonal), ties.layout
+    for b in range(len(topology.size)):
+        first = topology.offset[b]
+        scale = topology.scale[first : first + topology.size[b]]
+        hold_massless(diagonal[b], topology.size[b], scale, largest, system.work.system)
     for b in range(len(topology.size)):
         part = topology.part[b]
         solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
+
+
+@jit_inner
+def largest_inertia(topology, diagonal):
+    """Return the largest inertia of all blocks, as it is felt over one length of the mechanism or one radian [kg m^2]."""
+    largest = 0.0
+    for b in range(len(topology.size)):
+        o = topology.offset[b]
+        for k in range(topology.size[b]):
+            for i in range(topology.size[b]):
+                largest = max(largest, abs(diagonal[b, k, i]) * topology.scale[o + k] * topology.scale[o + i])
+    return largest
+
+
+@jit_inner
+def hold_massless(m, size, scale, largest, left):
+    """Make motions of one block that have no inertia so heavy that their accelerations stay as they are [kg], [kg m^2].
+
+    Gauss elimination of the symmetric m (size, size), the last freedom first: where all behind a freedom follow freely and its
+    pivot is rounding, nothing resists.  So a section without rotary inertia is held, and a hinge on it moves what it carries.
+
+    scale : (size,) length of the mechanism or 1 [m], [-]; largest : inertia of the mechanism [kg m^2]; left : scratch
+    """
+    for i in range(size):
+        for j in range(size):
+            left[i, j] = m[i, j]
+    for k in range(size - 1, -1, -1):
+        heavy = largest / scale[k] ** 2
+        if not left[k, k] > max(NO_INERTIA * m[k, k], MASSLESS * heavy):
+            m[k, k] += heavy
+            continue
+        for i in range(k):
+            factor = left[i, k] / left[k, k]
+            for j in range(k):
+                left[i, j] -= factor * left[k, j]
 
 
 @jit_inner
@@ -109,12 +152,7 @@ def weigh_massless(topology, diagonal):
 
     Inertias are compared in lengths of the mechanism.
     """
-    largest = 0.0
-    for b in range(len(topology.size)):
-        o = topology.offset[b]
-        for k in range(topology.size[b]):
-            for i in range(topology.size[b]):
-                largest = max(largest, abs(diagonal[b, k, i]) * topology.scale[o + k] * topology.scale[o + i])
+    largest = largest_inertia(topology, diagonal)
     for b in range(len(topology.size)):
         for k in range(topology.size[b]):
             unit = topology.scale[topology.offset[b] + k] ** 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,6 +85,12 @@ class Solver:
         return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
 
     @property
+    def passive(self) -> set[str]:
+        """Return the names of the joints that are free."""
+        free = self.topology.freedoms
+        return {joint.name for joint in self.mesh.mechanism.joints if free[self.mesh.joint_node[joint.name]]}
+
+    @property
     def system(self) -> System:
         """Return the arrays as the kernels take them."""
         s = self
@@ -159,7 +165,7 @@ class Solver:
 
     def complain(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
         """Return the error that says where and how the solve failed, see `step_failure`; size [-], step [s]."""
-        return step_failure(self.mesh, status, count, size, when, step, self.turned(count))
+        return step_failure(self.mesh, self.passive, (status, count, size), when, step, self.turned(count))
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
@@ -175,13 +181,20 @@ class Solver:
 BENT_TOO_FAR = LARGEST_TURN / 2  # [rad]
 
 
-def step_failure(
-    mesh: Mesh, status: int, count: int, size: float, when: str, step: float = 0.0, turned: float = 0.0
-) -> ConvergenceError:
-    """Return the error that says where and how a solve failed (``size`` [-] of the last increment) and what to try.
+Failed = tuple[int, int, float]  # status, iterations or element, last relative increment [-]
 
-    step : of the march [s], 0 without; turned : of the element ``count`` where the step has begun, `Solver.turned` [rad]
+
+def step_failure(
+    mesh: Mesh, passive: Collection[str], failed: Failed, when: str, step: float = 0.0, turned: float = 0.0
+) -> ConvergenceError:
+    """Return the error that says where and how a solve failed and what to try.
+
+    passive : the joints that were free
+    step : of the march [s], 0 without; turned : of the element where the step has begun, `Solver.turned` [rad]
     """
+    from flexinv.dynamics.idle_joints import explain_idle
+
+    status, count, size = failed
     name = mesh.mechanism.name
     shorter = f"write step = {step / 4:.3g}, or " if step > 0.0 else ""
     if status in (TURNED_TOO_MUCH, SLIPPED):
@@ -196,6 +209,8 @@ def step_failure(
                 f"{shorter}check that forces, moments and stiffness are what you mean"
             )
         return ConvergenceError(f"{where} {what}; {advice}")
+    if status == NOT_FINITE and (idle := explain_idle(mesh, frozenset(passive))):
+        return ConvergenceError(f"mechanism '{name}', {when}: {idle}")
     what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"
     return ConvergenceError(
         f"mechanism '{name}', {when}: Newton's increment (relative to the mechanism's length) {what}; "

@@ -12,7 +12,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
-from flexinv.dynamics.index1 import MASSLESS
+from flexinv.dynamics.index1 import MASSLESS, NO_INERTIA
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array, Sparse
 
@@ -29,8 +29,6 @@ SYMMETRIC, LEAST = 1e-9, 1e-15
 CIRCULATORY = 1e-13
 # A shift over the size of an omega^2 near which it is: one that is minus the shift makes the matrix singular.
 OFF_ROOT = 1.37
-# Of a mass matrix with a unit diagonal, an eigenvalue below this is zero: some tens of roundings of bodies' lever arms.
-NO_INERTIA = 1e-13
 # Of a pivot of a stiffness with a unit diagonal: below this the freedom has none.
 NO_STIFFNESS = 1e-14
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.constraint_rows import add_ties, factorise_border, solve_border
-from flexinv.dynamics.index1 import MASSLESS
+from flexinv.dynamics.index1 import hold_massless
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
@@ -28,7 +28,7 @@ class BlockMasses(NamedTuple):
 
     single : nodes alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
     block : (blocks,) the other blocks of unknowns; member : (blocks, most) nodes of each, -1 behind the last
-    mass, weight, left, change (nodes, 3) : scratch
+    mass, rest, weight, left, change (nodes, 3) : scratch
     """
 
     single: NDArray[np.int64]
@@ -36,6 +36,7 @@ class BlockMasses(NamedTuple):
     block: NDArray[np.int64]
     member: NDArray[np.int64]
     mass: Array
+    rest: Array
     weight: Array
     left: NDArray[np.bool_]
     change: Array
@@ -102,10 +103,7 @@ def _accelerate_block(b, tree, plan, masses, frames, residual, y):
             m[tree.column[n], tree.column[n]] += tree.drives[0, n]
     for i in range(columns):  # inertias are compared in lengths of the mechanism
         largest = max(largest, m[i, i] * tree.scale[first + i] ** 2)
-    for i in range(columns):
-        unit = tree.scale[first + i] ** 2
-        if m[i, i] * unit <= MASSLESS * largest:  # what has no inertia keeps its acceleration
-            m[i, i] = largest / unit
+    hold_massless(m, columns, tree.scale[first : first + columns], largest, masses.rest)
     invert_scaled(m, columns, 0.0, masses.weight, masses.left)
     part = tree.part[block]
     for i in range(columns):

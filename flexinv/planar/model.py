@@ -195,5 +195,6 @@ def _masses(tree: PlanarTree) -> BlockMasses:
         own[: nodes[block]] = np.flatnonzero(tree.block == block)
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
-    mass, weight, left = np.zeros((widest, widest)), np.zeros(widest), np.zeros(widest, dtype=bool)
-    return BlockMasses(single, over, blocks, member, mass, weight, left, np.zeros((len(tree.parent), 3)))
+    mass, rest = np.zeros((2, widest, widest))
+    weight, left = np.zeros(widest), np.zeros(widest, dtype=bool)
+    return BlockMasses(single, over, blocks, member, mass, rest, weight, left, np.zeros((len(tree.parent), 3)))
