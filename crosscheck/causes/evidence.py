@@ -51,6 +51,8 @@ LINES = {
 LISTED = tuple(what for what, _ in LINES.values())
 UNTOUCHED = ("order of the joints", "closure residual", "rank of the closures")
 
+NOT_RUNNING = "a mechanism with it, which does not run"
+
 
 @dataclass(frozen=True)
 class Heard:
@@ -100,7 +102,7 @@ class Evidence:
                     if explains(again) and not self._against(again, sure) and not self.quantities.against(again):
                         fit, said = again, ()
         except (*IMPOSSIBLE, RuntimeError, KeyError):
-            return Heard(fit, ("a mechanism with it, which does not run",))
+            return Heard(fit, (NOT_RUNNING,))
         return Heard(fit, said, beside)
 
     def contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:

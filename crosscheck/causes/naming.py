@@ -18,7 +18,7 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.dictionary import all_causes
-from crosscheck.causes.evidence import Evidence, Heard
+from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, Fit, candidates, fit, possible, scan, sensible
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.pairs import AND, pairs, parts, within
@@ -260,7 +260,8 @@ def unknown(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
     if best is None:
         return "no cause of the dictionary shows in this motion"
     if out:
-        first = min(out, key=lambda one: (len(one.against), one.fit.left))
+        # What no mechanism can have explains nothing to a reader: such a fit is told where there is no other.
+        first = min(out, key=lambda one: (NOT_RUNNING in one.against, len(one.against), one.fit.left))
         return (
             f"the cause is unknown: {first.fit.cause.name} would explain the efforts, but is contradicted by "
             f"{', '.join(first.against)}"
@@ -334,4 +335,4 @@ def _against(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:
     try:
         return evidence.contradictions(one, sure)
     except (*IMPOSSIBLE, RuntimeError, KeyError):
-        return ("a mechanism with it, which does not run",)
+        return (NOT_RUNNING,)

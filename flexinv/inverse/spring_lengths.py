@@ -6,9 +6,10 @@ of |d|^2 it is held against the cubic through values and first rates, whose diff
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.polynomial import Polynomial
-from scipy.interpolate import BPoly
 
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, attachment_node
@@ -16,6 +17,9 @@ from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.attachments import Spring
 from flexinv.model.links import Attachment
 from flexinv.typing import Array, Triple
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BPoly
 
 NO_LENGTH = 1e-9  # over the mechanism's length: shorter is a spring of no length
 KNOWN = 0.01  # of the difference between cubic and quintic: what the quintic may be off
@@ -62,6 +66,8 @@ def first_without_length(gap: Triple, time: Array, length: float) -> float | Non
 
 def _zero_between(ends: Triple, step: float, least: float) -> float | None:
     """The time after the first of two samples at which the quintic through them is zero."""
+    from scipy.interpolate import BPoly  # it loads much, which runs without such springs do not need
+
     quintic = [_power(BPoly.from_derivatives([0.0, 1.0], _columns(ends, i, 3, step))) for i in range(3)]
     cubic = [_power(BPoly.from_derivatives([0.0, 1.0], _columns(ends, i, 2, step))) for i in range(3)]
     square = sum((part**2 for part in quintic), Polynomial([0.0]))

@@ -59,7 +59,8 @@ def split_by_inertia(mass: Sparse) -> Split:
     sets, label = scipy.sparse.csgraph.connected_components(unit, directed=False)
     order, ends = np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=sets))
     alone = np.diff(ends, prepend=0)[label] == 1
-    massive, massless = [_columns(np.flatnonzero(alone & ~none))], [_columns(np.flatnonzero(alone & none))]
+    massive = [_columns(np.flatnonzero(alone & ~none), size)]
+    massless = [_columns(np.flatnonzero(alone & none), size)]
     for k in np.unique(label[~alone]):
         own = order[ends[k - 1] if k else 0 : ends[k]]
         values, vectors = scipy.linalg.eigh(unit[own][:, own].toarray())
@@ -69,8 +70,9 @@ def split_by_inertia(mass: Sparse) -> Split:
     return Split(_basis(massive, len(size)), _basis(massless, len(size)))
 
 
-def _columns(which: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    return which, np.arange(len(which)), np.ones(len(which))
+def _columns(which: NDArray[Any], size: Array) -> tuple[NDArray[Any], ...]:
+    """Columns of freedoms alone, of unit inertia as those of sets: thresholds compare entries of all of them."""
+    return which, np.arange(len(which)), 1.0 / size[which]
 
 
 def _basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:

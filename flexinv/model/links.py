@@ -205,9 +205,12 @@ class Section(Frozen):
             rows = getattr(self, name)
             if rows is not None and len(rows) != count:
                 raise InputError(f"{where}{name} has {len(rows)} rows: expected {count}, one for each station")
-        if not count or self.stations.max() > 1.0 or (np.diff(self.stations) <= 0.0).any():
+        gaps = np.diff(self.stations)
+        thrice = (gaps[1:] <= 0.0) & (gaps[:-1] <= 0.0)  # two equal ones are a step of the section, three are nothing
+        if not count or self.stations.max() > 1.0 or (gaps < 0.0).any() or thrice.any():
             given = f"{where}stations = {self.stations.tolist()}"
-            raise InputError(f"{given}: expected one or more fractions of the length, 0 to 1, increasing [-]")
+            expected = "one or more fractions of the length, 0 to 1, increasing, two equal ones at a step [-]"
+            raise InputError(f"{given}: expected {expected}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -249,7 +249,7 @@ def test_a_certificate_that_cannot_be_read_is_a_problem_in_words(
     record = answered(tmp_path / "out", task.mechanism, task.case, "they")
     assert record.status == "ok"
     if problem:
-        assert problem in record.certificate["problem"]
+        assert problem in record.certificate["broken"]
     else:
         assert record.certificate == {"mass": 1.5}
 

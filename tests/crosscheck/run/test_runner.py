@@ -6,7 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +81,7 @@ def test_studies_are_tables_or_say_why_not(night: Night) -> None:
 
 def test_results_come_back_from_disk_as_they_were(night: Night) -> None:
     back = store.read(night.out / "results.json")
-    assert json.loads(json.dumps(back, default=vars)) == json.loads(json.dumps(night.results, default=vars))
+    assert json.loads(json.dumps(asdict(back))) == json.loads(json.dumps(asdict(night.results)))
     assert (back.exit_code, back.finished) == (2, True)
     with pytest.raises(ValueError, match="schema 1"):
         store.read(night.out / "series" / f"{night.results.cases[1].slug}" / "flexinv.json")
