@@ -38,6 +38,7 @@ SHOWN_AS_ZERO = 1e-12
 AWAY = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 # Guesses from which loops are closed where nothing is said of their joints.
 TRIES = 20
+PLACES = 4  # closed ones that are looked at where the loops do not close near what is stated
 # Damped least squares end after so many steps, or with a step that small [rad], [-]: the result is only where Newton begins.
 MOST_STEPS, SMALL_STEP, LONGEST_STEP = 60, 1e-6, 0.5
 
@@ -209,16 +210,25 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
 
 def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0: near q, or where joints stand anywhere.
+
+    Of several places the one whose closures are of the largest rank: which of them Newton finds first, rounding decides, and a
+    folded loop says nothing of the mechanism.
     Raises ConvergenceError, which names the closure that stays open.
     """
     m, random = mesh.mechanism, np.random.default_rng(1)
     follower = start_follower(mesh)
-    found = follower.solve(q)
+    near = follower.solve(q)
+    if near is not None:
+        return near
+    found: list[Array] = []
     for _ in range(TRIES):
-        if found is not None:
-            return found
-        found = follower.solve(_held(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv))))
-    return follower.start(0.0, q) if found is None else found
+        place = follower.solve(_held(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv))))
+        found += [place] if place is not None else []
+        if len(found) == PLACES:
+            break
+    if not found:
+        return follower.start(0.0, q)
+    return max(found, key=lambda place: int(ranks(np.linalg.svd(follower.closures(place)[1], compute_uv=False))))
 
 
 def places_near(mesh: Mesh, q: Array) -> list[Array]:
