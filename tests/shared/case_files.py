@@ -51,7 +51,7 @@ PLAIN = (
     ),
     case("compare c48b_two_arms.usda c48b_two_arms.usda --unproven", SAME, never=("is not explained",)),
     case("compare c48b_two_arms.usda c48b_two_arms.usda", OPEN, "Not proven to be the same machine", UNPROVEN),
-    case("compare c48_fixed_base.xml --readers mujoco,pinocchio", DIFFERENT, "pose of base by 0.3 m"),
+    case("compare c48_fixed_base.xml --readers mujoco,pinocchio", DIFFERENT, "pose of base of the machine by 0.3"),
     # USD: units and schemas of engines
     case(
         "compare c14_damp.xml c14_newton_damp.usda --unproven", SAME, "The same machine", never=("radians for degrees",)
