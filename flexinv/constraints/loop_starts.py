@@ -38,7 +38,7 @@ SHOWN_AS_ZERO = 1e-12
 AWAY = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 # Guesses from which loops are closed where nothing is said of their joints.
 TRIES = 20
-PLACES = 4  # closed ones that are looked at where the loops do not close near what is stated
+CLOSED_PLACES = 4  # closed ones that are looked at where the loops do not close near what is stated
 # Damped least squares end after so many steps, or with a step that small [rad], [-]: the result is only where Newton begins.
 MOST_STEPS, SMALL_STEP, LONGEST_STEP = 60, 1e-6, 0.5
 
@@ -224,7 +224,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     for _ in range(TRIES):
         place = follower.solve(_held(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv))))
         found += [place] if place is not None else []
-        if len(found) == PLACES:
+        if len(found) == CLOSED_PLACES:
             break
     if not found:
         return follower.start(0.0, q)
