@@ -94,7 +94,8 @@ def test_reading_a_file_starts_no_solver() -> None:
 
 def test_the_ratios_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     main(["modes", str(MODELS / "flex_one_link_damped"), "--count", "1"])
-    assert "damping ratio [-]" in (shown := capsys.readouterr().out)
+    shown = capsys.readouterr().out
+    assert "damping ratio [-]" in shown
     mode, frequency, bar, omega, ratio, link = shown.splitlines()[1].split()
     assert [mode, frequency, omega, ratio, link] == ["1", "10.0238", "62.9812", "0.03", "link"]
     assert 0.0 < float(bar) < 1e-3
