@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,15 @@ import numpy as np
 
 from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence
-from crosscheck.causes.fit import IMPOSSIBLE, Columns, Fit, amount
-from crosscheck.causes.model import Model, answered, model_of
-from crosscheck.causes.naming import MOST, NOISE, Naming, name, named_beside
+from crosscheck.causes.fit import Columns, Fit, amount
+from crosscheck.causes.model import Model, model_of
+from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, name, named_beside
 from crosscheck.causes.quantities import quantities
+from crosscheck.causes.repair import Repair, repair
 from crosscheck.causes.separate import separating
 from crosscheck.causes.subject import Array, Subject
-from crosscheck.engines import ENGINES, adapter, opened
-from crosscheck.engines.base import Adapter, repeatable
+from crosscheck.engines import opened
+from crosscheck.engines.base import Adapter
 from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
@@ -44,6 +45,12 @@ class Answer:
     shown: bool
     limit: float
 
+    @property
+    def enough(self) -> float:
+        """Largest difference over the range [-] that an explanation may leave in full runs."""
+        rounding = ROUNDED * self.naming.size if self.model.base.mechanism.is_rigid else 0.0
+        return max(self.limit, NOISE * self.naming.noise, rounding)
+
 
 def diagnose(
     folder: str,
@@ -60,20 +67,46 @@ def diagnose(
     columns : those of the diagnosis before, where several are asked for in one process
     """
     found = named(folder, case, ours, theirs, columns)
-    model, naming, fits = found.model, found.naming, found.naming.named
-    behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
-    repaired, where = None, ""
-    if fits and found.shown:
-        repaired, where = repair(model, fits[0], engine, found.reference, found.record, behind)
+    naming = found.naming
+    settled, best = naming, None
+    if naming.named and found.shown:
+        behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
+        settled, best = proved(found, engine, behind)
+    fits = settled.named
     return {
-        "words": sentence(naming, fits, repaired, where, max(found.limit, NOISE * naming.noise)),
+        "words": sentence(settled, best),
         "named": [described(f) for f in fits],
-        "separate": separating(model, fits) if len({f.cause.name for f in fits}) > 1 else "",
+        "separate": separating(found.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
         "difference": naming.size,
         "noise": naming.noise,
-        "repaired": repaired,
-        "where": where,
+        "repaired": None if best is None else best.left,
+        "where": "" if best is None else best.where,
     }
+
+
+def proved(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Repair]:
+    """Return the naming without the causes that full runs refute, and the repair of the first that is left.
+
+    A cause that leaves more than enough in its own run does not explain the difference, whatever the model's columns
+    say: where all are refuted, the cause is unknown.
+    """
+    naming = found.naming
+    tried: list[Repair] = []
+    for k, fit in enumerate(naming.named):
+        one = repair(found.model, fit, engine, found.reference, found.record, door, found.enough)
+        if one.heals(found.enough):
+            return replace(naming, named=(one.fit, *naming.named[k + 1 :])), one
+        tried.append(one)
+    best = min(tried, key=lambda one: one.left if one.left is not None else np.inf)
+    return replace(naming, named=(), next=best.fit, words=refuted(best, naming.size)), best
+
+
+def refuted(one: Repair, size: float) -> str:
+    """Return why a cause is not named that explains the difference in the model and not in full runs; size : of it [-]."""
+    return (
+        f"the cause is unknown: {one.fit.cause.name} would explain {_share(1 - one.fit.left**2)} of the difference, but "
+        f"{one.where}, {one.left:.1e} of the range remains of {size:.1e}, more than the error bars"
+    )
 
 
 def named(folder: str, case: str, ours: str, theirs: str, columns: Columns | None = None) -> Answer:
@@ -113,68 +146,23 @@ def agreed(model: Model, record: Record, reference: Record) -> float:
     return 0.0 if limit is None else limit.maximum
 
 
-def repair(
-    model: Model, fit: Fit, engine: str, reference: Record, record: Record, door: Adapter | None = None
-) -> tuple[float | None, str]:
-    """Return the largest difference left [-] after the cause is taken out of the engine, or put into the reference.
-
-    door : the engine's adapter, None for one of ours; a record, which cannot be run again, is repaired in the reference alone
-    """
-    cause, tries = fit.cause, []
-    again = door is None or repeatable(door)
-    if again and cause.sized and not cause.linear and cause.plant is None:
-        opposite = _changed(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing
-        healed = None if opposite is None else _run(engine, opposite, door)
-        tries.append((None if healed is None else _largest(model, healed, reference), f"taken out of {engine}"))
-    harmed = _changed(fit, model, fit.size)
-    if harmed is not None and not cause.linear:
-        other = _run("flexinv", harmed)
-        tries.append((None if other is None else _largest(model, record, other), "put into the reference"))
-    done = [(size, words) for size, words in tries if size is not None and np.isfinite(size)]
-    return min(done, default=(None, ""), key=lambda one: one[0])
-
-
-def _changed(fit: Fit, model: Model, size: Array) -> Subject | None:
-    """Return the mechanism with the cause of this size [its unit], None where there is no such mechanism."""
-    try:
-        return fit.cause.change(model.base, fit.target, size)
-    except IMPOSSIBLE:
-        return None
-
-
-def _largest(model: Model, a: Record, b: Record) -> float:
-    return float(np.abs(model.residual(a, b)).max())
-
-
-def _run(engine: str, subject: Subject, door: Adapter | None = None) -> Record | None:
-    """Return the full run of an engine on a changed subject, None where it cannot do it."""
-    try:
-        behind = door or adapter(ENGINES[engine])
-        record = behind.run(subject.mechanism, subject.case, engine, {"error": False})
-        # no filter looks ahead: it cannot be undone
-        return answered(record, subject) if record.status == "ok" else None
-    except (*IMPOSSIBLE, RuntimeError, KeyError):
-        return None
-
-
 def described(fit: Fit) -> dict[str, Any]:
     """Return one cause for the report: name, target, the sentence with its size [unit], what it leaves [-]."""
     words = fit.cause.words.format(target=fit.target or "all", size=amount(fit.size, fit.cause.unit))
     return {"cause": fit.cause.name, "target": fit.target, "words": words, "left": fit.left, "shows": fit.cause.shows}
 
 
-def sentence(naming: Naming, fits: tuple[Fit, ...], repaired: float | None, where: str, enough: float = np.inf) -> str:
-    """Return the diagnosis in a sentence or two; enough : what may remain after the repair [-] of one cause alone."""
+def sentence(naming: Naming, repaired: Repair | None = None) -> str:
+    """Return the diagnosis in a sentence or two; repaired : what full runs with the first cause say of it."""
     fails = f" Lines of its certificate that fail: {', '.join(naming.failing)}." if naming.failing else ""
+    fits = naming.named
     if not fits:
         return f"{naming.words}.{fails}"
     best = fits[0]
     text = best.cause.words.format(target=best.target or "all", size=amount(best.size, best.cause.unit))
     text += f": explains {_share(1 - best.left**2)} of the difference"
-    if repaired is not None:
-        text += f"; {where}, {repaired:.1e} of the range remains of {naming.size:.1e}"
-        if repaired > enough:
-            text += ", more than the error bars: something else differs as well"
+    if repaired is not None and repaired.left is not None:
+        text += f"; {repaired.where}, {repaired.left:.1e} of the range remains of {naming.size:.1e}"
     others = len(fits) - 1
     text += f". This motion cannot tell it from {others} other{'s' * (others > 1)}." if others else "."
     out = dict.fromkeys(

@@ -30,6 +30,9 @@ SMALL = 1e-6  # of the largest singular value: sizes that hardly change anything
 TINY = 0.1  # times a size that matters: below it the linear fit is a good start
 ASIDE = (0.02, 0.2)  # [rad]
 FAR = (0.03, 0.1, 0.3, 0.8)  # times a size that matters
+# Of sizes that are fractions, each three times the one before: whatever is proportional to a size, or to one over it, leaves
+# at most two thirds (HOPELESS) at one of them.  Up to a thousand, as of kN for N.
+FAR_FACTORS = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 0.7, 1.4, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3)
 HOPELESS = 0.7  # of |r|: beyond, no refinement is tried
 SCANNED = 4  # rounds of Gauss-Newton from there
 ENOUGH = (
@@ -220,6 +223,24 @@ def fit_from(model: Model, residual: Array, candidate: Candidate, size: Array, r
     return _iterated(model, residual, candidate, p, rounds, noise / 2, np.inf)
 
 
+def corrected(model: Model, one: Fit, left: Array) -> Fit | None:
+    """Return a fit whose size takes up what a full run with it leaves, (samples nv,) [-]; None where no such size runs.
+
+    The derivative is the model's, at the fit's size.
+    """
+    cause, target = one.cause, one.target
+    scale = cause.scale(model, target)
+    candidate = Candidate(cause, target, scale, np.zeros((len(left), 0)))
+    place = one.size / scale
+    try:
+        here = effect(model, cause, target, one.size)
+        step = np.linalg.lstsq(_derivative(model, candidate, place, here), left, rcond=SMALL)[0]
+    except IMPOSSIBLE:
+        return None
+    wanted = here + left
+    return _at(model, wanted, candidate, place + step, float(np.linalg.norm(wanted)), np.inf)
+
+
 def _iterated(
     model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float, most: float = LARGEST
 ) -> Fit:
@@ -252,12 +273,14 @@ def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> F
     cause, total = candidate.cause, float(np.linalg.norm(residual))
     if cause.linear or not cause.sized or cause.guess is not None:
         return fit(model, residual, candidate)
-    places = [sign * size * unit for unit in np.eye(cause.parameters) for size in FAR for sign in (1.0, -1.0)]
-    fits = [f for f in (_at(model, residual, candidate, place, total) for place in places) if f is not None]
+    sizes = [factor - 1.0 for factor in FAR_FACTORS] if cause.fraction else [*FAR, *(-size for size in FAR)]
+    places = [size * unit for unit in np.eye(cause.parameters) for size in sizes]
+    fits = [f for f in (_at(model, residual, candidate, place, total, np.inf) for place in places) if f is not None]
     best = min(fits, key=lambda f: f.left, default=fit(model, residual, candidate))
     if best.left > HOPELESS:
         return best
-    return _iterated(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2)
+    most = max(LARGEST, 2.0 * float(np.abs(best.size / candidate.scale).max()))
+    return _iterated(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2, most)
 
 
 def _aside(candidate: Candidate) -> list[Array]:

@@ -29,6 +29,7 @@ UNEXPLAINED = 0.1  # of |r|: what a cause may leave of which only the amplitude 
 SIMILAR = 3.0  # a cause that leaves up to this many times what the best one leaves is as good
 ROUNDED = 1e-7  # of |r|: below this the sizes' own steps, and rounding, decide which one leaves less
 NOISE = 2.0  # times the error bars: what is left within them says nothing
+HALF = 0.5  # of |r|: a cause that leaves more explains less than it leaves
 # Of the largest difference of a march: the columns' long step (`model.STEPS`), and bars that are those of the unharmed mechanism.
 MARCHED = 0.02
 NOTHING = 1e-6  # of |r|: an engine that gives less gives nothing, which no cause explains
@@ -110,7 +111,26 @@ class Question:
 
         What explains them predicts them: an engine that gives next to nothing differs by all of the reference.
         """
-        return max(UNEXPLAINED * min(1.0, self.given), min(NOISE * self.part, 0.5), ROUNDED)
+        return max(UNEXPLAINED * min(1.0, self.given), min(NOISE * self.part, HALF), ROUNDED)
+
+    def fully_explains(self, one: Fit) -> bool:
+        """Return True if a fit leaves no more than the right cause may: the bars, once, at every sample.
+
+        Of a march the model's own step leaves MARCHED of the difference, and of a linear cause only the amplitude is known.
+        """
+        if one.cause.linear:
+            return self.explains(one)
+        part = ROUNDED if self.model.base.mechanism.is_rigid else MARCHED
+        bars = np.maximum(self.bars, part * float(np.abs(self.residual).max()))
+        return bool((np.abs(self.residual - one.column) <= bars).all())
+
+    def believes(self, best: Fit) -> bool:
+        """Return True if the best cause stands out of the error bars.
+
+        Where they hide half of the difference the right cause may be among those that leave more than HALF, and one that
+        leaves more than UNEXPLAINED may be a chance.
+        """
+        return NOISE * self.part <= HALF or best.left <= UNEXPLAINED
 
     @cached_property
     def enough(self) -> float:
@@ -162,7 +182,7 @@ def name(
         heard = told(asked, fits, evidence)
         if look == LOOK and not agreeing(heard) and evidence is not None and evidence.failing:
             heard = (*heard, *told(asked, suggested(asked, known, evidence), evidence))
-        if agreeing(heard):
+        if any(asked.fully_explains(one.fit) for one in agreeing(heard)):
             break
     if not agreeing(heard):
         both = pairs(model, residual, known, asked.explains, asked.part)
@@ -232,6 +252,8 @@ def chosen(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence:
     if (count := _answers(good)) > MOST:
         words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
         return Naming((), good[0], size, largest, words, out, failing)
+    if good and not asked.believes(good[0]):
+        return Naming((), good[0], size, largest, hidden(asked, good[0]), out, failing)
     if good:
         rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
         return Naming(good, rest, size, largest, "", out, failing)
@@ -248,11 +270,22 @@ def alike(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
     """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
     and without causes of which a special case is among them."""
     usual = [f for f in fits if sensible(f)]
-    known = [f for f in fits if f in usual] if usual else []
-    least = min((f.left for f in known), default=0.0)
-    limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), 0.5)
+    least = min((f.left for f in usual), default=0.0)
+    known = list(usual)
+    if usual and not any(asked.fully_explains(f) for f in usual):
+        # Beside usual sizes that leave more than the right cause may, an unusual one that leaves far less is an answer, too.
+        known += [f for f in fits if f not in usual and SIMILAR * f.left < least]
+    limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), HALF)
     found = _special([f for f in known if f.left <= limit])
     return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))
+
+
+def hidden(asked: Question, best: Fit) -> str:
+    """Return the reason for naming nothing where the error bars hide too much of the difference, in words."""
+    return (
+        f"the cause is unknown: the error bars are {asked.part:.0%} of the difference, and the nearest, {best.cause.name}, "
+        f"leaves {_share(best.left)}"
+    )
 
 
 def unknown(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:

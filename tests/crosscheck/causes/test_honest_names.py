@@ -88,7 +88,7 @@ def told(
     save(reference(place, models), folder / "theirs")
     stems = (str(folder / "ours"), str(folder / "theirs"))
     naming = named(str(models / mechanism.name), case.name, *stems, columns(place, models)).naming
-    return {"named": [described(f) for f in naming.named], "words": sentence(naming, naming.named, None, "")}
+    return {"named": [described(f) for f in naming.named], "words": sentence(naming)}
 
 
 def names(answer: dict[str, Any]) -> set[str]:

@@ -155,3 +155,32 @@ def test_a_rotary_inertia_is_found_whatever_its_size() -> None:
         naming = name(model, model.difference(harmed), 1e-9, known)
         assert [f.cause.name for f in naming.named] == ["rotary inertia of the section"]
         assert float(naming.named[0].size[0]) == pytest.approx(factor - 1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("left", "named"), [(UNEXPLAINED / 2, True), (0.3, False)])
+def test_a_cause_that_bars_hide_is_named_only_where_it_explains_nearly_all(left: float, named: bool) -> None:
+    """Bars of 0.3 of the difference: the right cause may leave more than HALF at NOISE of them, and is not among the fits."""
+    found = load_mechanism(MODELS / "flex_one_link")
+    model = model_of(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
+    residual = np.ones(model.torque.size)
+    asked = Question(model, residual, np.full(residual.size, 0.3))
+    fit = Fit(DICTIONARY["rotor inertia"], "hub", np.ones(1), left, (1 - left) * residual)
+    assert asked.explains(fit)
+    naming = chosen(asked, [fit], (Heard(fit),), None)
+    assert bool(naming.named) is named
+    assert ("the error bars are 30% of the difference" in naming.words) is not named
+
+
+@pytest.mark.slow
+def test_a_factor_of_a_thousand_is_found_beside_a_small_one_that_looks_like_it() -> None:
+    """A shear stiffness of a five-hundredth: 1 % softer in bending leaves 2 % of the difference, the right cause nothing."""
+    found = load_mechanism(MODELS / "flex_one_link")
+    subject = Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"])
+    model = model_of(subject)
+    (link,) = found.beams
+    harmed = DICTIONARY["shear factor"].change(subject, link.name, np.array([2e-3 - 1.0]))
+    residual = model.difference(harmed)
+    naming = name(model, residual, 5e-3 * float(np.abs(residual).max()))
+    assert [f.cause.name for f in naming.named] == ["shear factor"]
+    # Bars of half a per cent leave a size that acts by its inverse unsure by as much.
+    assert float(naming.named[0].size[0]) == pytest.approx(2e-3 - 1.0, abs=0.01 * 2e-3)

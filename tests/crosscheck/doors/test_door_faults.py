@@ -17,6 +17,9 @@ SHARE = {
     "f007": ["none"],
     "f011": ["wide"],
     "f014": ["none"],
+    # Another cause leaves less than the bars: shear of a five-hundredth looks like a softer beam, and bars hide a scale.
+    "f107": ["wide"],
+    "f145": ["slow"],
 }
 
 
