@@ -38,6 +38,7 @@ SCANNED = 4  # rounds of Gauss-Newton from there
 ENOUGH = (
     0.05  # a step that gains less than this part of what is left is the last one: near a solution it gains nearly all
 )
+HALF_GAIN = 0.5  # of what was left: a step that leaves more is held against half of it
 IMPOSSIBLE = (InputError, ConvergenceError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 
@@ -258,14 +259,33 @@ def _iterated(
             ]
         except IMPOSSIBLE:
             break
-        tries = (_at(model, residual, candidate, p + step / 2**k, total, most) for k in range(HALVINGS))
-        better = next((f for f in tries if f is not None and f.left < best.left), None)
+        better = _along(model, residual, candidate, p, step, best.left, most)
         if better is None:
             break
         best, gain = better, best.left - better.left
         if gain < ENOUGH * best.left or best.left < enough:
             break
     return best
+
+
+def _along(
+    model: Model, residual: Array, candidate: Candidate, p: Array, step: Array, left: float, most: float
+) -> Fit | None:
+    """Return the fit at p plus the longest of the halved steps that leaves less than ``left`` [-], None where none does.
+
+    What acts by its inverse is overshot by as much as was missing: where a step gains little, half of it is looked at, too.
+    """
+    total = float(np.linalg.norm(residual))
+    better: Fit | None = None
+    for k in range(HALVINGS):
+        found = _at(model, residual, candidate, p + step / 2**k, total, most)
+        if found is not None and found.left < (left if better is None else better.left):
+            if better is not None or found.left < HALF_GAIN * left:
+                return found
+            better = found
+        elif better is not None:
+            return better
+    return better
 
 
 def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> Fit:

@@ -19,7 +19,18 @@ import numpy as np
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
-from crosscheck.causes.fit import IMPOSSIBLE, Candidate, Fit, candidates, fit, possible, scan, sensible
+from crosscheck.causes.fit import (
+    HOPELESS,
+    IMPOSSIBLE,
+    LARGEST,
+    Candidate,
+    Fit,
+    candidates,
+    fit,
+    possible,
+    scan,
+    sensible,
+)
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.pairs import AND, pairs, parts, within
 from crosscheck.causes.quantities import Quantities
@@ -234,8 +245,19 @@ def ranked(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fi
     first |= {k: fit(model, residual, known[k], rounds, noise) for k in refined}
     if look == DEEP:  # far away
         far = order if quick else order[: SCANNED[model.base.mechanism.is_rigid]]
+        # A linear look at a size that no mechanism can have says nothing of what acts by its inverse.
+        far += [
+            k
+            for k in order
+            if k not in far and known[k].cause.fraction and first[k].left < HOPELESS and _beyond(first[k])
+        ]
         first |= {k: min(first[k], scan(model, residual, known[k], noise), key=_left) for k in far}
     return sorted((f for f in first.values() if possible(model, f)), key=_left)
+
+
+def _beyond(one: Fit) -> bool:
+    """Return True if a size that is a fraction [-] takes all away, or is larger than any that a linear look can tell."""
+    return bool((one.size <= -1.0).any() or (np.abs(one.size) > LARGEST).any())
 
 
 def _left(one: Fit) -> float:
@@ -252,7 +274,8 @@ def chosen(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence:
     if (count := _answers(good)) > MOST:
         words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
         return Naming((), good[0], size, largest, words, out, failing)
-    if good and not asked.believes(good[0]):
+    # Lines of the certificate that fail, and that the cause explains, show it whatever the bars are.
+    if good and not failing and not asked.believes(good[0]):
         return Naming((), good[0], size, largest, hidden(asked, good[0]), out, failing)
     if good:
         rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
@@ -269,12 +292,13 @@ def _answers(good: Iterable[Fit]) -> int:
 def alike(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
     """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
     and without causes of which a special case is among them."""
-    usual = [f for f in fits if sensible(f)]
-    least = min((f.left for f in usual), default=0.0)
-    known = list(usual)
-    if usual and not any(asked.fully_explains(f) for f in usual):
-        # Beside usual sizes that leave more than the right cause may, an unusual one that leaves far less is an answer, too.
-        known += [f for f in fits if f not in usual and SIMILAR * f.left < least]
+    known = [f for f in fits if sensible(f)]
+    least = min((f.left for f in known), default=np.inf)
+    if not any(asked.fully_explains(f) for f in known):
+        # A size that no user means is an answer where it leaves nothing, and what users mean leaves more than it may.
+        far = [f for f in fits if f not in known and not f.cause.linear and asked.fully_explains(f)]
+        known += [f for f in far if SIMILAR * f.left < least]
+        least = min((f.left for f in known), default=0.0)
     limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), HALF)
     found = _special([f for f in known if f.left <= limit])
     return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))

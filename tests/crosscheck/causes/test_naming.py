@@ -21,6 +21,7 @@ from crosscheck.measures.record import Record, load, save
 from crosscheck.run.child import certified
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.links import Body
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 
@@ -184,3 +185,22 @@ def test_a_factor_of_a_thousand_is_found_beside_a_small_one_that_looks_like_it()
     assert [f.cause.name for f in naming.named] == ["shear factor"]
     # Bars of half a per cent leave a size that acts by its inverse unsure by as much.
     assert float(naming.named[0].size[0]) == pytest.approx(2e-3 - 1.0, abs=0.01 * 2e-3)
+
+
+@pytest.mark.parametrize(("place", "target"), [("double_pendulum/swing", "upper"), ("ur5/reach", "forearm_link")])
+def test_a_parallel_axis_term_that_is_taken_off_twice_is_named(place: str, target: str) -> None:
+    """No user means such a tensor; it explains all but rounding, and what does is named, however large its size."""
+    mechanism, case = place.split("/")
+    found = load_mechanism(MODELS / mechanism)
+    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    model = model_of(subject)
+
+    def without(body: Body) -> Body:
+        inertia = body.inertia
+        distance = inertia.com @ inertia.com * np.eye(3) - np.outer(inertia.com, inertia.com)
+        return replace(body, inertia=inertia.restated(tensor=inertia.tensor - inertia.mass * distance))
+
+    residual = model.difference(subject.with_body(target, without))
+    naming = name(model, residual, 1e-9)
+    assert {f.target for f in naming.named} == {target}
+    assert naming.named[0].left < 1e-7
