@@ -33,6 +33,8 @@ FAR = (0.03, 0.1, 0.3, 0.8)  # times a size that matters
 # Of sizes that are fractions, each three times the one before: whatever is proportional to a size, or to one over it, leaves
 # at most two thirds (HOPELESS) at one of them.  Up to a thousand, as of kN for N.
 FAR_FACTORS = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 0.7, 1.4, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3)
+# Of an effect: what difference quotients (PROBE) leave of a derivative where the effect is proportional to the size.
+PROBED = 1e-6
 HOPELESS = 0.7  # of |r|: beyond, no refinement is tried
 SCANNED = 4  # rounds of Gauss-Newton from there
 ENOUGH = (
@@ -268,6 +270,20 @@ def _iterated(
     return best
 
 
+def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
+    """Return True if the effect of a size [-] far away is what the columns say: the linear look has looked everywhere."""
+    cause, target = candidate.cause, candidate.target
+    for k, unit in enumerate(np.eye(cause.parameters)):
+        told = size * candidate.columns[:, k]
+        try:
+            seen = effect(model, cause, target, size * candidate.scale * unit)
+        except IMPOSSIBLE:
+            return False
+        if np.abs(seen - told).max() > PROBED * np.abs(told).max():
+            return False
+    return True
+
+
 def _along(
     model: Model, residual: Array, candidate: Candidate, p: Array, step: Array, left: float, most: float
 ) -> Fit | None:
@@ -294,9 +310,12 @@ def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> F
     if cause.linear or not cause.sized or cause.guess is not None:
         return fit(model, residual, candidate)
     sizes = [factor - 1.0 for factor in FAR_FACTORS] if cause.fraction else [*FAR, *(-size for size in FAR)]
+    first = fit(model, residual, candidate)
+    if _is_proportional(model, candidate, max(sizes)):
+        return first
     places = [size * unit for unit in np.eye(cause.parameters) for size in sizes]
     fits = [f for f in (_at(model, residual, candidate, place, total, np.inf) for place in places) if f is not None]
-    best = min(fits, key=lambda f: f.left, default=fit(model, residual, candidate))
+    best = min(fits, key=lambda f: f.left, default=first)
     if best.left > HOPELESS:
         return best
     most = max(LARGEST, 2.0 * float(np.abs(best.size / candidate.scale).max()))

@@ -217,7 +217,9 @@ def told(asked: Question, fits: list[Fit], evidence: Evidence | None) -> tuple[H
         return tuple(map(Heard, explaining))
     sure = max(NOISE * asked.part, 0.0 if asked.model.base.mechanism.is_rigid else MARCHED)
     heard = [evidence.hear(f, asked.explains, sure) for f in explaining[:TOLD]]
-    if not agreeing(heard):  # the motion led a size of several numbers astray
+    # What else may know a size of several numbers: where that agrees with the reference, no such size is hidden.
+    elsewhere = evidence.failing or (evidence.quantities is not None and evidence.quantities.apart())
+    if elsewhere and not agreeing(heard):  # the motion led a size of several numbers astray
         turned = [f for f in fits if not asked.explains(f) and f.cause.parameters > 1]
         again = (evidence.hear(f, asked.explains, sure) for f in turned[:TOLD])
         heard += [one for one in again if asked.explains(one.fit)]

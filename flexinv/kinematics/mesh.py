@@ -95,6 +95,9 @@ class Mesh(Places):
         return float(np.abs(self.offset).sum()) or 1.0
 
 
+_AT_ITS_PARENT = Placement()  # of the second axis of a joint on its first
+
+
 @dataclass(frozen=True, eq=False)
 class _Builder(Places):
     """Grows the node and element lists; becomes a Mesh at the end."""
@@ -117,7 +120,7 @@ class _Builder(Places):
         for axis in joint.axes:
             node = self.node(node, number, placement, link)
             self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis)
-            placement, q, v = Placement(), q + CONFIGURATIONS[number], v + VELOCITIES[number]
+            placement, q, v = _AT_ITS_PARENT, q + CONFIGURATIONS[number], v + VELOCITIES[number]
         self.joint_node[joint.name] = node
         if owner.beam is not None:
             self.beam(owner, owner.beam, link, node)

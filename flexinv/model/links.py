@@ -28,6 +28,8 @@ class Frozen(ByValue):
     """
 
     RULES: ClassVar[rules.Rules] = {}
+    # `owned_cache.freeze` need not look through a record whose arrays nobody can write to.
+    ARRAYS_ARE_FROZEN: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Hold every value as its rule has it.  Raises InputError: the record, its field, what was given and expected."""
@@ -75,8 +77,8 @@ def read_only(values: NDArray[T]) -> NDArray[T]:
 class Placement(Frozen):
     """A frame B in a frame A: ``x_A = position + rotation @ x_B``, position (3,) [m], rotation R_AB (3, 3) [-]."""
 
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
+    position: Array = field(default_factory=lambda: rules.ORIGIN)
+    rotation: Array = field(default_factory=lambda: rules.IDENTITY)
 
     RULES: ClassVar[rules.Rules] = {"position": rules.real_array((3,), "m"), "rotation": rules.rotation}
 

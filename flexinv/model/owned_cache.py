@@ -37,7 +37,7 @@ def freeze(result: Result) -> Result:
     elif isinstance(result, Mapping):
         for part in result.values():
             freeze(part)
-    elif is_dataclass(result):
+    elif is_dataclass(result) and not getattr(result, "ARRAYS_ARE_FROZEN", False):
         for field in fields(result):
             freeze(getattr(result, field.name))
     return result

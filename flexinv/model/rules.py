@@ -82,6 +82,8 @@ def unit_vector(name: str, value: Any) -> Any:
 
 def rotation(name: str, value: Any) -> Any:
     """Return a rotation matrix R, (3, 3) [-]; raises InputError unless R R^T = 1 and det R = 1."""
+    if value is IDENTITY:
+        return value
     given = finite_array(name, value, (3, 3), "-")
     off = float(np.abs(given @ given.T - np.eye(3)).max())
     if off > NOT_UNIT or np.linalg.det(given) < 0.0:
@@ -98,6 +100,10 @@ def frozen_copy(values: Any) -> Any:
     copy = np.array(values, dtype=FLOAT_TYPE)
     copy.flags.writeable = False
     return copy
+
+
+ORIGIN = frozen_copy(np.zeros(3))
+IDENTITY = frozen_copy(np.eye(3))
 
 
 def text(name: str, value: Any) -> str:
