@@ -40,17 +40,17 @@ from spectra_reference import Residual, Spectrum, pencil_of, spectrum_of
 import flexinv
 from flexinv.dynamics.initial_state import instant
 from flexinv.errors import FlexinvError
+from flexinv.linearized import linear_model as linear
 from flexinv.linearized import steady_modes as steady
 from flexinv.linearized.linear_model import linear_model
 from flexinv.linearized.natural_modes import chosen, natural_modes
 from flexinv.linearized.steady_modes import steady_modes
-from flexinv.model.joint_kinds import KINDS
 from flexinv.typing import Array, Complex
 
 PART = 1e-8  # of the condition number
 # A motion without inertia that moves so many times faster than all that has inertia is one that follows: it may be left out.
 BEYOND = 1e6
-# Poles are eigenvalues of A as a whole: those below this part of the largest are rounding of it.
+# Poles of few modes are eigenvalues of A as a whole: those below this part of the largest are rounding of it.
 OF_LARGEST = 1e-9
 FEW = 3  # modes of a small model
 MOST_DRAWS = 5  # for each mechanism that is asked for
@@ -101,9 +101,7 @@ def judged(one: Drawn, number: int) -> Outcome:
     return Outcome(number, "wrong" if wrong else "right", "; ".join(wrong), worst, one.words)
 
 
-def _spoken(
-    one: Drawn, found: steady.SteadyModes, exact: Spectrum
-) -> Iterator[tuple[str, tuple[str, float]]]:
+def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
     """Yield each verb with what is wrong in words, and its largest difference."""
     yield "steady_modes", compared(_with_twins(found.root), _with_twins(found.root, found.rounding), exact)
     if not one.rates:
@@ -113,7 +111,7 @@ def _spoken(
         bars = np.minimum(still.rounding / np.maximum(2 * lost, np.finfo(float).tiny), np.sqrt(still.rounding))
         yield "natural_modes", compared(root, np.tile(bars, 2), reference_of(one, {}, found.free, damped=False))
     model = linear_model(one.mechanism, None, one.rates, found.free)
-    yield "linear_model", compared(model.poles, model_bars(model.A), exact)
+    yield "linear_model", compared(model.poles, linear.poles_of(model.A)[1], exact)
     few = linear_model(one.mechanism, None, one.rates, found.free, modes=FEW)
     if few.notes:
         slow = found.root[:FEW]
@@ -138,11 +136,6 @@ def _stable(one: Drawn) -> Iterator[tuple[str, tuple[str, float]]]:
         yield "statics", ("unstable, but all roots decay", 2.0)
     else:
         yield "statics", ("", 0.0)
-
-
-def model_bars(a: Array) -> Array:
-    """Return what rounding of A as a whole leaves of its poles [1/s]."""
-    return np.full(len(a), OF_LARGEST * np.abs(scipy.linalg.eigvals(a)).max(initial=0.0))
 
 
 def _with_twins(root: Complex, values: Complex | Array | None = None) -> Complex:
@@ -206,7 +199,10 @@ def main(count: int, seed: int, only: int | None) -> None:
         if outcome.word != "right":
             repeat = f"python campaigns/spectra.py --seed {seed} --only {outcome.number}"
             click.echo(f"{outcome.number} {outcome.word}: {outcome.said} ({', '.join(outcome.has)})  {repeat}")
-    click.echo(", ".join(f"{n} {word}" for word, n in tally.most_common()) + f"; largest difference {worst:.2g} of what is allowed")
+    click.echo(
+        ", ".join(f"{n} {word}" for word, n in tally.most_common())
+        + f"; largest difference {worst:.2g} of what is allowed"
+    )
     click.echo("with " + ", ".join(f"{word} {n}" for word, n in has.most_common()))
     wrong = tally["wrong"]
     for name, off, allowed in closed_forms():

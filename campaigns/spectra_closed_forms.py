@@ -115,14 +115,20 @@ def _pendulums() -> Iterator[tuple[str, float, float]]:
         to_angles = np.array([[1.0, 0.0], [1.0, 1.0]])
         stiffness = np.array([[2.0 - push, push - 1.0], [-1.0, 1.0]])
         m, k = (to_angles.T @ part @ to_angles for part in (mass, stiffness))
-        first = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(m, k), -np.linalg.solve(m, np.diag(damping))]])
+        first = np.block(
+            [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(m, k), -np.linalg.solve(m, np.diag(damping))]]
+        )
         exact = np.linalg.eigvals(first)
         found = steady_modes(ziegler(push, damping), free=["a", "b"])
         off = max(float(np.abs(exact - root).min() / abs(root)) for root in found.root)
         # Undamped below 2.09 roots are simple; the distance of pairs makes them some ten times as sensitive.
         yield f"Ziegler's pendulum, P = {push:g}, c = {damping[0]:g}", off, 1e3 * ROUNDING
         stable = bool((exact.real <= 1e-12).all())
-        yield f"  its stability ({'stable' if stable else 'flutter'})", float(stable != (found.root.real <= 0.0).all()), 0.5
+        yield (
+            f"  its stability ({'stable' if stable else 'flutter'})",
+            float(stable != (found.root.real <= 0.0).all()),
+            0.5,
+        )
 
 
 def _shafts() -> Iterator[tuple[str, float, float]]:

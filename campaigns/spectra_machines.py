@@ -58,6 +58,8 @@ def drawn(seed: int, number: int) -> Drawn:
     mechanism = replace(mechanism, springs=tuple(_springs(dice, mechanism, turning)))
     mechanism = replace(mechanism, forces=tuple(_forces(dice, mechanism, turning)))
     moving = [j.name for j in joints if j.nv and (j.kind == "free" or dice.random() < 0.6)]
+    if not moving and mechanism.is_rigid:
+        moving = [j.name for j in joints if j.nv]
     mechanism = _tied(dice, mechanism, moving, turning)
     if mechanism.closures:
         passive = {name for name in moving if not (turning and name == "joint 0")}

@@ -42,8 +42,6 @@ NO_DAMPER = 1e-12
 NO_TIME = 1e-7
 # Roundings of P(s) over the absolute sum of its terms: sums of some tens of terms in M, C and K, of the linearisation before.
 ROUNDED = 1e-13
-# Rounding of the largest stiffness that is left where the terms of a motion are zero.
-LARGEST_ROUNDED = 1e-16
 # A correction that would bring a root nearer to the next one than this part of their distance is none.
 NEAR_NEXT = 0.1
 CORRECTIONS = 2
@@ -94,10 +92,10 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     if not len(own.a):
         none = np.zeros((len(own.basis), 0), dtype=complex)
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
-    root, z, w = _merged(own.a @ own.follow, own.b @ own.follow, own.smallest)
+    (root, z, w), shift = _merged(own.a @ own.follow, own.b @ own.follow, own.smallest)
     x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
     y = own.basis @ _left(own, root, w)
-    return in_pairs(*correct_roots(parts, root, x, y))
+    return in_pairs(*correct_roots(parts, root, x, y, shift))
 
 
 def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
@@ -110,9 +108,9 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     back = without_massless(stiffness.T, split_by_inertia(mass))
     k, m = ((back.T @ part @ moves).toarray() for part in (stiffness, mass))
     smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
-    squared, right, left = _merged(k, m, smallest)
+    (squared, right, left), shift = _merged(k, m, smallest)
     parts = [0.0 * mass, -mass, stiffness]
-    squared, right, _, bar = correct_roots(parts, squared, moves @ right, back @ left)
+    squared, right, _, bar = correct_roots(parts, squared, moves @ right, back @ left, shift)
     squared, right = without_rounded_parts(squared, right, bar)
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), mass @ right).real)
     order = in_order(squared)
@@ -180,17 +178,17 @@ def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
     return out
 
 
-def _merged(a: Array, b: Array, smallest: float) -> tuple[Complex, Complex, Complex]:
-    """All roots with right and left vectors of the pencil: slow ones of its inverse, fast ones of the pencil itself.
+def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
+    """All roots with right and left vectors of the pencil, and the shift: slow ones of its inverse, fast ones of the pencil itself.
 
     They part where both have found as many on each side, in the widest gap about the mean.
     """
     fast = _direct(a, b)
-    slow = _slow(a, b, smallest)
+    slow, shift = _slow(a, b, smallest)
     size = np.sort(np.abs(fast[0]))
     count = len(size)
     if count < 2:
-        return fast
+        return fast, shift
     floor = max(float(size[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
     level = np.log(np.maximum(size, floor))
     middle = (level[0] + level[-1]) / 2
@@ -201,8 +199,10 @@ def _merged(a: Array, b: Array, smallest: float) -> tuple[Complex, Complex, Comp
         worth = (level[k] - level[k - 1]) - abs(np.log(place) - middle) * PART_OF_MEAN
         if worth > best and below.sum() + above.sum() == count:
             best = worth
-            chosen = tuple(np.concatenate([s[..., below], f[..., above]], axis=-1) for s, f in zip(slow, fast, strict=True))
-    return chosen
+            chosen = tuple(
+                np.concatenate([s[..., below], f[..., above]], axis=-1) for s, f in zip(slow, fast, strict=True)
+            )
+    return chosen, shift
 
 
 # A gap one e-fold wider is worth as much as one so many e-folds nearer to the mean of the slowest and the fastest.
@@ -224,7 +224,7 @@ def _inverse(a: Array, b: Array, shift: float) -> tuple[Complex, Complex, Comple
     return shift + 1 / safe, right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
-def _slow(a: Array, b: Array, smallest: float) -> tuple[Complex, Complex, Complex]:
+def _slow(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
     """Slow roots about zero where A, rows and columns of unit size, is regular beyond rounding, else about a shift [1/s].
 
     So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.
@@ -232,19 +232,22 @@ def _slow(a: Array, b: Array, smallest: float) -> tuple[Complex, Complex, Comple
     unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
     unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
     if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > ROUNDED_PIVOT:
-        return _inverse(a, b, 0.0)
+        return _inverse(a, b, 0.0), 0.0
     found = _inverse(a, b, smallest)
     shift = near_slowest(found[0], smallest)
-    return found if shift == smallest else _inverse(a, b, shift)
+    return (found if shift == smallest else _inverse(a, b, shift)), shift
 
 
 # ------------------------------------------------------------------------------------------- corrections and bars
 
 
-def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex) -> tuple[Complex, Complex, Complex, Array]:
+def correct_roots(
+    parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float
+) -> tuple[Complex, Complex, Complex, Array]:
     """Return roots corrected by their vectors x and y of M, C, K, the vectors, and error bars [1/s].
 
-    Where roots lie together a correction of first order is none: their bar is the root of what P is known to.
+    Where roots lie together a correction of first order is none: their bar is the root of what P is known to, at the shift [1/s]
+    about which they were found where they are slower: a motion without stiffness has nothing but rounding of that.
     """
     apart = np.abs(root[:, None] - root[None])
     apart[np.diag_indices(len(root))] = np.inf
@@ -257,10 +260,9 @@ def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex) ->
         left = np.abs(np.where(good, change, 0.0))
         out = np.where(good, out - change, out)
     m, c, k = (abs(part) for part in parts)
-    sx, sy, s = np.abs(x), np.abs(y), np.abs(out)
+    sx, sy, s = np.abs(x), np.abs(y), np.maximum(np.abs(out), shift)
     size = [np.einsum("km,km->m", sy, part @ sx) for part in (m, c, k)]
     terms = ROUNDED * (s * s * size[0] + s * size[1] + size[2])
-    terms += LARGEST_ROUNDED * k.max() * sx.max(axis=0, initial=0.0) * sy.max(axis=0, initial=0.0)
     slope = np.abs(2 * out * _between(y, parts[0], x) + _between(y, parts[1], x))
     tiny = np.finfo(float).tiny
     first = terms / np.maximum(slope, tiny)

@@ -82,7 +82,7 @@ class LinearModel(ByValue):
     @property
     def poles(self) -> Complex:
         """(states,) eigenvalues of A [1/s], by size, of a pair the one with positive imaginary part first."""
-        return _poles(self.A)[0]
+        return poles_of(self.A)[0]
 
     @property
     def pole_error(self) -> Array:
@@ -91,7 +91,7 @@ class LinearModel(ByValue):
         Twice the distance to the pole of the same number of a finer mesh, two elements of the next order for one: it is solved
         when this is asked for first.  `steady_modes` knows slow roots better: A has lost what is below 1e-16 of its largest.
         """
-        poles, rounding = _poles(self.A)
+        poles, rounding = poles_of(self.A)
         if self.origin is None or self.origin.mechanism.is_rigid:
             return rounding
         finer = refined_model(self).poles[: len(poles)]
@@ -111,8 +111,8 @@ def refined_model(model: LinearModel) -> LinearModel:
     return linear_model(of.mechanism.refined(2, 1), of.q, of.rates, of.free, of.accelerated, of.modes)
 
 
-def _poles(a: Array) -> tuple[Complex, Array]:
-    """Eigenvalues of A by size, and what a rounding of A leaves of each: eps |A| |y| |x| / |y^H x|, A balanced."""
+def poles_of(a: Array) -> tuple[Complex, Array]:
+    """Return eigenvalues of A (states,) [1/s] by size, and what a rounding of A leaves of each: eps |A| |y| |x| / |y^H x|."""
     if not len(a):
         return np.zeros(0, dtype=complex), np.zeros(0)
     balanced = scipy.linalg.matrix_balance(a, permute=False)[0]

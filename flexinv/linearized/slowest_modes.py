@@ -38,6 +38,8 @@ ROUNDED_PIVOT = 1e-13
 SPARE_MODES = 4
 # Times that the number of modes looked for is doubled, as modes of the same frequency may be found late.
 MOST_DOUBLINGS = 3
+# Vectors of Arnoldi's method for each root that is looked for, and more: ARPACK's own choice fails where many lie together.
+WIDER, WIDER_STILL = 3, 20
 # Where no mode more than the count is known: they are counted within so many times the size of the last.
 BEYOND_LAST = 1 + 1e-6
 # Factor by which a shift grows until it makes K definite; further than this over the smallest one it never does.
@@ -211,6 +213,21 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
     return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
 
 
+def krylov_values(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the largest eigenvalues (count,) [any unit] of an operator, and vectors, by Arnoldi's method from a start.
+
+    Raises ConvergenceError where they are not found.
+    """
+    basis = min(operator.shape[0], WIDER * count + WIDER_STILL)
+    try:
+        values, vectors = scipy.sparse.linalg.eigs(operator, count, v0=start, ncv=basis)
+    except scipy.sparse.linalg.ArpackNoConvergence:
+        raise ConvergenceError(
+            f"modes: Arnoldi's method does not find {count} roots: they are too close together; write another count"
+        ) from None
+    return values, vectors
+
+
 def gap_beyond(size: Array, count: int) -> float:
     """Return the middle of the widest gap [any unit] between sizes of roots (modes,), beyond the first ``count``."""
     level = np.sort(size)
@@ -242,7 +259,7 @@ def _arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArray[An
         return factors.solve(m.T @ x, transposed=True)
 
     operators = (scipy.sparse.linalg.LinearOperator(k.shape, matvec=f, dtype=float) for f in (forward, backward))
-    (values, right), (others, left) = (scipy.sparse.linalg.eigs(f, count, v0=start) for f in operators)
+    (values, right), (others, left) = (krylov_values(f, count, start) for f in operators)
     free = np.ones(len(others), dtype=bool)
     order = []
     for value in values:

@@ -25,6 +25,7 @@ from flexinv.linearized.slowest_modes import (
     SPARE_MODES,
     ShiftedStiffness,
     gap_beyond,
+    krylov_values,
     refuse_loose,
 )
 from flexinv.typing import Array, Complex, Sparse
@@ -56,7 +57,7 @@ def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) 
             f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; write another "
             "count"
         )
-    found = in_pairs(*correct_roots(list(parts), root, right, left))
+    found = in_pairs(*correct_roots(list(parts), root, right, left, shift))
     return Roots(found.root[:count], found.shapes[:, :count], found.left[:, :count], found.bar[:count])
 
 
@@ -83,7 +84,7 @@ def _arnoldi(parts: Parts, shift: float, count: int) -> tuple[Complex, Complex, 
     start = forward(np.random.default_rng(0).standard_normal(2 * size))
     shape = (2 * size, 2 * size)
     operators = (scipy.sparse.linalg.LinearOperator(shape, matvec=f, dtype=float) for f in (forward, backward))
-    (values, right), (others, left) = (scipy.sparse.linalg.eigs(f, count, v0=start) for f in operators)
+    (values, right), (others, left) = (krylov_values(f, count, start) for f in operators)
     free = np.ones(len(others), dtype=bool)
     order = []
     for value in values:

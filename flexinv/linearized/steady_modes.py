@@ -382,4 +382,6 @@ def steady_modes(
     largest = np.where(moved > TWISTS * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]
     place, turn = motion.solver.frames.x.copy(), motion.solver.frames.r.copy()
-    return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, turning, root[:last], found.bar[:last])
+    return SteadyModes(
+        mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, turning, root[:last], found.bar[:last]
+    )
