@@ -39,7 +39,7 @@ def closed_forms() -> Iterator[tuple[str, float, float]]:
 
 
 def _beam(shear: float, rotary: float, push: float = 0.0, twist: float = 1e-3) -> Mechanism:
-    """A cantilever of unit length, mass and bending stiffness about z; about y it is a hundred times as stiff, so as to come later."""
+    """A cantilever of unit length, mass and bending stiffness about z; about y it is much stiffer, so as to come later."""
     stiffness = np.array([[STIFF, shear, STIFF, 1e3, 1e4, 1.0]])
     inertia = np.array([[twist, 0.0, rotary]])
     link = Link("beam", (), Beam(1.0, Section(np.zeros(1), stiffness, np.ones(1), inertia), 3, 8))
@@ -97,7 +97,7 @@ def _columns() -> Iterator[tuple[str, float, float]]:
 
 
 def ziegler(push: float, damping: tuple[float, float]) -> Mechanism:
-    """Return two rigid links of 1 m, springs of 1 N m/rad, 2 and 1 kg at their ends, dampers [N m s], a push [N] along the second."""
+    """Return two rigid links of 1 m, springs of 1 N m/rad, 2 and 1 kg at their ends, dampers [N m s], a push [N] along one."""
     end = np.array([1.0, 0.0, 0.0])
     links = tuple(Link(f"l{k}", (Body("ball", Inertia(3.0 - k, end)),)) for k in (1, 2))
     joints = (

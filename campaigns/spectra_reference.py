@@ -7,7 +7,8 @@ evaluated at states that are moved by z, z' and z'' as an observer in the axes t
     R = R_0 exp(t)                 w = exp(-t) w_0 + t'        w' = t'' - t' x w_0
 
 so that K = dr/dz, C = dr/dz' and M = dr/dz'', gyroscopic and centrifugal terms included.  Closures leave N, the null space of
-their gradient (by differences, too).  Freedoms without inertia are split off by the eigenvalues of M (what nothing damps among them by those of C), and
+their gradient (by differences, too).  Freedoms without inertia are split off by the eigenvalues of M, those
+without terms in C among them by its singular values, and
 
     (s^2 M + s C + K) x = 0
 

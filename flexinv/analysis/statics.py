@@ -109,8 +109,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     found = solution_of(mesh, first, SETTINGS)
     unstable, all_of_them = unstable_motions(solver, joints)  # a word on whether a structure stays there
     slowest = (
-        f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked at: "
-        "that faster ones are stable is not proved",
+        f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked "
+        "at: that faster ones are stable is not proved",
     )
     notes = found.notes if all_of_them else (*found.notes, *slowest)
     if not unstable:

@@ -1,8 +1,8 @@
 """All roots of (s^2 M + s C + K) x = 0, gyroscopic terms, damping and circulatory K among them, each with an error bar.
 
-Of the motions without inertia (`split_by_inertia`) some have terms in C among each other, of dampers or gyroscopic ones: x_d moves
-by its rate.  The others, x_e, follow: K_ee x_e = -(K_er x_r + K_ed x_d + C_er v), with v = x_r' of what has inertia.  That is a
-pencil of first order, from which x_e is eliminated,
+Of the motions without inertia (`split_by_inertia`) some have terms in C among each other, of dampers or gyroscopic
+ones: x_d moves by its rate.  The others, x_e, follow: K_ee x_e = -(K_er x_r + K_ed x_d + C_er v), with v = x_r' of what has
+inertia.  That is a pencil of first order, from which x_e is eliminated,
 
     A z = s B z     z = (x_r, x_d, x_e, v)     A = [[0, 0, 0, 1], [-K, -C_r]]     B = [[1, 0, 0, 0], [0, C_d, C_e, M_r]]
 
@@ -36,19 +36,19 @@ from flexinv.linearized.eigenvalues import (
 )
 from flexinv.typing import Array, Complex, Sparse
 
-# Of the largest entry of C: what is below is rounding of terms that cancel, and nothing moves a motion without inertia by its rate.
+# Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
 NO_DAMPER = 1e-12
 # Of C over K in periods of the fastest motion with inertia: what moves faster follows the others at once.
 NO_TIME = 1e-7
 # Roundings of P(s) over the absolute sum of its terms: sums of some tens of terms in M, C and K, of the linearisation before.
-ROUNDED = 1e-13
+ROUNDED_TERMS = 1e-13
 # A correction that would bring a root nearer to the next one than this part of their distance is none.
 NEAR_NEXT = 0.1
 CORRECTIONS = 2
+# Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
+SMALLEST_PIVOT = 1e-13
 # Of the fastest motion with inertia: a shift whose square is what rounding of K leaves of a motion without stiffness.
 SMALLEST_SHIFT = 1e-6
-# Of K with a unit diagonal: a pivot below this part is rounding, that of a motion without stiffness.
-ROUNDED_PIVOT = 1e-13
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,8 @@ class Pencil:
     """A - s B of what moves by itself, after the elimination of what follows.
 
     basis : (freedoms, own) motions with inertia, those that C moves, those that follow; massive, moved : how many
-    a, b : (2 massive + moved, all) rows of what moves by itself; follow : z by its other part; held : K_ee; smallest : shift [1/s]
+    a, b : (2 massive + moved, all) rows of what moves by itself; follow : z by its other part; held : K_ee
+    smallest : shift [1/s]
     """
 
     basis: Array
@@ -164,7 +165,10 @@ def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sp
     least = NO_TIME / np.sqrt(held) if held > 0.0 else 0.0
     rounding = NO_DAMPER * np.abs(damping).max() * (abs(none) @ np.abs(turned)).max(axis=0, initial=0.0) ** 2
     moves = times > np.maximum(least, rounding)
-    return (scipy.sparse.csc_array(none @ scipy.sparse.csc_array(turned[:, use])) for use in (moves, ~moves))
+    by_rates, following = (
+        scipy.sparse.csc_array(none @ scipy.sparse.csc_array(turned[:, use])) for use in (moves, ~moves)
+    )
+    return by_rates, following
 
 
 def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
@@ -179,7 +183,7 @@ def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
 
 
 def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
-    """All roots with right and left vectors of the pencil, and the shift: slow ones of its inverse, fast ones of the pencil itself.
+    """All roots with right and left vectors of the pencil, and the shift: slow ones of its inverse, fast ones of it.
 
     They part where both have found as many on each side, in the widest gap about the mean.
     """
@@ -199,9 +203,10 @@ def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex
         worth = (level[k] - level[k - 1]) - abs(np.log(place) - middle) * PART_OF_MEAN
         if worth > best and below.sum() + above.sum() == count:
             best = worth
-            chosen = tuple(
+            root, x, y = (
                 np.concatenate([s[..., below], f[..., above]], axis=-1) for s, f in zip(slow, fast, strict=True)
             )
+            chosen = root, x, y
     return chosen, shift
 
 
@@ -221,7 +226,7 @@ def _inverse(a: Array, b: Array, shift: float) -> tuple[Complex, Complex, Comple
     factors = scipy.linalg.lu_factor(a - shift * b)
     values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
     safe = np.where(values == 0.0, np.finfo(float).tiny, values)
-    return shift + 1 / safe, right, scipy.linalg.lu_solve(factors, left, trans=2)
+    return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
 def _slow(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
@@ -231,7 +236,7 @@ def _slow(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, 
     """
     unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
     unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
-    if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > ROUNDED_PIVOT:
+    if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
         return _inverse(a, b, 0.0), 0.0
     found = _inverse(a, b, smallest)
     shift = near_slowest(found[0], smallest)
@@ -262,7 +267,7 @@ def correct_roots(
     m, c, k = (abs(part) for part in parts)
     sx, sy, s = np.abs(x), np.abs(y), np.maximum(np.abs(out), shift)
     size = [np.einsum("km,km->m", sy, part @ sx) for part in (m, c, k)]
-    terms = ROUNDED * (s * s * size[0] + s * size[1] + size[2])
+    terms = ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2])
     slope = np.abs(2 * out * _between(y, parts[0], x) + _between(y, parts[1], x))
     tiny = np.finfo(float).tiny
     first = terms / np.maximum(slope, tiny)

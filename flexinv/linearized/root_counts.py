@@ -1,4 +1,4 @@
-"""How many roots of det P(z) = 0 lie within a circle, by the argument principle: proof that none of the slowest is missed.
+"""Counts of the roots of det P(z) = 0 within a circle, by the argument principle: proof that none of the slowest is missed.
 
 Where a matrix is not symmetric there is no law of inertia.  But the phase of det P(z) turns by 2 pi for each root on the way
 around a circle, and det P(z) / prod (z - z_i) turns by none where the z_i within are all.  That quotient is smooth, so that few
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from flexinv.typing import Complex, Sparse
 
 # Parts of the half circle at first, largest turn of the phase from place to place [rad], and how often a part is halved.
-PARTS, LARGEST_TURN, MOST_HALVINGS = 24, np.pi / 4, 8
+SIDES, LARGEST_PHASE, MOST_PARTINGS = 24, np.pi / 4, 8
 # Of a turn: the sum of all is a whole number but for rounding.
-WHOLE = 0.05
+WHOLE_TURNS = 0.05
 # Roots nearer to each other than this part of their size are one: of pairs both or one are known.
 SAME_ROOT = 1e-6
 
 
 def missed_within(radius: float, known: Complex, matrix_at: Callable[[complex], Sparse]) -> int | None:
-    """Return how many roots within |z| < radius [1/s], [1/s^2] are not among the ``known`` ones; None where it is not sure.
+    """Return the number of roots within |z| < radius [1/s], [1/s^2] beside the ``known`` ones; None where it is not sure.
 
     known : all that are known, inside and outside, of a pair one or both; matrix_at : P(z), sparse, real for real z
     """
@@ -38,16 +38,16 @@ def missed_within(radius: float, known: Complex, matrix_at: Callable[[complex], 
         place = radius * np.exp(1j * angle)
         return _phase(matrix_at(complex(place))) - float(np.angle(place - known).sum())
 
-    angles = np.linspace(0.0, np.pi, PARTS + 1)
+    angles = np.linspace(0.0, np.pi, SIDES + 1)
     phases = [phase(angle) for angle in angles]
     total = 0.0
-    for k in range(PARTS):
-        turn = _turn(phase, (angles[k], angles[k + 1]), (phases[k], phases[k + 1]), MOST_HALVINGS)
+    for k in range(SIDES):
+        turn = _turn(phase, (angles[k], angles[k + 1]), (phases[k], phases[k + 1]), MOST_PARTINGS)
         if turn is None:
             return None
         total += turn
     count = total / np.pi
-    return round(count) if abs(count - round(count)) < WHOLE else None
+    return round(count) if abs(count - round(count)) < WHOLE_TURNS else None
 
 
 def _turn(
@@ -55,7 +55,7 @@ def _turn(
 ) -> float | None:
     """By how much a phase turns between two angles; None where it turns too fast to be followed."""
     turn = float(np.angle(np.exp(1j * (values[1] - values[0]))))
-    if abs(turn) < LARGEST_TURN:
+    if abs(turn) < LARGEST_PHASE:
         return turn
     if not halvings:
         return None

@@ -1,6 +1,7 @@
 """The slowest roots of (s^2 M + s C + K) x = 0 where freedoms are many: sparse factors and Krylov subspaces.
 
-With z = (x, v) and the pencil  A z = s B z,  A = [[0, 1], [-K, -C]], B = [[1, 0], [0, M]], mu = 1 / (s - shift) are eigenvalues of
+With z = (x, v) and the pencil  A z = s B z,  A = [[0, 1], [-K, -C]], B = [[1, 0], [0, M]],  mu = 1 / (s - shift) are eigenvalues
+of
 
     (A - shift B)^-1 B      x = -K_s^-1 (M w_2 + (C + shift M) w_1),  v = w_1 + shift x      K_s = K + shift C + shift^2 M
 
@@ -30,7 +31,7 @@ from flexinv.linearized.slowest_modes import (
 )
 from flexinv.typing import Array, Complex, Sparse
 
-Parts = tuple[Sparse, Sparse, Sparse]
+Terms = tuple[Sparse, Sparse, Sparse]
 
 
 def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) -> Roots:
@@ -54,14 +55,14 @@ def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) 
         looked_for *= 2
     else:
         raise ConvergenceError(
-            f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; write another "
-            "count"
+            f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; "
+            "write another count"
         )
     found = in_pairs(*correct_roots(list(parts), root, right, left, shift))
     return Roots(found.root[:count], found.shapes[:, :count], found.left[:, :count], found.bar[:count])
 
 
-def _arnoldi(parts: Parts, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
+def _arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
     """Roots (count,) and right and left vectors (freedoms, count) about a shift; left ones those of the nearest value."""
     m, c, k = parts
     size = k.shape[0]
@@ -92,4 +93,4 @@ def _arnoldi(parts: Parts, shift: float, count: int) -> tuple[Complex, Complex, 
         free[nearest] = False
         order.append(nearest)
     y = np.column_stack([of_left(u.real) + 1j * of_left(u.imag) for u in left[:, order].T])
-    return shift + 1 / values, right[:size], np.conj(y)
+    return np.asarray(shift + 1 / values, dtype=complex), np.asarray(right[:size]), np.conj(y)

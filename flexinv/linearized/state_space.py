@@ -17,7 +17,7 @@ from flexinv.errors import InputError
 from flexinv.typing import Array
 
 # Of the largest entry of C, what rounding leaves of one that couples what follows.
-ROUNDED = 1e-12
+ROUNDED_COUPLING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ def _places(basis: Basis) -> dict[str, slice]:
 
 def _refuse_rates(direct: Array, across: Array, largest: float) -> None:
     """Refuse what needs the rate of an effort; largest : entry of C [N m s]."""
-    if np.abs(across @ direct).max(initial=0.0) > ROUNDED * largest * np.abs(direct).max(initial=0.0):
+    if np.abs(across @ direct).max(initial=0.0) > ROUNDED_COUPLING * largest * np.abs(direct).max(initial=0.0):
         raise InputError(
-            "linear model: an effort acts on a freedom without inertia that gyroscopic terms couple, so that its rate would be an "
-            "input; give its link an inertia"
+            "linear model: an effort acts on a freedom without inertia that gyroscopic terms couple, so that its rate would be "
+            "an input; give its link an inertia"
         )

@@ -327,7 +327,7 @@ class SteadyModes(Shapes):
         """
         if self.mesh.mechanism.is_rigid:
             return self.rounding
-        finer = refined_modes(self)
+        finer = refined_steady_modes(self)
         return np.asarray(self.rounding + at_rest.SAFETY * np.abs(self.root - finer.root))
 
     @property
@@ -343,7 +343,7 @@ class SteadyModes(Shapes):
 
 
 @kept_with_owner()
-def refined_modes(modes: SteadyModes) -> SteadyModes:
+def refined_steady_modes(modes: SteadyModes) -> SteadyModes:
     """Return the same modes of a finer mesh [1/s]: two elements of the next order in place of each."""
     finer = modes.mesh.mechanism.refined(2, 1)
     return steady_modes(finer, modes.q, modes.rates, modes.free, len(modes.root))
@@ -371,10 +371,10 @@ def steady_modes(
     motion = steady_motion(mesh, at, rates, set(names))
     turning = with_coupled_rates(mesh, rates)
     n = allowed_motions(motion.solver)
-    parts = tuple(scipy.sparse.csc_array(n.T @ part @ n) for part in motion.matrices)
-    size = parts[0].shape[0]
+    m, c, k = (scipy.sparse.csc_array(n.T @ part @ n) for part in motion.matrices)
+    size = k.shape[0]
     few = count is not None and size > ONE_AND_ALL and at_rest.FEW * count <= size
-    found = slowest_roots(*parts, count) if few and count is not None else roots(*parts)
+    found = slowest_roots(m, c, k, count) if few and count is not None else roots(m, c, k)
     root, shapes = found.root, found.shapes
     last = len(root) if count is None else count
     moves: Complex = at_rest.nodal_shapes(motion.solver, n @ shapes[:, :last])
