@@ -45,6 +45,8 @@ ROUNDED_TERMS = 1e-13
 # A correction that would bring a root nearer to the next one than this part of their distance is none.
 NEAR_NEXT = 0.1
 CORRECTIONS = 2
+# A slope below this part of the terms says nothing.
+SMALLEST_SLOPE = 1e-200
 # Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
 SMALLEST_PIVOT = 1e-13
 # Of the fastest motion with inertia: a shift whose square is what rounding of K leaves of a motion without stiffness.
@@ -269,9 +271,8 @@ def correct_roots(
     size = [np.einsum("km,km->m", sy, part @ sx) for part in (m, c, k)]
     terms = ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2])
     slope = np.abs(2 * out * _between(y, parts[0], x) + _between(y, parts[1], x))
-    tiny = np.finfo(float).tiny
-    first = terms / np.maximum(slope, tiny)
-    second = np.sqrt(terms / np.maximum(np.abs(_between(y, parts[0], x)), tiny))
+    first = _over(terms, slope)
+    second = np.sqrt(_over(terms, np.abs(_between(y, parts[0], x))))
     return out, x, y, np.minimum(first, second) + left
 
 
@@ -281,6 +282,12 @@ def _change(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
     slope = 2 * s * m + c
     there = slope != 0.0
     return np.where(there, (s * s * m + s * c + k) / np.where(there, slope, 1.0), np.inf)
+
+
+def _over(terms: Array, slope: Array) -> Array:
+    """A quotient, infinite where it cannot be written."""
+    there = slope > SMALLEST_SLOPE * terms
+    return np.asarray(np.where(there, terms / np.where(there, slope, 1.0), np.inf))
 
 
 def _between(y: Complex, part: Sparse, x: Complex) -> Complex:
