@@ -59,6 +59,7 @@ DRAWING = "loads what draws, or what the page is written with, when it is asked 
 ALONE = {
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
+    "flexinv.linearized.state_space": "algebra that knows no mechanism",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",

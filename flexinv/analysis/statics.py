@@ -67,7 +67,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     t = 0) and the loads are raised in steps as large as Newton converges.  ``torque`` holds the joints; ``tip``, ``deflection``,
     ``wrench``, ``internal`` are those of the rest position; ``stable`` is False where its tangent stiffness is not positive
     definite, as of a straight column beyond its buckling load, or where forces that turn along make it flutter, as of Beck's
-    column (a ModelWarning says so, too; dampers are not looked at).
+    column, or where dampers let them (a ModelWarning says so, too).  Of more than 300 freedoms under such forces the 30 slowest
+    motions alone are looked at: ``notes`` says so.
 
     q : (nq,) [rad], [m], all joints at zero by default
     Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
@@ -103,11 +104,17 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = with_closures(mesh, first, switching)
-    from flexinv.linearized.natural_modes import unstable_motions
+    from flexinv.linearized.natural_modes import SLOWEST, unstable_motions
 
     found = solution_of(mesh, first, SETTINGS)
-    if not (unstable := unstable_motions(solver, joints)):  # a word on whether a structure stays there
-        return replace(found, stable=True)
+    unstable, all_of_them = unstable_motions(solver, joints)  # a word on whether a structure stays there
+    slowest = (
+        f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked "
+        "at: that faster ones are stable is not proved",
+    )
+    notes = found.notes if all_of_them else (*found.notes, *slowest)
+    if not unstable:
+        return replace(found, stable=True, notes=notes)
     count = f"{unstable} unstable eigenvalue{'s' * (unstable > 1)} (negative: divergence; complex: flutter)"
     note = (
         f"statics of '{mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
@@ -115,7 +122,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         "goes, with a load across and damped beams"
     )
     warnings.warn(note, ModelWarning, stacklevel=2)
-    return replace(found, stable=False, notes=(*found.notes, note))
+    return replace(found, stable=False, notes=(*notes, note))
 
 
 def _force(mechanism: Mechanism, load: Load, number: int) -> Force:

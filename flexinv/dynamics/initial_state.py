@@ -214,7 +214,8 @@ def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     here, stable = b"".join(part.tobytes() for part in (*parts, *solver.frames)), _stable(solver.mesh)
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
-    if not (unstable := unstable_motions(solver, joints)):
+    unstable, _ = unstable_motions(solver, joints)
+    if not unstable:
         stable.clear()
         stable.add(here)
         return

@@ -147,34 +147,6 @@ def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     return squared[order], np.asarray(moves @ (shapes / np.sqrt(masses)))[:, order]
 
 
-def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return omega^2 (modes,) [1/s^2], by size, and shapes (freedoms, modes) with unit modal mass, of a K that is not symmetric.
-
-    Forces that turn along do work on closed paths: omega^2 may be complex, in pairs.  Values and shapes are complex then.
-    omega^2 + shift = 1 / mu with (K + shift M)^-1 M x = mu x.  What rounding leaves of zeros and of real values is taken away:
-    each value is known to eps |z| |K| |x| / |z M x|, z its left vector, and to what the eigenvalue solve loses.
-    """
-    moves = without_massless(stiffness, split_by_inertia(mass))
-    k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
-    shift = SOFT * np.abs(k).max() / np.abs(m).max()
-    # so small a shift hides all but motions without stiffness, where there are such: near the slowest others all are known
-    shift = near_slowest(1 / scipy.linalg.eigvals(scipy.linalg.solve(k + shift * m, m)) - shift, shift)
-    inner = k + shift * m
-    slow = scipy.linalg.solve(inner, m)
-    values, left, right = scipy.linalg.eig(slow, left=True, right=True)
-    # the eigenvalue solve itself: a rounding of its matrix, over the angle between the vectors; it is the fast ones that suffer
-    lost = np.finfo(float).eps * len(k) * np.linalg.norm(slow) / np.abs(np.einsum("km,km->m", left.conj(), right))
-    squared, left = 1 / values - shift, scipy.linalg.solve(inner.T, left)
-    weight = np.abs(np.einsum("km,kl,lm->m", left.conj(), m, right))
-    known = CIRCULATORY * np.einsum("km,kl,lm->m", np.abs(left), np.abs(k), np.abs(right)) / weight
-    known = known + lost / np.abs(values) ** 2
-    squared, right = without_rounded_parts(squared, right, known)
-    order = in_order(squared)
-    shapes = right / np.sqrt(np.einsum("km,kl,lm->m", right.conj(), m, right).real)
-    squared, shapes = squared[order], np.asarray(moves @ shapes[:, order])
-    return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
-
-
 def near_slowest(squared: NDArray[Any], shift: float) -> float:
     """Return a shift [1/s^2] as large as the slowest motion with stiffness, of omega^2 (modes,) that a small shift has shown."""
     size = np.abs(squared)

@@ -11,7 +11,7 @@ Source of the split: Craig, Bampton, *Coupling of substructures for dynamic anal
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -21,20 +21,38 @@ from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import slides
 from flexinv.linearized.closed_motions import allowed_motions
-from flexinv.linearized.eigenvalues import SOFT, is_symmetric, undamped
-from flexinv.linearized.natural_modes import chosen, nodal_shapes, numbers_of_rates, tip_moves
-from flexinv.linearized.steady_modes import Steady, roots, steady_motion
+from flexinv.linearized.complex_roots import moved_by_rates, roots
+from flexinv.linearized.eigenvalues import SOFT, is_symmetric, split_by_inertia, undamped
+from flexinv.linearized.natural_modes import SAFETY, chosen, nodal_shapes, numbers_of_rates, tip_moves
+from flexinv.linearized.state_space import Basis, StateSpace, state_space
+from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.typing import Array, Complex, Sparse
 from flexinv.validation import names, of_kind, whole
 
 # Of the largest entry of C, what rounding leaves of its symmetry where nothing is gyroscopic.
 GYROSCOPIC = 1e-9
 # Of shapes of unit modal mass, what is left of one that others represent: rounding of complex modes of one frequency.
 SAME_SPAN = 1e-7
+# Left and right shapes whose masses are worse conditioned than this are no pair (a double root with one shape): rows are of the
+# right ones then.
+WORST_PAIR = 1e8
 AXIS_NAMES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Origin(ByValue):
+    """The arguments of `linear_model` that made a model; q : (nq,) [rad], [m]; rates : [rad/s]."""
+
+    mechanism: Mechanism
+    q: Array
+    rates: dict[str, float]
+    free: tuple[str, ...]
+    accelerated: tuple[str, ...]
+    modes: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +62,7 @@ class LinearModel(ByValue):
     states, inputs, outputs : names; state_units, input_units, output_units : their units
     bias : (inputs,) what the inputs are in the steady motion itself [N m], [N], [rad/s^2]
     notes : what a reader must know, as which poles are exact where few modes of a gyroscopic mechanism are kept
+    origin : what it was made of
     """
 
     A: Array
@@ -58,11 +77,52 @@ class LinearModel(ByValue):
     output_units: tuple[str, ...]
     bias: Array
     notes: tuple[str, ...] = ()
+    origin: Origin | None = None
+
+    @property
+    def poles(self) -> Complex:
+        """(states,) eigenvalues of A [1/s], by size, of a pair the one with positive imaginary part first."""
+        return poles_of(self.A)[0]
+
+    @property
+    def pole_error(self) -> Array:
+        """(states,) error bars of the poles [1/s], of mesh and of rounding of A as a whole.
+
+        Twice the distance to the pole of the same number of a finer mesh, two elements of the next order for one: it is solved
+        when this is asked for first.  `steady_modes` knows slow roots better: A has lost what is below 1e-16 of its largest.
+        """
+        poles, rounding = poles_of(self.A)
+        if self.origin is None or self.origin.mechanism.is_rigid:
+            return rounding
+        finer = refined_model(self).poles[: len(poles)]
+        return np.asarray(rounding + SAFETY * np.abs(poles - finer))
 
     @property
     def matrices(self) -> tuple[Array, Array, Array, Array]:
         """A, B, C, D [any unit], as ``scipy.signal.StateSpace(*m.matrices)`` and ``control.ss(*m.matrices)`` take them."""
         return self.A, self.B, self.C, self.D
+
+
+@kept_with_owner()
+def refined_model(model: LinearModel) -> LinearModel:
+    """Return the same model of a finer mesh [1/s]: two elements of the next order in place of each."""
+    of = model.origin
+    assert of is not None
+    return linear_model(of.mechanism.refined(2, 1), of.q, of.rates, of.free, of.accelerated, of.modes)
+
+
+def poles_of(a: Array) -> tuple[Complex, Array]:
+    """Return eigenvalues of A (states,) [1/s] by size, and what a rounding of A leaves of each: eps |A| |y| |x| / |y^H x|."""
+    if not len(a):
+        return np.zeros(0, dtype=complex), np.zeros(0)
+    balanced = scipy.linalg.matrix_balance(a, permute=False)[0]
+    root, left, right = scipy.linalg.eig(balanced, left=True, right=True)
+    angle = np.abs(np.einsum("km,km->m", left.conj(), right))  # of unit vectors
+    unit = np.finfo(float).eps * len(a) * np.linalg.norm(balanced)
+    # of a double root, whose vectors are one, the root of it
+    bar = np.minimum(unit / np.maximum(angle, np.finfo(float).tiny), np.sqrt(unit * np.linalg.norm(balanced)))
+    order = np.lexsort((-root.imag, np.round(np.abs(root), 300)))
+    return root[order], bar[order]
 
 
 def linear_model(
@@ -83,8 +143,9 @@ def linear_model(
     free : joints that move, by default all that are not accelerated; joints that are neither are held
     accelerated : joints whose acceleration is given, with one velocity coordinate each; not in a loop
     modes : number of the slowest modes (accelerated joints held) that are kept, all by default: those without damping; where
-        something turns the complex ones with all terms, each by one or two shapes, so that their poles are exact (``notes``)
-    Raises InputError as `steady_modes`, for few modes under loads that turn along, and for joints that cannot be accelerated.
+        something turns, or loads turn along, the complex ones with all terms, each by one or two shapes, so that their poles are
+        exact (``notes``)
+    Raises InputError as `steady_modes`, and for joints that cannot be accelerated.
     """
     if modes is not None:
         modes = whole("modes", modes, 0, "0 or more, or None for all")
@@ -108,39 +169,39 @@ def linear_model(
     motion = steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
-    basis, given = _basis(motion, coordinates[joints], modes)
-    mass, damping, stiffness = (basis.T @ part @ basis for part in motion.matrices)
+    basis = _basis(motion, coordinates[joints], modes)
     driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
-    efforts = basis.T @ coordinates[driven].T
-    a, b = _first_order(mass, damping, stiffness, efforts, given)
-    c, labels, units = _outputs(motion.solver, coordinates, basis)
-    shaped, turns, velocity = basis.shape[1] - given, ~slides(mechanism), mechanism.velocity_names
-    own = [*accelerated, *(f"mode {k + 1}" for k in range(shaped))]
-    unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated] + shaped * ["kg^0.5 m"]
+    found = state_space(basis, motion.matrices, coordinates[driven].T)
+    c, d, labels, units = _outputs(motion.solver, coordinates, basis, found)
+    turns, velocity = ~slides(mechanism), mechanism.velocity_names
+    own = [*accelerated, *(f"mode {k + 1}" for k in range(basis.massive))]
+    follows = [f"massless {k + 1}" for k in range(basis.moved)]
+    unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated] + basis.massive * ["kg^0.5 m"]
+    origin = Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes)
     return LinearModel(
-        a, b, c, np.zeros((len(c), b.shape[1])),
-        (*own, *(f"{name} rate" for name in own)),
+        found.a, found.b, c, d,
+        (*own, *follows, *(f"{name} rate" for name in own)),
         (*(f"{velocity[v]} effort" for v in driven), *(f"{name} acceleration" for name in accelerated)),
         labels,
-        (*unit, *(f"{u}/s" for u in unit)),
-        (*("N m" if turns[v] else "N" for v in driven), *(f"{u}/s^2" for u in unit[:given])),
+        (*unit, *(basis.moved * ["-"]), *(f"{u}/s" for u in unit)),
+        (*("N m" if turns[v] else "N" for v in driven), *(f"{u}/s^2" for u in unit[:basis.given])),
         units,
-        np.concatenate([coordinates[driven] @ motion.residual, np.zeros(given)]),
-        _notes(mechanism, motion, modes),
+        np.concatenate([coordinates[driven] @ motion.residual, np.zeros(basis.given)]),
+        _notes(motion, basis, modes),
+        origin,
     )  # fmt: skip
 
 
-def _notes(mechanism: Mechanism, motion: Steady, modes: int | None) -> tuple[str, ...]:
-    """Name what few modes leave out; raises InputError where they are not modes of the mechanism at all."""
+def _notes(motion: Steady, basis: Basis, modes: int | None) -> tuple[str, ...]:
+    """Name what few modes leave out."""
     if modes is None:
         return ()
     n = allowed_motions(motion.solver)
-    damping, stiffness = (n.T @ part @ n for part in motion.matrices[1:])
-    if not is_symmetric(scipy.sparse.csc_array(stiffness)):
-        raise InputError(
-            f"linear model: modes = {modes}: loads of '{mechanism.name}' turn along or are moments, so that its modes are not "
-            "those of a symmetric stiffness; leave modes out"
-        )
+    damping = (n.T @ motion.matrices.damping @ n).toarray()
+    if basis.left is not basis.right:
+        return (f"shapes are the real and imaginary parts of the {modes} slowest complex modes under loads that turn along or "
+                "moments, and rows those of their left vectors: the poles of these, and what efforts do in them, are those of "
+                "the mechanism, others are not (steady_modes has all)",)  # fmt: skip
     if not _is_gyroscopic(damping):
         return ()
     return (f"shapes are the real and imaginary parts of the {modes} slowest complex modes, gyroscopic terms and damping "
@@ -151,35 +212,59 @@ def _is_gyroscopic(damping: Array) -> bool:
     return bool(np.abs(damping - damping.T).max(initial=0.0) > GYROSCOPIC * np.abs(damping).max(initial=0.0))
 
 
-def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:
-    """T (unknowns, given + modes), and how many of its columns are given joints."""
-    m, c, k = motion.matrices
+def _basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
+    """T and W of `state_space`: given joints with what follows them at rest, and shapes with these held."""
+    m, _, k = motion.matrices
     own = accelerated.any(axis=0)
     if not own.any():
-        allowed = allowed_motions(motion.solver)
-        mass, damping, stiffness = (allowed.T @ part @ allowed for part in (m, c, k))
-        return allowed @ _shapes(mass, damping, stiffness, modes), 0
-    rest = np.diag(motion.solver.topology.scale)[:, ~own]
-    held, inertia = (rest.T @ part @ rest for part in (k, m))
-    held, inertia = (held + held.T) / 2, (inertia + inertia.T) / 2
+        return _shapes(allowed_motions(motion.solver), motion, modes)
+    rest = scipy.sparse.csc_array(np.diag(motion.solver.topology.scale)[:, ~own])
+    held, inertia = ((rest.T @ part @ rest).toarray() for part in (k, m))
     # where other joints are free K_ff is singular: any Psi is exact, this one is near the slow one
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
     follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
-    return np.hstack([follow, rest @ _shapes(inertia, rest.T @ c @ rest, held, modes)]), len(accelerated)
+    inner = _shapes(rest, motion, modes)
+    right, left = (np.hstack([follow, part]) for part in (inner.right, inner.left))
+    one = inner.left is inner.right
+    return replace(inner, right=right, left=right if one else left, given=len(accelerated))
 
 
-def _shapes(mass: Array, damping: Array, stiffness: Array, modes: int | None) -> Array:
-    """Shapes (freedoms, modes) of unit modal mass, slowest first, of the symmetric part of K; few of them so that poles stay.
+def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
+    """Shapes of unit modal mass, slowest first, of the symmetric part of K, and all motions without inertia; or few of them.
 
-    Few shapes of a gyroscopic mechanism span its slowest complex modes: (root^2 M + root C + K) x = 0 holds for what T can
-    represent, x = T z, whatever the rest is.
+    Few shapes of a mechanism with gyroscopic terms or circulatory K span its slowest complex modes: (root^2 M + root C + K) x = 0
+    holds for what T can represent, x = T z, whatever the rows are.  Rows of circulatory ones are of their left vectors, so that
+    what efforts do in these modes is theirs, too.
     """
-    if modes is None or not _is_gyroscopic(damping):
+    mass, damping, stiffness = ((allowed.T @ part @ allowed).toarray() for part in motion.matrices)
+    symmetric = is_symmetric(scipy.sparse.csc_array(stiffness))
+    if modes is None or (symmetric and not _is_gyroscopic(damping)):
         k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
-        return undamped(k, m)[1][:, :modes]
-    complex_shapes = roots(mass, damping, stiffness)[1][:, :modes]
-    both = np.hstack([complex_shapes.real, complex_shapes.imag])
+        shapes = allowed @ undamped(k, m)[1][:, :modes]
+        if modes is not None:
+            return _same(shapes)
+        massless = moved_by_rates(split_by_inertia(m), damping, k)
+        moved, held = (np.asarray((allowed @ part).toarray()) for part in massless)
+        every = np.hstack([shapes, moved, held])
+        return Basis(every, every, 0, shapes.shape[1], moved.shape[1], held.shape[1])
+    found = roots(mass, damping, stiffness)
+    right = _spanned(found.shapes[:, :modes], mass)
+    if symmetric:
+        return _same(allowed @ right)
+    left = _spanned(found.left[:, :modes], mass)
+    if left.shape != right.shape or np.linalg.cond(left.T @ mass @ right) > WORST_PAIR:
+        return _same(allowed @ right)
+    return Basis(allowed @ right, allowed @ left, 0, right.shape[1])
+
+
+def _same(shapes: Array) -> Basis:
+    return Basis(shapes, shapes, 0, shapes.shape[1])
+
+
+def _spanned(shapes: Complex, mass: Array) -> Array:
+    """Real shapes (freedoms, some) of unit modal mass that span complex ones."""
+    both = np.hstack([shapes.real, shapes.imag])
     squared, vectors = scipy.linalg.eigh((mass + mass.T) / 2)
     weighed = np.sqrt(np.clip(squared, 0.0, None))[:, None] * (vectors.T @ both)
     size = np.linalg.norm(weighed, axis=0)
@@ -189,25 +274,18 @@ def _shapes(mass: Array, damping: Array, stiffness: Array, modes: int | None) ->
     return np.asarray((both[:, use] / size[use]) @ right[:last].T / independent[:last])
 
 
-def _first_order(mass: Array, damping: Array, stiffness: Array, efforts: Array, given: int) -> tuple[Array, Array]:
-    """A and B of (p, eta, p', eta'): the accelerations of the first ``given`` coordinates are inputs, the rest follows."""
-    size, rest = len(mass), slice(given, None)
-    a, b = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, efforts.shape[1] + given))
-    a[:size, size:], b[size : size + given, efforts.shape[1] :] = np.eye(size), np.eye(given)
-    own = np.linalg.solve(mass[rest, rest], np.hstack([-stiffness, -damping, efforts, -mass[:, :given]])[rest])
-    a[size + given :], b[size + given :] = own[:, : 2 * size], own[:, 2 * size :]
-    return a, b
-
-
-def _outputs(solver: Solver, coordinates: Array, basis: Array) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
-    """C, names and units: joints, their rates, tips."""
+def _outputs(
+    solver: Solver, coordinates: Array, basis: Basis, found: StateSpace
+) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
+    """C, D, names and units: joints, their rates, tips."""
     mechanism = solver.mesh.mechanism
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
-    joints, translation = coordinates[moved] @ basis, slides(mechanism)
+    joints, translation = coordinates[moved] @ basis.right, slides(mechanism)
     joined = [mechanism.velocity_names[v] for v in moved]
     units = ["m" if translation[v] else "rad" for v in moved]
-    tips = tip_moves(solver.mesh, nodal_shapes(solver, basis), solver.frames.r)
-    none = np.zeros_like(joints)
-    c = np.block([[joints, none], [none, joints], *([part.T, np.zeros_like(part.T)] for part in tips.values())])
+    tips = tip_moves(solver.mesh, nodal_shapes(solver, basis.right), solver.frames.r)
+    places = [part.T for part in tips.values()]
+    c = np.vstack([joints @ found.place, joints @ found.rate, *(part @ found.place for part in places)])
+    d = np.vstack([joints @ found.direct, joints @ found.direct_rate, *(part @ found.direct for part in places)])
     labels = [*joined, *(f"{name} rate" for name in joined), *(f"{link} tip {x}" for link in tips for x in AXIS_NAMES)]
-    return c, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))
+    return c, d, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))

@@ -35,8 +35,10 @@ from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.closed_motions import allowed_motions, closing_forces, constraints, stiffness_of_ties
-from flexinv.linearized.eigenvalues import ONE_AND_ALL, circulatory, is_symmetric, negative, undamped
+from flexinv.linearized.complex_roots import circulatory, roots
+from flexinv.linearized.eigenvalues import ONE_AND_ALL, is_symmetric, negative, undamped
 from flexinv.linearized.slowest_modes import slowest, slowest_circulatory
+from flexinv.linearized.slowest_roots import slowest_roots
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
@@ -233,7 +235,7 @@ def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None) 
         )
     symmetric = is_symmetric(k)
     if size <= ONE_AND_ALL or count is None or FEW * count > size:
-        squared, shapes = undamped(k, m) if symmetric else circulatory(k, m)
+        squared, shapes = undamped(k, m) if symmetric else circulatory(k, m)[:2]
     else:
         squared, shapes = slowest(k, m, count) if symmetric else slowest_circulatory(k, m, count)
     return squared, allowed @ shapes
@@ -324,17 +326,25 @@ def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
     return Matrices(mass, damping, scipy.sparse.csc_array(stiffness + tied))
 
 
-def unstable_motions(solver: Solver, joints: Joints) -> int:
-    """Return in how many independent motions a mechanism would leave the rest position that the solver has found [-]."""
+def unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
+    """Return in how many independent motions a mechanism would leave the rest position that the solver has found [-].
+
+    And whether all motions were looked at: of many freedoms under forces that turn along the slowest alone are.  Dampers decide
+    nothing where K is symmetric: what it holds they only slow down (Kelvin, Tait, Chetaev).  Where it is not, they may make a
+    column flutter below its undamped load (Ziegler), and roots with damping are looked at.
+    """
     if not len(solver.topology.scale):
-        return 0
+        return 0, True
     allowed, found = allowed_motions(solver), matrices_at_rest(solver, joints)
-    k, m = (allowed.T @ part @ allowed for part in (found.stiffness, found.mass))
+    m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in found)
     if is_symmetric(k):
-        return negative(k)
+        return negative(k), True
     few = k.shape[0] <= ONE_AND_ALL
-    squared, _ = circulatory(k, m) if few else slowest_circulatory(k, m, SLOWEST)
-    return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum())
+    if abs(c).max() > 0.0:
+        root = (roots(m, c, k) if few else slowest_roots(m, c, k, SLOWEST)).root
+        return int(((root.real > 0.0) * (1 + (root.imag > 0.0))).sum()), few
+    squared = circulatory(k, m)[0] if few else slowest_circulatory(k, m, SLOWEST)[0]
+    return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum()), few
 
 
 def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:

@@ -3,7 +3,7 @@
 Eigenvalues mu of (K + shift M)^-1 M are 1 / (omega^2 + shift): the slowest motions are the largest, and freedoms without inertia
 (mu = 0) need no care.  The shift makes K + shift M positive definite but for such freedoms, so that nothing is below it; it is
 zero where K is so by itself.  That no mode is left out is proved each time by Sylvester's law of inertia: K - omega^2 M has as
-many negative pivots as there are modes below omega.
+many negative pivots as there are modes below omega; where K is not symmetric, by the argument principle (`root_counts`).
 Source: Ericsson, Ruhe, *The spectral transformation Lanczos method*, Math. Comp. 35(152), 1980; ARPACK.
 """
 
@@ -28,6 +28,7 @@ from flexinv.linearized.eigenvalues import (
     sure_negative_pivots,
     without_rounded_parts,
 )
+from flexinv.linearized.root_counts import missed_within
 from flexinv.typing import Array, Sparse
 
 # A pivot of K with a unit diagonal below this part is rounding, that of a motion without stiffness: some hundreds of roundings.
@@ -37,6 +38,10 @@ ROUNDED_PIVOT = 1e-13
 SPARE_MODES = 4
 # Times that the number of modes looked for is doubled, as modes of the same frequency may be found late.
 MOST_DOUBLINGS = 3
+# Vectors of Arnoldi's method for each root that is looked for, and more: ARPACK's own choice fails where many lie together.
+WIDER, WIDER_STILL = 3, 20
+# Where no mode more than the count is known: they are counted within so many times the size of the last.
+BEYOND_LAST = 1 + 1e-6
 # Factor by which a shift grows until it makes K definite; further than this over the smallest one it never does.
 GROWS, MOST_SHIFT = 10.0, 1e24
 NO_SHIFT = (
@@ -170,17 +175,29 @@ def _is_complete(k: Sparse, m: Sparse, squared: Array, count: int, massless: int
 def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return omega^2 (count,) [1/s^2], by size, and shapes (freedoms, count) with unit modal mass, of a K that is not symmetric.
 
-    As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here
-    that proves that none is missed.
+    As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here:
+    that none is missed is proved by the argument principle (`root_counts`).
+    Raises InputError where a freedom has neither inertia nor stiffness, ConvergenceError where some are missed.
     """
     k, m = (scipy.sparse.csc_array(part) for part in (stiffness, mass))
-    _refuse_loose(k, m)
-    found = min(count + SPARE_MODES, _most(k))
+    refuse_loose(k, m)
     smallest = SOFT * np.abs(k.diagonal()).max() / np.abs(m.diagonal()).max()
     shift = 0.0 if k.diagonal().all() and ShiftedStiffness(k).least > ROUNDED_PIVOT else smallest
+    looked_for = min(count + SPARE_MODES, _most(k))
     if shift > 0.0:
-        shift = near_slowest(_arnoldi(k, m, shift, found)[0], shift)
-    squared, right, left = _arnoldi(k, m, shift, found)
+        shift = near_slowest(_arnoldi(k, m, shift, looked_for)[0], shift)
+    for _ in range(MOST_DOUBLINGS + 1):
+        looked_for = min(looked_for, _most(k))
+        squared, right, left = _arnoldi(k, m, shift, looked_for)
+        place = gap_beyond(np.abs(squared), count)
+        if missed_within(place, squared, lambda z: k - z * m) == 0:
+            break
+        looked_for *= 2
+    else:
+        raise ConvergenceError(
+            f"modes: whether all of the {count} slowest modes under loads that turn along are found is not proved: they are too "
+            "close together; write another count"
+        )
     weight = np.abs(np.einsum("km,km->m", left, m @ right))
     known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
     if shift == 0.0:
@@ -196,8 +213,33 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
     return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
 
 
-def _refuse_loose(k: Sparse, m: Sparse) -> None:
-    """Raise InputError where a freedom has neither inertia nor stiffness."""
+def krylov_values(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the largest eigenvalues (count,) [any unit] of an operator, and vectors, by Arnoldi's method from a start.
+
+    Raises ConvergenceError where they are not found.
+    """
+    basis = min(operator.shape[0], WIDER * count + WIDER_STILL)
+    try:
+        values, vectors = scipy.sparse.linalg.eigs(operator, count, v0=start, ncv=basis)
+    except scipy.sparse.linalg.ArpackNoConvergence:
+        raise ConvergenceError(
+            f"modes: Arnoldi's method does not find {count} roots: they are too close together; write another count"
+        ) from None
+    return values, vectors
+
+
+def gap_beyond(size: Array, count: int) -> float:
+    """Return the middle of the widest gap [any unit] between sizes of roots (modes,), beyond the first ``count``."""
+    level = np.sort(size)
+    if len(level) <= count:
+        return float(level[-1] * BEYOND_LAST)
+    ratio = level[count:] / np.maximum(level[count - 1 : -1], np.finfo(float).tiny)
+    at = count + int(ratio.argmax())
+    return float(np.sqrt(level[at] * level[at - 1])) if level[at - 1] > 0.0 else float(level[at] / 2)
+
+
+def refuse_loose(k: Sparse, m: Sparse) -> None:
+    """Raise InputError where a freedom has neither inertia nor stiffness [N m]."""
     none = split_by_inertia(m).massless
     if none.shape[1]:
         solve_held(scipy.sparse.csc_array(none.T @ k @ none), np.zeros((none.shape[1], 1)))
@@ -217,7 +259,7 @@ def _arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArray[An
         return factors.solve(m.T @ x, transposed=True)
 
     operators = (scipy.sparse.linalg.LinearOperator(k.shape, matvec=f, dtype=float) for f in (forward, backward))
-    (values, right), (others, left) = (scipy.sparse.linalg.eigs(f, count, v0=start) for f in operators)
+    (values, right), (others, left) = (krylov_values(f, count, start) for f in operators)
     free = np.ones(len(others), dtype=bool)
     order = []
     for value in values:

@@ -36,21 +36,17 @@ from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized import natural_modes as at_rest
 from flexinv.linearized.closed_motions import allowed_motions, closing_forces, constraints, scaled_gradient
+from flexinv.linearized.complex_roots import roots
+from flexinv.linearized.eigenvalues import ONE_AND_ALL
 from flexinv.linearized.natural_modes import Shapes
+from flexinv.linearized.slowest_roots import slowest_roots
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
-from flexinv.typing import Array, Complex
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.typing import Array, Complex, Sparse
 
-# Roots are found as 1 / (root - shift): the shift over the size of the fastest ones.  Its square is what rounding leaves of a
-# freedom without stiffness, as in `natural_modes`.
-ROOT_SHIFT = 1e-6
-# 1 / |root - shift| over the largest one, below which a freedom has no inertia (1 / infinity) but rounding.
-INFINITE_ROOT = 1e-12
-# A root smaller than this part of the shift is zero: rounding of K, 1e-16 of it, moves a free motion's double root by 0.01.
-ZERO_ROOT = 0.1
-# Real part and imaginary part of a root below this part of its size are rounding of nothing: roots of multiplicity two (free
-# motions) are known to the root of 1e-16 only.
-DOUBLE_ROOT = 1e-8
+# Displacements below this part of the mechanism's length times rotations are rounding of nothing.
+TWISTS = 1e-8
 # Rates of a coupling whose sum is below this part of the largest agree: decimals of a ratio of teeth.
 CONTRADICTS = 1e-9
 MOST_HALVINGS = 8  # of steps in which rates are raised from zero
@@ -266,7 +262,7 @@ def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
     )
 
 
-def _increment(solver: Solver, stiffness: Array, residual: Array) -> Array:
+def _increment(solver: Solver, stiffness: Sparse, residual: Array) -> Array:
     """y (unknowns,) of  K y - G^T dlambda = -r,  G y = -phi: what closes the loops, and then the motions that they allow.
 
     All in unknowns over their scales: metres of a small mechanism stand beside radians.
@@ -275,24 +271,28 @@ def _increment(solver: Solver, stiffness: Array, residual: Array) -> Array:
     g, rows = scaled_gradient(solver)
     phi = solver.border.ties.value[: len(rows)]
     y = scale * np.linalg.lstsq(g, -phi / rows, rcond=REDUNDANT)[0] if len(rows) else np.zeros(len(scale))
-    inner = free.T @ stiffness @ free
+    inner = scipy.sparse.csc_array(free.T @ stiffness @ free)
     try:
-        return np.asarray(y - free @ np.linalg.solve(inner, free.T @ (residual + stiffness @ y)))
-    except np.linalg.LinAlgError:
+        return np.asarray(y - free @ scipy.sparse.linalg.splu(inner).solve(free.T @ (residual + stiffness @ y)))
+    except RuntimeError:  # exactly singular
         return np.full(len(scale), np.nan)
 
 
 def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
     """M, C and K in the axes that turn along, from those of the march's unknowns, with A, B and D of the head of this file."""
-    t, (by_acceleration, by_rate, by_place) = solver.topology, (part.toarray() for part in found)
-    a, b, d = (np.zeros((len(t.scale), len(t.scale))) for _ in range(3))
-    for n in np.flatnonzero(t.independent):
+    t = solver.topology
+    if not turning.rate.any():
+        return found
+    by_acceleration, by_rate, by_place = found
+    a, b, d = (scipy.sparse.lil_array((len(t.scale), len(t.scale))) for _ in range(3))
+    for n in np.flatnonzero(t.independent & turning.rate.any(axis=1)):
         o, rate = t.offset[t.block[n]], turning.rate[n]
         place, turn = slice(o, o + 3), slice(o + 3, o + 6)
         world, own = (np.cross(np.eye(3), w) for w in (rate, solver.state.r[n].T @ rate))  # skew matrices
         a[place, place], a[turn, turn] = world, own
         b[place, place], b[turn, turn] = 2 * world, own
         d[place, place] = world @ world
+    a, b, d = (scipy.sparse.csc_array(part) for part in (a, b, d))
     damping, stiffness = by_rate + by_acceleration @ b, by_place + by_rate @ a + by_acceleration @ d
     return Matrices(by_acceleration, damping, stiffness)
 
@@ -304,13 +304,14 @@ def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
 class SteadyModes(Shapes):
     """Small motions Re(shape exp(root t)) about a steady motion, seen in the axes that turn along, slowest first.
 
-    root : (modes,) [1/s], of a pair the one with positive imaginary part
+    root : (modes,) [1/s], of a pair the one with positive imaginary part; rounding : (modes,) what rounding leaves of it [1/s]
     displacement, rotation : complex, as the axes stand at q; the largest displacement (or, without one, rotation) is 1
     rates : of the joints that turn [rad/s], those that follow from couplings among them
     """
 
     rates: dict[str, float]
     root: Complex
+    rounding: Array
 
     @property
     def frequency(self) -> Array:
@@ -318,10 +319,34 @@ class SteadyModes(Shapes):
         return np.asarray(self.root.imag / (2 * np.pi))
 
     @property
+    def root_error(self) -> Array:
+        """(modes,) error bars of the roots [1/s], of mesh and rounding.
+
+        Twice the distance to the root of the same number of a finer mesh, two elements of the next order for one, as
+        `natural_modes.Modes.frequency_error`: it is solved when this is asked for first.
+        """
+        if self.mesh.mechanism.is_rigid:
+            return self.rounding
+        finer = refined_steady_modes(self)
+        return np.asarray(self.rounding + at_rest.SAFETY * np.abs(self.root - finer.root))
+
+    @property
+    def frequency_error(self) -> Array:
+        """(modes,) error bars of the frequencies [Hz], of mesh and rounding (`root_error`)."""
+        return np.asarray(self.root_error / (2 * np.pi))
+
+    @property
     def damping_ratio(self) -> Array:
         """(modes,) part of critical damping [-]; negative where the motion is unstable, nan of a motion without stiffness."""
         size = np.abs(self.root)
         return np.asarray(np.divide(0.0 - self.root.real, size, out=np.full(len(size), np.nan), where=size > 0))
+
+
+@kept_with_owner()
+def refined_steady_modes(modes: SteadyModes) -> SteadyModes:
+    """Return the same modes of a finer mesh [1/s]: two elements of the next order in place of each."""
+    finer = modes.mesh.mechanism.refined(2, 1)
+    return steady_modes(finer, modes.q, modes.rates, modes.free, len(modes.root))
 
 
 def steady_modes(
@@ -346,32 +371,17 @@ def steady_modes(
     motion = steady_motion(mesh, at, rates, set(names))
     turning = with_coupled_rates(mesh, rates)
     n = allowed_motions(motion.solver)
-    root, shapes = roots(*(n.T @ part @ n for part in motion.matrices))
+    m, c, k = (scipy.sparse.csc_array(n.T @ part @ n) for part in motion.matrices)
+    size = k.shape[0]
+    few = count is not None and size > ONE_AND_ALL and at_rest.FEW * count <= size
+    found = slowest_roots(m, c, k, count) if few and count is not None else roots(m, c, k)
+    root, shapes = found.root, found.shapes
     last = len(root) if count is None else count
     moves: Complex = at_rest.nodal_shapes(motion.solver, n @ shapes[:, :last])
     moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
-    largest = np.where(moved > DOUBLE_ROOT * mesh.length * turned, moved, turned)  # displacements may be rounding
+    largest = np.where(moved > TWISTS * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]
     place, turn = motion.solver.frames.x.copy(), motion.solver.frames.r.copy()
-    return SteadyModes(mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, turning, root[:last])
-
-
-def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Complex]:
-    """Return the roots (modes,) [1/s] of (root^2 M + root C + K) x = 0 and shapes (freedoms, modes), slowest first.
-
-    With root = shift + 1/mu and K_s, C_s the matrices about the shift, mu are eigenvalues of [[-K_s^-1 C_s, -K_s^-1 M], [1, 0]]:
-    slow roots are the exact ones, and freedoms without inertia (mu = 0) need no care.  Of a pair one root is returned.
-    """
-    size = len(mass)
-    shift = ROOT_SHIFT * np.sqrt(np.abs(stiffness).max() / max(np.abs(mass).max(), np.finfo(float).tiny)) or 1.0
-    factors = scipy.linalg.lu_factor(stiffness + shift * damping + shift**2 * mass)
-    below = scipy.linalg.lu_solve(factors, np.hstack([damping + 2 * shift * mass, mass]))
-    values, vectors = scipy.linalg.eig(np.vstack([-below, np.eye(size, 2 * size)]))
-    use = np.abs(values) > INFINITE_ROOT * np.abs(values).max(initial=0.0)
-    root, shapes = shift + 1 / values[use], vectors[:size, use]
-    root = np.where(np.abs(root) < ZERO_ROOT * shift, 0.0, root)
-    root = np.where(np.abs(root.real) < DOUBLE_ROOT * np.abs(root), 1j * root.imag, root)
-    root = np.where(np.abs(root.imag) < DOUBLE_ROOT * np.abs(root), root.real, root)
-    root, shapes = root[root.imag >= 0], shapes[:, root.imag >= 0]
-    order = np.argsort(np.abs(root), kind="stable")
-    return root[order], shapes[:, order]
+    return SteadyModes(
+        mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, turning, root[:last], found.bar[:last]
+    )

@@ -152,7 +152,7 @@ def test_without_coriolis_the_turntable_is_wrong(monkeypatch: pytest.MonkeyPatch
 
     def without(*arguments: object) -> Matrices:
         found = matrices(*arguments)  # type: ignore[arg-type]
-        return found._replace(damping=np.zeros_like(found.damping))
+        return found._replace(damping=0.0 * found.damping)
 
     monkeypatch.setattr(module, "_matrices", without)
     with pytest.raises(AssertionError):

@@ -1,0 +1,307 @@
+"""All roots of (s^2 M + s C + K) x = 0, gyroscopic terms, damping and circulatory K among them, each with an error bar.
+
+Of the motions without inertia (`split_by_inertia`) some have terms in C among each other, of dampers or gyroscopic
+ones: x_d moves by its rate.  The others, x_e, follow: K_ee x_e = -(K_er x_r + K_ed x_d + C_er v), with v = x_r' of what has
+inertia.  That is a pencil of first order, from which x_e is eliminated,
+
+    A z = s B z     z = (x_r, x_d, x_e, v)     A = [[0, 0, 0, 1], [-K, -C_r]]     B = [[1, 0, 0, 0], [0, C_d, C_e, M_r]]
+
+whose roots are all finite: none is thrown away.  Fast roots are found as eigenvalues of B^-1 A, slow ones as those of
+(A - shift B)^-1 B: each loses 1e-16 of its largest, and so the other end.  Each root is then corrected by its two vectors,
+
+    s <- s - y^H P(s) x / (y^H P'(s) x)     P = s^2 M + s C + K
+
+whose error is of second order, and known to a part of |y|^T (|s|^2 |M| + |s| |C| + |K|) |x| over |y^H P'(s) x|.
+Source: Tisseur, Meerbergen, *The quadratic eigenvalue problem*, SIAM Review 43(2), 2001, section 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy  # its parts are loaded when they are asked for
+from numpy.typing import NDArray
+
+from flexinv.errors import InputError
+from flexinv.linearized.eigenvalues import (
+    Split,
+    in_order,
+    near_slowest,
+    solve_held,
+    split_by_inertia,
+    without_massless,
+    without_rounded_parts,
+)
+from flexinv.typing import Array, Complex, Sparse
+
+# Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
+NO_DAMPER = 1e-12
+# Of C over K in periods of the fastest motion with inertia: what moves faster follows the others at once.
+NO_TIME = 1e-7
+# Roundings of P(s) over the absolute sum of its terms: sums of some tens of terms in M, C and K, of the linearisation before.
+ROUNDED_TERMS = 1e-13
+# A correction that would bring a root nearer to the next one than this part of their distance is none.
+NEAR_NEXT = 0.1
+CORRECTIONS = 2
+# A slope below this part of the terms says nothing.
+SMALLEST_SLOPE = 1e-200
+# Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
+SMALLEST_PIVOT = 1e-13
+# Of the fastest motion with inertia: a shift whose square is what rounding of K leaves of a motion without stiffness.
+SMALLEST_SHIFT = 1e-6
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Roots of a motion exp(root t), slowest first, of each pair the one with positive imaginary part.
+
+    root : (modes,) [1/s]; shapes, left : (freedoms, modes) right and left vectors; bar : (modes,) rounding of each root [1/s]
+    """
+
+    root: Complex
+    shapes: Complex
+    left: Complex
+    bar: Array
+
+
+@dataclass(frozen=True)
+class Pencil:
+    """A - s B of what moves by itself, after the elimination of what follows.
+
+    basis : (freedoms, own) motions with inertia, those that C moves, those that follow; massive, moved : how many
+    a, b : (2 massive + moved, all) rows of what moves by itself; follow : z by its other part; held : K_ee
+    smallest : shift [1/s]
+    """
+
+    basis: Array
+    massive: int
+    moved: int
+    a: Array
+    b: Array
+    follow: Array
+    held: Sparse
+    smallest: float
+
+
+def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
+    """Return all roots [1/s] of (root^2 M + root C + K) x = 0, slowest first, with vectors and error bars.
+
+    Raises InputError where a freedom has neither inertia nor stiffness.
+    """
+    parts = [scipy.sparse.csc_array(part) for part in (mass, damping, stiffness)]
+    own = _pencil(*parts)
+    if not len(own.a):
+        none = np.zeros((len(own.basis), 0), dtype=complex)
+        return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
+    (root, z, w), shift = _merged(own.a @ own.follow, own.b @ own.follow, own.smallest)
+    x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
+    y = own.basis @ _left(own, root, w)
+    return in_pairs(*correct_roots(parts, root, x, y, shift))
+
+
+def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
+    """Return omega^2 (modes,) [1/s^2], by size, shapes (freedoms, modes) with unit modal mass, and error bars of omega^2.
+
+    K is not symmetric: forces that turn along do work on closed paths, and omega^2 may be complex, in pairs.  Values and shapes
+    are complex then.  K - omega^2 M is a pencil of first order itself, and its roots are found and corrected as above.
+    """
+    moves = without_massless(stiffness, split_by_inertia(mass))
+    back = without_massless(stiffness.T, split_by_inertia(mass))
+    k, m = ((back.T @ part @ moves).toarray() for part in (stiffness, mass))
+    smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
+    (squared, right, left), shift = _merged(k, m, smallest)
+    parts = [0.0 * mass, -mass, stiffness]
+    squared, right, _, bar = correct_roots(parts, squared, moves @ right, back @ left, shift)
+    squared, right = without_rounded_parts(squared, right, bar)
+    shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), mass @ right).real)
+    order = in_order(squared)
+    squared, shapes = squared[order], shapes[:, order]
+    return (squared, shapes, bar[order]) if squared.imag.any() else (squared.real, shapes.real, bar[order])
+
+
+# ------------------------------------------------------------------------------------------------ of first order
+
+
+def _pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
+    """A and B of the head of this file, and what follows, K_ee x_e = -(K_er x_r + K_ed x_d + C_er v)."""
+    split = split_by_inertia(mass)
+    moved, held = moved_by_rates(split, damping, stiffness)
+    basis = scipy.sparse.csc_array(scipy.sparse.hstack([split.massive, moved, held]))
+    m, c, k = ((basis.T @ part @ basis).toarray() for part in (mass, damping, stiffness))
+    r, size = split.massive.shape[1], basis.shape[1]
+    first = r + moved.shape[1]
+    a, b = np.zeros((2, size + r, size + r))
+    a[:r, size:] = np.eye(r)
+    a[r:, :size] = -k
+    a[r:, size:] = -c[:, :r]
+    b[:r, :r] = np.eye(r)
+    b[r:, r:size] = c[:, r:]
+    b[r:, size:] = m[:, :r]
+    rest = np.concatenate([np.arange(first), np.arange(size, size + r)])
+    follow = np.zeros((size + r, len(rest)))
+    follow[rest, np.arange(len(rest))] = 1.0
+    inner = scipy.sparse.csc_array(held.T @ stiffness @ held)
+    if held.shape[1]:
+        follow[first:size] = solve_held(inner, a[r + first :][:, rest])
+    smallest = SMALLEST_SHIFT * (float(np.sqrt(np.abs(k[:r, :r]).max(initial=0.0))) or 1.0)
+    return Pencil(basis.toarray(), r, moved.shape[1], a[: r + first], b[: r + first], follow, inner, smallest)
+
+
+def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sparse, Sparse]:
+    """Return bases of the motions without inertia that C [N m s] moves by their rates, and of those that follow others [-].
+
+    What C over K [s] is of rounding, or beyond all that has inertia, follows: `correct_roots` adds what that is off.
+    """
+    none = split.massless
+    if not none.shape[1]:
+        return none, none
+    c, k = (np.asarray(none.T @ (part @ none.toarray())) for part in (damping, stiffness))
+    size = np.sqrt(np.abs(k).max(axis=1))
+    if not size.all():
+        raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
+    _, times, vectors = scipy.linalg.svd(c / size[:, None] / size)
+    turned = vectors.T / size[:, None]
+    held = np.abs(split.massive.T @ (stiffness @ split.massive)).max() if split.massive.shape[1] else 0.0
+    least = NO_TIME / np.sqrt(held) if held > 0.0 else 0.0
+    rounding = NO_DAMPER * np.abs(damping).max() * (abs(none) @ np.abs(turned)).max(axis=0, initial=0.0) ** 2
+    moves = times > np.maximum(least, rounding)
+    by_rates, following = (
+        scipy.sparse.csc_array(none @ scipy.sparse.csc_array(turned[:, use])) for use in (moves, ~moves)
+    )
+    return by_rates, following
+
+
+def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
+    """Left vectors (own, roots) of P from those of the pencil: y_e of what follows by w^H (A - s B)_e + y_e^H A_ee = 0."""
+    r, first, size = own.massive, own.massive + own.moved, own.basis.shape[1]
+    out = np.zeros((size, len(root)), dtype=complex)
+    out[:first] = w[r:]
+    if size > first:
+        across = own.a[:, first:size].T @ w - np.conj(root) * (own.b[:, first:size].T @ w)
+        out[first:] = solve_held(own.held.T, across.real) + 1j * solve_held(own.held.T, across.imag)
+    return out
+
+
+def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
+    """All roots with right and left vectors of the pencil, and the shift: slow ones of its inverse, fast ones of it.
+
+    They part where both have found as many on each side, in the widest gap about the mean.
+    """
+    fast = _direct(a, b)
+    slow, shift = _slow(a, b, smallest)
+    size = np.sort(np.abs(fast[0]))
+    count = len(size)
+    if count < 2:
+        return fast, shift
+    floor = max(float(size[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
+    level = np.log(np.maximum(size, floor))
+    middle = (level[0] + level[-1]) / 2
+    best, chosen = -np.inf, fast
+    for k in range(1, count):
+        place = np.exp((level[k - 1] + level[k]) / 2)
+        below, above = np.abs(slow[0]) <= place, np.abs(fast[0]) > place
+        worth = (level[k] - level[k - 1]) - abs(np.log(place) - middle) * PART_OF_MEAN
+        if worth > best and below.sum() + above.sum() == count:
+            best = worth
+            root, x, y = (
+                np.concatenate([s[..., below], f[..., above]], axis=-1) for s, f in zip(slow, fast, strict=True)
+            )
+            chosen = root, x, y
+    return chosen, shift
+
+
+# A gap one e-fold wider is worth as much as one so many e-folds nearer to the mean of the slowest and the fastest.
+PART_OF_MEAN = 0.2
+
+
+def _direct(a: Array, b: Array) -> tuple[Complex, Complex, Complex]:
+    """Roots of B^-1 A; of its left vectors u those of the pencil are B^-H u."""
+    factors = scipy.linalg.lu_factor(b)
+    root, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, a), left=True, right=True)
+    return root, right, scipy.linalg.lu_solve(factors, left, trans=2)
+
+
+def _inverse(a: Array, b: Array, shift: float) -> tuple[Complex, Complex, Complex]:
+    """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
+    factors = scipy.linalg.lu_factor(a - shift * b)
+    values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
+    safe = np.where(values == 0.0, np.finfo(float).tiny, values)
+    return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
+
+
+def _slow(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
+    """Slow roots about zero where A, rows and columns of unit size, is regular beyond rounding, else about a shift [1/s].
+
+    So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.
+    """
+    unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
+    unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
+    if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
+        return _inverse(a, b, 0.0), 0.0
+    found = _inverse(a, b, smallest)
+    shift = near_slowest(found[0], smallest)
+    return (found if shift == smallest else _inverse(a, b, shift)), shift
+
+
+# ------------------------------------------------------------------------------------------- corrections and bars
+
+
+def correct_roots(
+    parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float
+) -> tuple[Complex, Complex, Complex, Array]:
+    """Return roots corrected by their vectors x and y of M, C, K, the vectors, and error bars [1/s].
+
+    Where roots lie together a correction of first order is none: their bar is the root of what P is known to, at the shift [1/s]
+    about which they were found where they are slower: a motion without stiffness has nothing but rounding of that.
+    """
+    apart = np.abs(root[:, None] - root[None])
+    apart[np.diag_indices(len(root))] = np.inf
+    near = NEAR_NEXT * apart.min(axis=1, initial=np.inf)
+    out, left = root.copy(), np.zeros(len(root))
+    good = np.ones(len(root), dtype=bool)
+    for _ in range(CORRECTIONS + 1):
+        change = _change(parts, out, x, y)
+        good &= np.abs(out - change - root) < near
+        left = np.abs(np.where(good, change, 0.0))
+        out = np.where(good, out - change, out)
+    m, c, k = (abs(part) for part in parts)
+    sx, sy, s = np.abs(x), np.abs(y), np.maximum(np.abs(out), shift)
+    size = [np.einsum("km,km->m", sy, part @ sx) for part in (m, c, k)]
+    terms = ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2])
+    slope = np.abs(2 * out * _between(y, parts[0], x) + _between(y, parts[1], x))
+    first = _over(terms, slope)
+    second = np.sqrt(_over(terms, np.abs(_between(y, parts[0], x))))
+    return out, x, y, np.minimum(first, second) + left
+
+
+def _change(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
+    """y^H P(s) x / (y^H P'(s) x) of each root; infinite where the slope is zero."""
+    m, c, k = (_between(y, part, x) for part in parts)
+    slope = 2 * s * m + c
+    there = slope != 0.0
+    return np.where(there, (s * s * m + s * c + k) / np.where(there, slope, 1.0), np.inf)
+
+
+def _over(terms: Array, slope: Array) -> Array:
+    """A quotient, infinite where it cannot be written."""
+    there = slope > SMALLEST_SLOPE * terms
+    return np.asarray(np.where(there, terms / np.where(there, slope, 1.0), np.inf))
+
+
+def _between(y: Complex, part: Sparse, x: Complex) -> Complex:
+    return np.asarray(np.einsum("km,km->m", y.conj(), part @ x))
+
+
+def in_pairs(root: Complex, x: Complex, y: Complex, bar: Array) -> Roots:
+    """Return roots [1/s] without parts that are rounding, of each pair one, slowest first; of a double real root both shapes."""
+    out = np.where(np.abs(root) <= bar, 0.0, root)
+    out = np.where(np.abs(out.real) <= bar, 1j * out.imag, out)
+    real = np.abs(out.imag) <= bar
+    twin = real & (root.imag < 0.0)
+    out = np.where(real, out.real, out)
+    right, left = (np.where(real, np.where(twin, part.imag, part.real), part) for part in (x, y))
+    use = out.imag >= 0.0
+    order = np.flatnonzero(use)[np.argsort(np.abs(out[use]), kind="stable")]
+    return Roots(out[order], right[:, order], left[:, order], bar[order])

@@ -1,0 +1,96 @@
+"""The slowest roots of (s^2 M + s C + K) x = 0 where freedoms are many: sparse factors and Krylov subspaces.
+
+With z = (x, v) and the pencil  A z = s B z,  A = [[0, 1], [-K, -C]], B = [[1, 0], [0, M]],  mu = 1 / (s - shift) are eigenvalues
+of
+
+    (A - shift B)^-1 B      x = -K_s^-1 (M w_2 + (C + shift M) w_1),  v = w_1 + shift x      K_s = K + shift C + shift^2 M
+
+so that one factorisation does, and what has no inertia (mu = 0) needs no care.  Roots are corrected as in `complex_roots`, and
+that none is missed is proved by the argument principle (`root_counts`).
+Source: Tisseur, Meerbergen, *The quadratic eigenvalue problem*, SIAM Review 43(2), 2001, section 5; ARPACK.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy  # its parts are loaded when they are asked for
+
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.linearized.complex_roots import SMALLEST_SHIFT, Roots, correct_roots, in_pairs
+from flexinv.linearized.eigenvalues import NO_STIFFNESS, near_slowest
+from flexinv.linearized.root_counts import missed_within
+from flexinv.linearized.slowest_modes import (
+    MOST_DOUBLINGS,
+    NO_SHIFT,
+    ROUNDED_PIVOT,
+    SPARE_MODES,
+    ShiftedStiffness,
+    gap_beyond,
+    krylov_values,
+    refuse_loose,
+)
+from flexinv.typing import Array, Complex, Sparse
+
+Terms = tuple[Sparse, Sparse, Sparse]
+
+
+def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) -> Roots:
+    """Return the ``count`` slowest roots [1/s] of (root^2 M + root C + K) x = 0, of each pair one, with vectors and error bars.
+
+    Raises InputError where a freedom has neither inertia nor stiffness, ConvergenceError where that none is missed is not proved.
+    """
+    m, c, k = parts = tuple(scipy.sparse.csc_array(part) for part in (mass, damping, stiffness))
+    refuse_loose(k, m)
+    most = 2 * k.shape[0] - 2
+    looked_for = min(2 * (count + SPARE_MODES), most)
+    smallest = SMALLEST_SHIFT * float(np.sqrt(np.abs(k.diagonal()).max() / np.abs(m.diagonal()).max())) or 1.0
+    regular = k.diagonal().all() and ShiftedStiffness(k).least > ROUNDED_PIVOT
+    shift = 0.0 if regular else near_slowest(_arnoldi(parts, smallest, looked_for)[0], smallest)
+    for _ in range(MOST_DOUBLINGS + 1):
+        looked_for = min(looked_for, most)
+        root, right, left = _arnoldi(parts, shift, looked_for)
+        place = gap_beyond(np.abs(root), min(2 * count, len(root) - 1))
+        if missed_within(place, root, lambda s: k + s * c + s * s * m) == 0:
+            break
+        looked_for *= 2
+    else:
+        raise ConvergenceError(
+            f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; "
+            "write another count"
+        )
+    found = in_pairs(*correct_roots(list(parts), root, right, left, shift))
+    return Roots(found.root[:count], found.shapes[:, :count], found.left[:, :count], found.bar[:count])
+
+
+def _arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
+    """Roots (count,) and right and left vectors (freedoms, count) about a shift; left ones those of the nearest value."""
+    m, c, k = parts
+    size = k.shape[0]
+    factors = ShiftedStiffness(k + shift * c + shift**2 * m)
+    if factors.least < NO_STIFFNESS:
+        raise InputError(NO_SHIFT)
+    first = c + shift * m
+
+    def forward(w: Array) -> Array:
+        x = -factors.solve(m @ w[size:] + first @ w[:size])
+        return np.concatenate([x, w[:size] + shift * x])
+
+    def of_left(u: Array) -> Array:
+        return -factors.solve(u[:size] + shift * u[size:], transposed=True)
+
+    def backward(u: Array) -> Array:
+        y = of_left(u)
+        return np.concatenate([u[size:] + first.T @ y, m.T @ y])
+
+    start = forward(np.random.default_rng(0).standard_normal(2 * size))
+    shape = (2 * size, 2 * size)
+    operators = (scipy.sparse.linalg.LinearOperator(shape, matvec=f, dtype=float) for f in (forward, backward))
+    (values, right), (others, left) = (krylov_values(f, count, start) for f in operators)
+    free = np.ones(len(others), dtype=bool)
+    order = []
+    for value in values:
+        nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
+        free[nearest] = False
+        order.append(nearest)
+    y = np.column_stack([of_left(u.real) + 1j * of_left(u.imag) for u in left[:, order].T])
+    return np.asarray(shift + 1 / values, dtype=complex), np.asarray(right[:size]), np.conj(y)

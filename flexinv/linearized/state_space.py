@@ -1,0 +1,99 @@
+"""From M y'' + C y' + K y = S u to x' = A x + B u, where some of y has a given acceleration and some has no inertia.
+
+y = T (p, eta, d, e):  p'' is given, eta has inertia, d has none and moves by its rate (dampers, gyroscopic terms), e follows,
+
+    K_ee e = S_e u - K_e. (p, eta, d) - C_ep p' - C_ee' eta'
+
+States are (p, eta, d, p', eta'); d' and eta'' are solved for from the rows of d and eta.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexinv.errors import InputError
+from flexinv.typing import Array
+
+# Of the largest entry of C, what rounding leaves of one that couples what follows.
+ROUNDED_COUPLING = 1e-12
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Right columns T and left columns W (unknowns, own) [m], [rad]; given, massive, moved, held : how many of each kind."""
+
+    right: Array
+    left: Array
+    given: int
+    massive: int
+    moved: int = 0
+    held: int = 0
+
+    @property
+    def states(self) -> int:
+        """Number of states [-]."""
+        return 2 * (self.given + self.massive) + self.moved
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + B u; all of y = T (place x + direct u) and of its rates, T (rate x + direct_rate u) [m], [rad], [s]."""
+
+    a: Array
+    b: Array
+    place: Array
+    direct: Array
+    rate: Array
+    direct_rate: Array
+
+
+def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Array) -> StateSpace:
+    """Return the state space of M, C and K (unknowns, unknowns) [kg, N, m, s] with efforts (unknowns, inputs) [-].
+
+    Inputs are the efforts, then the given accelerations.  Raises InputError where an effort acts on what follows it without
+    inertia and damper, so that a rate would follow the effort's rate.
+    """
+    mass, damping, stiffness = (basis.left.T @ part @ basis.right for part in matrices)
+    push = basis.left.T @ efforts
+    g, r, d, n = basis.given, basis.massive, basis.moved, basis.states
+    at = _places(basis)
+    own, inputs = len(mass), push.shape[1] + g
+    # each of y and of its rates by states x, by x' (rates of d and eta are among these) and by inputs u
+    place, direct = np.zeros((own, n)), np.zeros((own, inputs))
+    place[: g + r + d, : g + r + d] = np.eye(g + r + d)
+    velocity = np.zeros((g + r, n))
+    velocity[:, g + r + d :] = np.eye(g + r)
+    if basis.held:
+        e = at["held"]
+        by_state = stiffness[e, : g + r + d] @ place[: g + r + d] + damping[e, : g + r] @ velocity
+        place[e] = -np.linalg.solve(stiffness[e, e], by_state)
+        direct[e, : push.shape[1]] = np.linalg.solve(stiffness[e, e], push[e])
+        _refuse_rates(direct[e], damping[: g + r + d, e], float(np.abs(damping).max()))
+    rows = slice(g, g + r + d)
+    unknown = [*range(g + r, g + r + d), *range(n - r, n)]  # d' and eta'' among x'
+    known = np.zeros((n, n + inputs))  # p', eta' and p'' among x', by x and u
+    known[: g + r, :n] = velocity
+    known[g + r + d : 2 * g + r + d, n + push.shape[1] :] = np.eye(g)
+    by_rates = damping[rows] @ place
+    by_rates[:, g + r + d :] += mass[rows, : g + r]
+    side = np.hstack([-stiffness[rows] @ place, -stiffness[rows] @ direct])
+    side[:, n : n + push.shape[1]] += push[rows]
+    known[unknown] = np.linalg.solve(by_rates[:, unknown], side - by_rates @ known)
+    rate = place @ known
+    return StateSpace(known[:, :n], known[:, n:], place, direct, rate[:, :n], rate[:, n:])
+
+
+def _places(basis: Basis) -> dict[str, slice]:
+    first = basis.given + basis.massive + basis.moved
+    return {"held": slice(first, first + basis.held)}
+
+
+def _refuse_rates(direct: Array, across: Array, largest: float) -> None:
+    """Refuse what needs the rate of an effort; largest : entry of C [N m s]."""
+    if np.abs(across @ direct).max(initial=0.0) > ROUNDED_COUPLING * largest * np.abs(direct).max(initial=0.0):
+        raise InputError(
+            "linear model: an effort acts on a freedom without inertia that gyroscopic terms couple, so that its rate would be "
+            "an input; give its link an inertia"
+        )

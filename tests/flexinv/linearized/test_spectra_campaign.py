@@ -1,0 +1,63 @@
+"""A share of the campaign of spectra (`python campaigns/spectra.py`), and whether its judge sees what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from campaigns import spectra
+from campaigns.spectra import compared, judged
+from campaigns.spectra_closed_forms import closed_forms
+from campaigns.spectra_machines import drawn
+from campaigns.spectra_reference import Spectrum
+from flexinv.linearized.steady_modes import steady_modes
+
+SEED = 1
+# A closure with beams, a free base, couplings at rates, a massless damper, gyroscopic terms without rotary inertia, springs.
+SHARE = (0, 4, 6, 12, 18, 22, 23, 34, 83)
+
+
+@pytest.mark.parametrize("number", SHARE)
+def test_a_share_of_the_mechanisms_is_right(number: int) -> None:
+    outcome = judged(drawn(SEED, number), number)
+    assert outcome.word == "right", outcome.said
+
+
+def test_the_share_has_what_it_is_to_have() -> None:
+    has = {word for number in SHARE for word in drawn(SEED, number).words}
+    assert {
+        "beams",
+        "closures",
+        "couplings",
+        "springs",
+        "dampers",
+        "follower loads",
+        "rates",
+        "free base",
+        "points",
+    } <= has
+
+
+def test_closed_forms_are_kept() -> None:
+    wrong = [name for name, off, allowed in closed_forms() if not off <= allowed]
+    assert not wrong
+
+
+def test_the_judge_sees_a_root_that_is_off_missing_or_invented() -> None:
+    exact = Spectrum(np.array([2j, -2j, -1.0]), np.full(3, 4.0), np.full(3, 4.0), np.full(3, 1.0), 2.0)
+    bars = np.zeros(3)
+    assert compared(exact.root, bars, exact)[0] == ""
+    assert "expected" in compared(exact.root * (1 + 1e-6), bars, exact)[0]
+    assert "expected 3" in compared(exact.root[:2], bars[:2], exact)[0]
+    assert "expected 3" in compared(np.append(exact.root, 5.0), np.zeros(4), exact)[0]
+
+
+def test_the_judge_sees_roots_that_are_off_by_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    def off(*arguments: object, **named: object) -> object:
+        found = steady_modes(*arguments, **named)  # type: ignore[arg-type]
+        return replace(found, root=found.root * (1 + 1e-5))
+
+    monkeypatch.setattr(spectra, "steady_modes", off)
+    assert judged(drawn(SEED, 23), 23).word == "wrong"
