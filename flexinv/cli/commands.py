@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from flexinv.analysis.solve import solve as solve_motion
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
 from flexinv.cli.simulate import follow_task, simulate_file
 from flexinv.cli.warm import warm
+from flexinv.constraints.open_loops import advising
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -26,6 +28,7 @@ from flexinv.kernels.compile_lock import NOTE, telling
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
+from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
 from flexinv.validation import nearest
@@ -176,11 +179,13 @@ def modes(
     if rates or damped:
         if accuracy is not None:
             raise InputError("--accuracy is of frequencies at rest; leave out --rate and --damped")
-        steady = steady_modes(mechanism, at, rates, free or None, count)
+        with advising(partial(_case_that_closes, model, mechanism, name)):
+            steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
         names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
         return show(pd.DataFrame(columns, columns=names), missing="-")
-    found = natural_modes(mechanism, at, free or None, count, accuracy)
+    with advising(partial(_case_that_closes, model, mechanism, name)):
+        found = natural_modes(mechanism, at, free or None, count, accuracy)
     omega, bars = np.sqrt(np.abs(found.squared)), [f"{bar:.1e}" for bar in found.frequency_error]
     rows = zip(range(1, count + 1), found.frequency, bars, omega, found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "error bar [Hz]", "omega [rad/s]", "moves most"])
@@ -212,6 +217,19 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
 app.add_command(follow_task)
 app.add_command(warm)
 app.add_command(simulate_file)
+
+
+def _case_that_closes(model: Path, mechanism: Mechanism, name: str | None) -> str:
+    """What to write where loops do not close in the configuration that modes are looked for in."""
+    if name is not None:
+        return f"write another start of the joints in case '{name}'"
+    cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
+    known = ", ".join(cases)
+    return (
+        f"write --case with one of {known}"
+        if known
+        else "write a case in cases.toml that starts where they close, and --case"
+    )
 
 
 def every(sample: float, step: float, size: float) -> int:

@@ -7,7 +7,7 @@ branch that the start lies on), then G_u qd_u = -G_g qd_g and G_u qdd_u = -(phi'
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from flexinv.constraints import continuation_kernel as kernel
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
 from flexinv.constraints.continuation_kernel import Chain, Continuation, continue_branch
+from flexinv.constraints.open_loops import explain_open
 from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import for_kernels
@@ -243,6 +244,10 @@ class Follower:
         g = closures.without_rounding(self.mesh, self.rows.direction, g)
         return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
 
+    def with_unknown(self, unknown: Mask) -> Follower:
+        """Return the same equations in which other coordinates (nv,) [rad], [m] move."""
+        return replace(self, unknown=unknown)
+
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
         sizes = measures(self.mesh)
@@ -258,15 +263,9 @@ class Follower:
         return None
 
     def start(self, time: float, guess: Array) -> Array:
-        """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; ConvergenceError names what stays open."""
+        """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; OpenLoops names what stays open."""
         if (q := self.solve(guess)) is None:
-            m, phi, asked = self.mesh.mechanism, np.abs(self.closures(guess)[0]), int((~self.unknown).sum())
-            worst = m.closures[int(self.rows.closure[int(np.argmax(phi))])].name
-            fewer = f", or if the loops leave fewer freedoms a motion of fewer than {asked} coordinates"
-            raise ConvergenceError(
-                f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start (closure '{worst}' is open by "
-                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}{fewer if asked > 1 else ''}"
-            )
+            raise explain_open(self, time, guess)
         return q
 
     def check_freedoms(self, q: Array, time: float, phase: bool = False) -> None:
