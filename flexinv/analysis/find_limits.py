@@ -63,7 +63,9 @@ class LimitUse:
         verb = "passes" if self.passed else "reaches" if self.reached is not None else "keeps"
         when = "" if self.reached is None else f" at t = {self.reached:.10g} s"
         peak = f"peak {self.peak:.6g} at t = {self.at:.10g} s"
-        return f"{self.coordinate} {verb} its limit {self.quantity} = {self.limit:g}{when} ({peak}; looked at {self.looked})"
+        return (
+            f"{self.coordinate} {verb} its limit {self.quantity} = {self.limit:g}{when} ({peak}; looked {self.looked})"
+        )
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,10 @@ def _joints_of_columns(mechanism: Mechanism) -> list[Joint]:
 
 
 def _prescribed(solution: Solution, motion: Motion) -> Mask:
-    """Which quantities (4, nv) are functions of time that can be evaluated at any instant; checks that the motion is that of q."""
+    """Which quantities (4, nv) are functions of time that can be evaluated at any instant.
+
+    Raises InputError where the motion is not that of the solution.
+    """
     m, given = solution.mechanism, set(motion.joints(solution.mechanism))
     ends = solution.time[[0, -1]]
     q = motion.evaluate(m, ends, "right")[0]

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from flexinv.analysis import overview
+from flexinv.analysis.find_limits import find_limits
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
@@ -77,7 +78,8 @@ def solve(
     """Compute the torque that every actuator must give so that the joints make the motion of a case.
 
     Rigid links follow exact kinematics; flexible links deform freely while the joints are driven as prescribed. The
-    table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes.
+    table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes, at the samples.
+    Below it stands each limit that is reached or passed, and when: between samples, too, where the motion says what is there.
     """
     if plot is not None and plot.suffix not in PLOTS:
         raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
@@ -102,6 +104,12 @@ def solve(
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
     show(table, digits=5, index=True, missing="-")
+    uses = find_limits(solution, case.motion)
+    for one in uses:
+        if one.reached is not None:
+            click.echo(f"limit: {one}")
+    if uses:
+        click.echo(f"{len(uses)} limits looked at, {sum(one.passed for one in uses)} passed")
     if any(joint.drive for joint in mechanism.joints):  # peak values of every motor, or why its motion does not follow
         try:
             found = motor_side(solution)

@@ -110,11 +110,7 @@ def _gap(follower: Follower, q: Array) -> str:
     phi, rows = np.abs(follower.closures(q)[0]), follower.rows
     worst = int(np.argmax(phi))
     name = follower.mesh.mechanism.closures[int(rows.closure[worst])].name
-    size, is_coupling = float(rows.scale[worst]), bool(rows.gear[worst].any())
-    if is_coupling:
-        return f"closure '{name}' is open by {phi[worst] * size:.3g}"
-    return (
-        f"closure '{name}' is open by {phi[worst]:.3g} rad"
-        if rows.direction[worst]
-        else f"closure '{name}' is open by {phi[worst] * size:.3g} m"
-    )
+    is_coupling = bool(rows.gear[worst].any())
+    size = 1.0 if rows.direction[worst] else float(rows.scale[worst])
+    unit = "" if is_coupling else " rad" if rows.direction[worst] else " m"
+    return f"closure '{name}' is open by {phi[worst] * size:.3g}{unit}"

@@ -1,8 +1,8 @@
 """Functions of time as pieces of polynomials: where they turn, and where they reach a level, to rounding.
 
-A function that is smooth between some breaks is interpolated there at the zeros of a Chebyshev polynomial; a piece is halved until
-its last coefficients are rounding.  Its stationary points are then the eigenvalues of a matrix (polynomial roots), between them it
-is monotone: a level is reached between two of them, or touched at one, and nothing is missed between samples.
+A function that is smooth between some breaks is interpolated there at the zeros of a Chebyshev polynomial; a piece is halved
+until its last coefficients are rounding.  Its stationary points are then the eigenvalues of a matrix (polynomial roots), between
+them it is monotone: a level is reached between two of them, or touched at one, and nothing is missed between samples.
 Source: Trefethen, *Approximation Theory and Approximation Practice*, SIAM 2013, ch. 3 and 18; Boyd, *Computing zeros on a real
 interval through Chebyshev expansion and polynomial rootfinding*, SIAM J. Numer. Anal. 40, 2002.
 """
@@ -152,14 +152,13 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
 
 
 def _lines(values: Array) -> Array:
-    """Coefficients (n, degree + 1, columns) of straight lines through the outer two of values (n, degree + 1, columns).
+    """Coefficients (n, degree + 1, columns) of straight lines between the outer two of values (n, degree + 1, columns).
 
     A polynomial through a jump would overshoot it.
     """
-    slope = (values[:, -1] - values[:, 0]) / (_NODES[-1] - _NODES[0])
     out = np.zeros_like(values)
     out[:, 0] = 0.5 * (values[:, -1] + values[:, 0])
-    out[:, 1] = slope
+    out[:, 1] = 0.5 * (values[:, -1] - values[:, 0])
     return out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import shutil
 from pathlib import Path
 
@@ -111,7 +112,7 @@ def test_a_loop_that_stays_open_is_named(model: Path, capsys: pytest.CaptureFixt
 def test_a_start_that_another_guess_would_close_is_told_one(model: Path) -> None:
     """All links in a row: from there Newton knows no side to bend to; the guess that is said closes the loops."""
     mechanism, motion = flexinv.load_mechanism(model), flexinv.Motion.point_to_point({"A": 0.0}, {"A": 0.5}, 1.0)
-    with pytest.raises(OpenLoops, match="give a guess of these joints from which they close: start = {'B'") as caught:
+    with pytest.raises(OpenLoops, match="give a guess of these joints from which they close: start = ") as caught:
         flexinv.solve(mechanism, motion, step=0.5)
     flexinv.solve(mechanism, motion, step=0.5, start=ast.literal_eval(caught.value.example))
 
@@ -125,7 +126,9 @@ def test_a_motion_that_begins_where_loops_cannot_close_is_told_where_they_do(mod
         OpenLoops, match="where the motion puts A none of 21 guesses closes them; they close for"
     ) as caught:
         flexinv.solve(mechanism, motion, step=0.5, start={"B": 0.8, "D": 1.8})
-    there = ast.literal_eval(caught.value.example)["A"]
+    place = re.search(r"\{'A': (\S+)\}", str(caught.value))
+    assert place is not None
+    there = float(place[1])
     crank = 0.6 * np.exp(1j * there)
     assert abs(crank - 0.45) < 0.5 + 0.4
 
