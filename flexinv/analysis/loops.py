@@ -29,7 +29,7 @@ from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, own_wrenches, project
-from flexinv.inverse.spring_lengths import check_spring_lengths
+from flexinv.inverse.spring_lengths import GivenMotion, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -48,7 +48,7 @@ def rigid_loops(task: Task) -> FirstStep:
     joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive))
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
-    check_spring_lengths(mesh, motion, time)
+    check_spring_lengths(mesh, motion, time, _between(task))
     acting = applied_forces(mesh, motion, time)
     forces = nodal_forces(mesh, motion, acting)
     wrenches = own_wrenches(mesh, motion, forces)
@@ -71,6 +71,20 @@ def rigid_loops(task: Task) -> FirstStep:
         loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)),
         geared=shares.multipliers @ stretches[0].rows.gear,
     )  # fmt: skip
+
+
+def _between(task: Task) -> GivenMotion:
+    """The motion of a rigid mechanism with closures between its samples: these are followed again with all instants in between."""
+    mesh, unknown = task.mesh, stated_of(task.mesh.mechanism, task.passive)
+
+    def nodes(times: Array) -> NodalMotion:
+        at = np.union1d(task.time, times)
+        found = _phased_motion(mesh, task.after, at, unknown)[0]
+        rows = np.searchsorted(at, times)
+        return rigid_motion(mesh, *(part[rows] for part in found))
+
+    switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
+    return GivenMotion(nodes, (*task.knots, *switches))
 
 
 def _largest(values: Array) -> float:

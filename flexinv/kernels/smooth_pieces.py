@@ -108,10 +108,63 @@ class Pieces:
             return self._crossing(piece, column, level, float(times[first - 1]), float(times[first]))
         return None
 
-    def _crossing(self, piece: int, column: int, level: float, low: float, high: float) -> float:
-        """The time between two at which a column that rises between them is at a level, by halving to rounding."""
+    def zero(self, least: float) -> float | None:
+        """Return the first time [s] at which the vector of all columns is no longer than ``least`` [unit of the function].
+
+        A zero of the vector is one of a component, or, where that only touches zero, a place where it turns.
+        """
+        lengths = np.linalg.norm(self.coefficients, axis=2)  # (piece, degree)
+        near = lengths[:, 0] - lengths[:, 1:].sum(axis=1) <= least
+        for piece in np.flatnonzero(near).tolist():
+            times = np.unique(
+                np.concatenate([self._zeros(piece, column) for column in range(self.coefficients.shape[2])])
+            )
+            size = self._length(piece, times)
+            first = int(np.argmax(size <= least))
+            if size[first] > least:
+                continue
+            last = first
+            while last + 1 < len(times) and self._length(piece, times[last : last + 2].mean()) <= least:
+                last += 1
+            return self._known_best(piece, times[first : last + 1])
+        return None
+
+    def _known_best(self, piece: int, near: Array) -> float:
+        """Of times [s] at which all columns are nearly zero that of the column that moves most: where it touches zero, or crosses."""
+        column = int(np.argmax(np.abs(self.coefficients[piece, 1:]).sum(axis=0)))
+        bar = SAME * float(self.scale[column])
+        own = self._zeros(piece, column)
+        own = own[(own >= near[0]) & (own <= near[-1])]
+        turns = self.turning(piece, column)[1:-1]
+        touching = turns[(turns >= near[0]) & (turns <= near[-1]) & (np.abs(self.value(piece, column, turns)) <= bar)]
+        for some in (touching, own, near):
+            if len(some):
+                return float(some[int(np.argmin(self._length(piece, some)))])
+        return float(near[0])
+
+    def _length(self, piece: int, time: ArrayLike) -> Array:
+        """Length of the vector of all columns at times [s] of a piece."""
+        columns = range(self.coefficients.shape[2])
+        return np.asarray(np.linalg.norm([self.value(piece, column, time) for column in columns], axis=0))
+
+    def _zeros(self, piece: int, column: int) -> Array:
+        """The times [s] of a piece at which a column turns or is zero, and the ends."""
+        times = self.turning(piece, column)
+        values = self.value(piece, column, times)
+        crossed = np.flatnonzero(values[:-1] * values[1:] < 0.0).tolist()
+        signs = [1.0 if values[k + 1] > 0.0 else -1.0 for k in crossed]
+        return np.r_[
+            times,
+            [
+                self._crossing(piece, column, 0.0, times[k], times[k + 1], s)
+                for k, s in zip(crossed, signs, strict=True)
+            ],
+        ]
+
+    def _crossing(self, piece: int, column: int, level: float, low: float, high: float, sign: float = 1.0) -> float:
+        """The time between two at which ``sign`` times a column, which rises between them, is at a level, by halving to rounding."""
         while low < (middle := 0.5 * (low + high)) < high:
-            if self.value(piece, column, middle) >= level:
+            if sign * self.value(piece, column, middle) >= level:
                 high = middle
             else:
                 low = middle
