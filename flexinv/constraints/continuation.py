@@ -6,7 +6,7 @@ branch that the start lies on), then G_u qd_u = -G_g qd_g and G_u qdd_u = -(phi'
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -65,14 +65,16 @@ def _rank(matrix: Array) -> int:
 
 
 def closed_motion(
-    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, rows: Rows | None = None, start: Array | None = None
-) -> Triple:
+    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, rows: Rows | None = None, start: Array | None = None,
+    knots: tuple[float, ...] = (),
+) -> Triple:  # fmt: skip
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
 
     history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
     unknown : (nv,) which velocity coordinates follow from the closures
     rows : constraints of the closures that act, all of them by default; those of a phase may repeat what the motion says
     start : (nq,) where the unknown coordinates stand at first, by default where ``history`` has them
+    knots : times between which the motion is smooth [s]
     Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
@@ -88,7 +90,7 @@ def closed_motion(
     while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
-    follower.check_between(history, time, (q, qd), condition, problem.change)
+    follower.check_between((history, knots), time, (q, qd), condition, problem.change)
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
         one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
@@ -203,11 +205,12 @@ class Follower:
         )
 
     def check_between(
-        self, history: JointHistory, time: Array, joints: tuple[Array, Array], condition: Array, change: Array
-    ) -> None:
+        self, given: tuple[JointHistory, tuple[float, ...]], time: Array, joints: tuple[Array, Array], condition: Array,
+        change: Array,
+    ) -> None:  # fmt: skip
         """Raise ConvergenceError with the instant where the motion passes a singular configuration between two samples.
 
-        joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]; condition, change : as in `find_singular`
+        given : the motion and its knots [s]; joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]; condition, change : as in `find_singular`
         """
         if len(time) < 2 or not self.unknown.any():
             return
@@ -216,9 +219,19 @@ class Follower:
         )  # G does not change with other joints
         rates = (np.abs(joints[1]) / measures(self.mesh))[:, turning].sum(axis=1)
         way = np.diff(time) * np.maximum(rates[1:], rates[:-1])
-        branch = Branch(lambda times, start: self._followed(history, times, start), self._passive_columns)
+        history, knots = given
+        branch = Branch(lambda times, start: self._followed(history, times, start), self._passive_columns, knots, self._one_given(history))
         if (found := find_singular(branch, time, joints[0], condition, change, way)) is not None:
             raise self._singular(found, f"above {WORST_CONDITION:.0e}")
+
+    def _one_given(self, history: JointHistory) -> Callable[[Array], Array] | None:
+        """The one coordinate that the motion gives, as a function of time; None where it gives several, or no plain number."""
+        m = self.mesh.mechanism
+        given = [joint for joint in m.joints if joint.nv and not self.unknown[m.v_slices[joint.name]].any()]
+        if len(given) != 1 or given[0].nv != 1 or KINDS[given[0].kind].circle:
+            return None
+        own = m.q_slices[given[0].name]
+        return lambda times: history(times)[0][:, own][:, 0]
 
     def _passive_columns(self, q: Array) -> Array:
         """G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
