@@ -2,10 +2,10 @@
 
     python campaigns/between_samples.py [--count 100] [--seed 1] [--only KIND:NUMBER]
 
-Four kinds of cases, each of which crosses, touches or just misses what is looked for, at a step that sees little of it:
+Cases of five kinds cross, touch or just miss what is looked for, at steps that see little of it:
 
-    limit      random splines and laws on three joints; position and speed against a limit; judge: dense samples and SciPy's brentq
-               and minimize_scalar on the motion alone
+    limit      random splines and laws on three joints; position and speed against a limit; judge: dense samples and SciPy's
+               brentq and minimize_scalar on the motion alone
     four-bar   random links, a crank on a random spline; singular where coupler and rocker are in line, |A - A*| = 0 by the law
                of cosines; a parallelogram where the crank has no angle
     slider     an offset slider-crank driven by its crank; singular where the rod is across the slide, r sin A + e = +- l
@@ -23,7 +23,9 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
+import click
 import numpy as np
 import scipy
 
@@ -293,6 +295,12 @@ def slider_case(random: Random, number: int) -> Outcome:
     return loop_outcome("slider", number, float(random.choice(STEPS)), mechanism, start, given)
 
 
+def distance_of_cranks(lengths: tuple[float, float, float], angles: tuple[Event, Event], t: np.ndarray) -> np.ndarray:
+    """Return the distance [m] of the ends of two cranks over time [s]; lengths : of both, and of the base [m]."""
+    left, right, base = lengths
+    return np.asarray(np.abs(left * np.exp(1j * angles[0](t)) - base - right * np.exp(1j * angles[1](t))))
+
+
 def five_bar_case(random: Random, number: int) -> Outcome:
     """Two cranks; the first goes so far that both couplers come in line, the second moves as well."""
     while True:
@@ -303,8 +311,7 @@ def five_bar_case(random: Random, number: int) -> Outcome:
         values = wave(random, 1.2, 2.8)
         first = scipy.interpolate.make_interp_spline(*values, k=5)
 
-        def gap(t: np.ndarray, first: Event = first, other: Event = other_spline) -> np.ndarray:
-            return np.asarray(np.abs(left * np.exp(1j * first(t)) - base - right * np.exp(1j * other(t))))
+        gap = partial(distance_of_cranks, (left, right, base), (first, other_spline))
 
         dense = gap(np.linspace(0.0, 1.0, 2001))
         case = str(random.choice(["crosses", "misses"]))
@@ -394,10 +401,11 @@ def main() -> int:
         missed = sum(one.expected is not None and one.found is None for one in bad)
         false = sum(one.expected is None for one in bad)
         counts = f"{len(outcomes)} cases, {happening} in which it happens: {missed} missed, {false} false"
-        print(f"{name}: {counts}, {len(bad) - missed - false} at another instant")
+        click.echo(f"{name}: {counts}, {len(bad) - missed - false} at another instant")
         for one in bad:
-            print(
-                f"  --only {name}:{one.number} --seed {options.seed}: {one.case}, expected {one.expected}, found {one.found} {one.said}"
+            click.echo(
+                f"  --only {name}:{one.number} --seed {options.seed}: {one.case}, expected {one.expected}, found {one.found} "
+                + one.said
             )
         wrong += len(bad)
     return int(wrong > 0)

@@ -87,7 +87,7 @@ class _Asked:
     def pick(self, parts: dict[str, Array]) -> Array:
         """Columns (samples, signs) that are held against the level."""
         own = parts["upper" if self.quantity == "lower" else self.quantity][:, self.column]
-        return own[:, None] * np.array(SIGNS[self.quantity])
+        return np.asarray(own[:, None] * np.array(SIGNS[self.quantity]))
 
 
 def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[LimitUse, ...]:

@@ -74,7 +74,7 @@ def rigid_loops(task: Task) -> FirstStep:
 
 
 def _between(task: Task) -> GivenMotion:
-    """The motion of a rigid mechanism with closures between its samples: these are followed again with all instants in between."""
+    """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
     mesh, unknown = task.mesh, stated_of(task.mesh.mechanism, task.passive)
 
     def nodes(times: Array) -> NodalMotion:

@@ -30,6 +30,8 @@ from flexinv.typing import Array, Mask, Triple
 
 # A branch that ends is followed to this near its end [s].
 END_OF_BRANCH = 2e-10
+# A way between two times of the search for singular positions that is too far for one step is gone in so many.
+PARTS_OF_A_WAY = 16
 # Rates that leave less than this open, relative to what the joints bring, are closed: rounding, over the worst condition that
 # configurations have which are not singular to the eye.
 CLOSED_RATE = 1e-11
@@ -210,7 +212,8 @@ class Follower:
     ) -> None:  # fmt: skip
         """Raise ConvergenceError with the instant where the motion passes a singular configuration between two samples.
 
-        given : the motion and its knots [s]; joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]; condition, change : as in `find_singular`
+        given : the motion and its knots [s]; joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]
+        condition, change : as in `find_singular`
         """
         if len(time) < 2 or not self.unknown.any():
             return
@@ -220,7 +223,12 @@ class Follower:
         rates = (np.abs(joints[1]) / measures(self.mesh))[:, turning].sum(axis=1)
         way = np.diff(time) * np.maximum(rates[1:], rates[:-1])
         history, knots = given
-        branch = Branch(lambda times, start: self._followed(history, times, start), self._passive_columns, knots, self._one_given(history))
+        branch = Branch(
+            lambda times, start: self._followed(history, times, start),
+            self._passive_columns,
+            knots,
+            self._one_given(history),
+        )
         if (found := find_singular(branch, time, joints[0], condition, change, way)) is not None:
             raise self._singular(found, f"above {WORST_CONDITION:.0e}")
 
@@ -240,13 +248,28 @@ class Follower:
         return (g * measures(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
 
     def _followed(self, history: JointHistory, times: Array, start: Array) -> Array:
-        """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,)."""
+        """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,).
+
+        Where the way to the next time is too far for one step it is gone in parts, as `advance` does.
+        """
         given = history(times)
         q = np.array(given[0])
         q[0] = start
         chain, problem = self.compiled()
         qd, qdd = (np.where(self.unknown, 0.0, rate) for rate in given[1:])
-        reached = continue_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), 1)
+        reached = 1
+        while (reached := continue_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), reached)) < len(
+            times
+        ):
+            parts = np.linspace(times[reached - 1], times[reached], PARTS_OF_A_WAY + 1)
+            between = history(parts)
+            places = np.array(between[0])
+            places[0] = q[reached - 1]
+            rates = [np.where(self.unknown, 0.0, rate) for rate in between[1:]]
+            if continue_branch(chain, problem, parts, places, *rates, np.empty(len(parts)), 1) < len(parts):
+                break
+            q[reached] = places[-1]
+            reached += 1
         return q[:reached]
 
     def closures(self, q: Array) -> tuple[Array, Array]:

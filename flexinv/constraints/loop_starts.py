@@ -283,4 +283,5 @@ def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
         start, now, off = np.degrees([part[int(np.argmax(np.abs(d)))] for part in (a, b, d)])
         return f"joint '{joint.name}' at {now:.1f} deg, {abs(off):.0f} deg from its start of {start:.1f} deg"
     unit = write_unit(joint, places=True)
-    return f"joint '{joint.name}' at {write_numbers(b)} {unit}, {write_numbers(np.abs(d))} from its start of {write_numbers(a)} {unit}"
+    away = f"{write_numbers(np.abs(d))} from its start of {write_numbers(a)} {unit}"
+    return f"joint '{joint.name}' at {write_numbers(b)} {unit}, {away}"

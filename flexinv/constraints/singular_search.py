@@ -55,9 +55,12 @@ SAME_ESTIMATE = 1e-10  # [s]: two estimates of an instant as close as this are o
 PARTS = 8  # of an interval that is cut
 # A part in which G changes by less than this of itself is short enough to extrapolate: terms of the seventh order are rounding.
 SHORT = 0.02
-NODES, DEGREE = 12, 5  # of a part at which d is computed, and of the polynomial through it
+# Nodes of a part at which d is computed, and the degree of the polynomial through them: over a part in which G changes by SHORT
+# the next term is SHORT^6, 6e-11, and twice as many nodes as coefficients divide the rounding of the places among them.
+NODES, DEGREE = 12, 5
 # Where d begins below this the zero of g(d) is known: d^6 of the next term is rounding, 1e-14, and so is what places have lost,
-# 1e-16 / d, by a factor of 60 where a polynomial of fifth degree over (0.2, 1) is extrapolated to 0.  Both are below EXTRAPOLATED.
+# 1e-16 / d, by a factor of 60 where a polynomial of fifth degree over (0.2, 1) is extrapolated to 0.  Both are below
+# EXTRAPOLATED.
 ZOOMED, EXTRAPOLATED = 5e-3, 1e-10
 KEPT = 0.2  # of its first value, above which d is computed well enough to be extrapolated from
 MOST_ZOOMS = 60
@@ -65,10 +68,16 @@ NEAR, SMOOTH = (
     0.02,
     1e-9,
 )  # of the first d: below it nodes are left out, and how far a polynomial through both sides may miss d
-REGULAR = 2e-2  # change of G from where extrapolation begins to the part in question: rounding is small beside it
+# Change of G from where extrapolation begins to the part in question.  d begins at about as much; places are known there to
+# 1e-16 / d, 5e-15, which extrapolation over (KEPT, 1) enlarges by T_5(1.5) = 61, to 3e-13: a thousandth of the time bar of 1e-9 s
+# where d falls by 0.3 1/s or faster.
+REGULAR = 2e-2
 AT_ONCE = 1024  # intervals whose matrices are in memory
 CLOSE = 1e-6  # d below which rounding of the places, 1e-16 / d, spoils what is extrapolated
-# Bend of G between two samples over the square of the joints' way [-]: h^2 G'' / 8, where G'' is G times some rates' squares.
+# Bend of G between two samples over the square of the joints' way [-].  G leaves its chord by h^2 |G''| / 8 at most.  Its columns
+# are arms turned by joints: |G''| is below |G| times the square of the sum of the rates for each of n columns, sqrt(n) in the
+# norm: sqrt(n) / 8 of the way's square, and as much again for accelerations as large as the rates' squares.  Four passive joints
+# have 0.5; in longer loops several joints share the way.
 OFF_LINE = 0.5
 
 
@@ -125,7 +134,7 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
         if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_ESTIMATE:
             found = _search(branch, *ends, places[k], before)
         elif branch.coordinate is not None:
-            found = _locate_by_coordinate(branch, branch.coordinate, (before[0], ends[1]), before[1])
+            found = _locate_by_coordinate(branch, branch.coordinate, (before[0], ends[1], end), before[1])
         else:
             found = _locate(branch, before[0], ends[1], before[1])
         if found is not None:
@@ -140,14 +149,14 @@ def _bend(matrices: Array) -> float:
 
 
 def _locate_by_coordinate(
-    branch: Branch, coordinate: Callable[[Array], Array], span: tuple[float, float], q: Array
+    branch: Branch, coordinate: Callable[[Array], Array], span: tuple[float, float, float], q: Array
 ) -> float | None:
-    """The instant in one short part at which the one prescribed coordinate g is where d is zero.
+    """The instant at which the one prescribed coordinate g is where d is zero, in a short part or up to the interval's end.
 
     g is a smooth function of d, at dead points, where d = k (g - g*), as at ends of branches, where d^2 = k (g - g*): what is
     extrapolated to d = 0 is g, which no knot of the motion and no turn of it disturbs.  When g is there the motion says alone.
     """
-    start, limit = span
+    start, limit, last = span
     end, star, slope = limit, None, 0.0
     first = q
     for _ in range(MOST_ZOOMS):
@@ -164,14 +173,14 @@ def _locate_by_coordinate(
             continue
         fitted = Polynomial.fit(d[:kept], coordinate(times[:kept]), DEGREE)
         star, slope = float(fitted(0.0)), float(fitted.deriv()(0.0))
-        if d[0] < ZOOMED:
+        if d[0] < ZOOMED or kept == len(times):
             break
         start, first, end = float(times[kept - 1]), places[kept - 1], limit
     if star is None:
         return None
-    inside = [knot for knot in branch.knots if span[0] < knot < limit]
+    inside = [knot for knot in branch.knots if span[0] < knot < last]
     ahead = 1.0 if star > float(coordinate(np.array([span[0]]))[0]) else -1.0
-    pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, limit])
+    pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, last])
     most, when = pieces.largest(0)
     near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
     if most < ahead * star - near:

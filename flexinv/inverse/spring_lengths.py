@@ -1,9 +1,9 @@
 """Lengths of springs between samples: a spring of no length pulls in no direction, which no result may pass in silence.
 
-Where the motion is given the vector d from one end to the other is a function of time (`smooth_pieces`): it is zero only where one
-of its components is, and only touches zero where that turns.  Where the motion was marched, d between two samples is the quintic
-that has its values and both rates there; at the least of |d|^2 it is held against the cubic through values and first rates, whose
-difference says how well it is known.
+Where the motion is given the vector d from one end to the other is a function of time (`smooth_pieces`): it is zero only where
+one of its components is, and only touches zero where that turns.  Where the motion was marched, d between two samples is the
+quintic that has its values and both rates there; at the least of |d|^2 it is held against the cubic through values and first
+rates, whose difference says how well it is known.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ AT_ONCE = 4096  # instants whose nodes are in memory
 class GivenMotion:
     """A motion that can be asked at any instant.
 
-    nodes : times (n,) [s], increasing, from that of the first sample on -> motion of the nodes; knots : between which it is smooth
+    nodes : times (n,) [s], increasing, from that of the first sample on -> motion of the nodes
+    knots : times [s] between which it is smooth
     """
 
     nodes: Callable[[Array], NodalMotion]

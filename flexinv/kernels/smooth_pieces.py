@@ -64,7 +64,8 @@ class Pieces:
         roots = chebyshev.chebroots(slope[: kept[-1] + 1]) if size > 0.0 and len(kept) else np.empty(0)
         real = roots.real[np.abs(roots.imag) < REAL]
         inside = np.sort(real[np.abs(real) < 1.0])
-        return self.begin[piece] + 0.5 * (self.end[piece] - self.begin[piece]) * (np.r_[-1.0, inside, 1.0] + 1.0)
+        half = 0.5 * (self.end[piece] - self.begin[piece])
+        return np.asarray(self.begin[piece] + half * (np.r_[-1.0, inside, 1.0] + 1.0))
 
     def value(self, piece: int, column: int, time: ArrayLike) -> Array:
         """Return a column at times [s] of a piece [unit of the function]."""
@@ -130,7 +131,7 @@ class Pieces:
         return None
 
     def _known_best(self, piece: int, near: Array) -> float:
-        """Of times [s] at which all columns are nearly zero that of the column that moves most: where it touches zero, or crosses."""
+        """Of times [s] at which all columns are nearly zero where the column that moves most touches or crosses it."""
         column = int(np.argmax(np.abs(self.coefficients[piece, 1:]).sum(axis=0)))
         bar = SAME * float(self.scale[column])
         own = self._zeros(piece, column)
@@ -153,16 +154,13 @@ class Pieces:
         values = self.value(piece, column, times)
         crossed = np.flatnonzero(values[:-1] * values[1:] < 0.0).tolist()
         signs = [1.0 if values[k + 1] > 0.0 else -1.0 for k in crossed]
-        return np.r_[
-            times,
-            [
-                self._crossing(piece, column, 0.0, times[k], times[k + 1], s)
-                for k, s in zip(crossed, signs, strict=True)
-            ],
+        found = [
+            self._crossing(piece, column, 0.0, times[k], times[k + 1], s) for k, s in zip(crossed, signs, strict=True)
         ]
+        return np.concatenate([times, np.array(found)])
 
     def _crossing(self, piece: int, column: int, level: float, low: float, high: float, sign: float = 1.0) -> float:
-        """The time between two at which ``sign`` times a column, which rises between them, is at a level, by halving to rounding."""
+        """The time between two at which ``sign`` times a column, which rises there, is at a level, by halving to rounding."""
         while low < (middle := 0.5 * (low + high)) < high:
             if sign * self.value(piece, column, middle) >= level:
                 high = middle

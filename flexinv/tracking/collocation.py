@@ -193,7 +193,7 @@ class FreeLayout:
         return Placed(flat, at.turn @ exp_so3(y[:, self.triple]), at.last)
 
     def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
-        """Return u, u' (samples, unknowns) [m, rad, s], at rest at the ends, and delta+ of rotations (samples - 1, rotations, 3)."""
+        """Return u, u' (samples, unknowns) [m, rad, s], at rest at the ends, and delta+ (samples - 1, rotations, 3)."""
         ahead, delta = np.diff(at.flat, axis=0), log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
         ahead[:, self.triple] = delta
         u, du = np.zeros_like(at.flat), np.zeros_like(at.flat)

@@ -228,9 +228,9 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
         swings = bool(((rates.real <= SWINGING * np.abs(rates)) & (rates.imag > 0)).any())
         if given >= fades and swings and name == "after":
             warnings.warn(
-                f"mechanism '{horizon.way.mesh.mechanism.name}': when the path has ended something swings on inside at {rest:.1%} of "
-                f"the largest speed, and its drives with it ({name_zeros(rates)}): the frame is on its path all the time; give the "
-                "path more time, the swinging joint or beam damping, or follow a point further out on the tool",
+                f"mechanism '{horizon.way.mesh.mechanism.name}': when the path has ended something swings on inside at "
+                f"{rest:.1%} of the largest speed, and its drives with it ({name_zeros(rates)}): the frame stays on its path; "
+                "give the path more time, the swinging joint or beam damping, or follow a point further out on the tool",
                 ModelWarning,
                 stacklevel=3,
             )

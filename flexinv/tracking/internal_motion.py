@@ -66,11 +66,11 @@ class Swings:
     @property
     def count(self) -> int:
         """Number of swinging motions [-]."""
-        return self.start.shape[1]
+        return int(self.start.shape[1])
 
 
 def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0) -> InternalMotions:
-    """Return what moves inside while the frame rests [1/s], at one instant of the window, beams ``stiffness`` times as stiff [-]."""
+    """Return what moves inside while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
     own, pick = horizon.at(sample), horizon.layout.pick
     one = own.evaluate(own.rigid, stiffness)
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
@@ -107,8 +107,9 @@ def find_swings(horizon: Horizon, stiffness: float) -> Swings:
     if len(seen[0]) != len(seen[1]):
         raise InputError(
             f"mechanism '{horizon.way.mesh.mechanism.name}': inside, {len(seen[0])} motions swing where the path begins and "
-            f"{len(seen[1])} where it ends, so that no bounded motion leads from rest to rest (at the start {name_zeros(ends[0].rates)}, "
-            f"at the end {name_zeros(ends[1].rates)}); follow another point of the tool, or another path"
+            f"{len(seen[1])} where it ends, so that no bounded motion leads from rest to rest (at the start "
+            f"{name_zeros(ends[0].rates)}, at the end {name_zeros(ends[1].rates)}); follow another point of the tool or "
+            "another path"
         )
     first, last = ends[0].left[:, seen[0]].real, ends[1].right[:, seen[1]].real
     return Swings(ends[0].inertia.T @ first, ends[1].inertia @ last, last.T @ horizon.layout.pick)
@@ -117,7 +118,8 @@ def find_swings(horizon: Horizon, stiffness: float) -> Swings:
 def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> tuple[Placed, Array]:
     """Return poses with another acceleration at the last instant, and Newton's increments y (samples, unknowns) [m], [rad].
 
-    What swings inside has no conditions at the end: its acceleration there is an unknown beside the others, zero velocity at the first an equation.
+    What swings inside has no conditions at the end: its acceleration there is an unknown beside the others,
+    zero velocity at the first an equation.
     """
     pick, h = horizon.layout.pick, horizon.h
     u, du, _ = horizon.layout.differences(at, h)

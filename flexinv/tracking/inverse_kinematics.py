@@ -182,7 +182,7 @@ class RigidWay:
         while len(begin):
             times = np.stack([begin, 0.5 * (begin + end), end])
             jacobians = self._jacobian(self._angles_at(times.reshape(-1)))
-            values = np.linalg.svd(jacobians, compute_uv=False)
+            values: Array = np.asarray(np.linalg.svd(jacobians, compute_uv=False), dtype=np.float64)
             rank = int((values > NEGLIGIBLE * values.max()).sum(axis=1).max())
             if rank == 0:
                 return  # no drive moves the frame, which is said where it is followed

@@ -1,4 +1,4 @@
-"""Limits of joints between samples: instants against closed forms at any step, touching counts, and the answer says where it looked."""
+"""Limits of joints between samples: instants against closed forms at any step; touching counts; it is said where was looked."""
 
 from __future__ import annotations
 
@@ -99,5 +99,5 @@ def test_what_is_marched_says_that_it_was_looked_at_in_steps(root: Path) -> None
 def test_another_motion_is_refused(root: Path) -> None:
     arm = limited(flexinv.load_mechanism(root / "models" / "rigid_3r"), "joint3", Limits(upper=0.9))
     one, two = (flexinv.Motion.point_to_point([0.0, 0.0, 0.0], [0.1, 0.2, end], 1.0) for end in (1.0, 0.5))
-    with pytest.raises(flexinv.InputError, match="joint 'joint3' of the solution is 0.5 away from the motion"):
+    with pytest.raises(flexinv.InputError, match=r"joint 'joint3' of the solution is 0\.5 away from the motion"):
         find_limits(flexinv.solve(arm, one, step=0.1), two)

@@ -1,4 +1,4 @@
-"""Functions in pieces: where they turn and reach a level, against closed forms; corners and jumps are found, nothing overshoots."""
+"""Functions in pieces: where they turn and reach a level, against closed forms; corners and jumps do not overshoot."""
 
 from __future__ import annotations
 
