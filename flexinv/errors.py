@@ -30,7 +30,7 @@ class OpenLoops(ConvergenceError):
         self.example = example
 
     def __str__(self) -> str:
-        """Return what is said and the advice in one sentence."""
+        """Return the statement and the advice in one sentence."""
         return f"{self.said}; {self.advice}"
 
     def advising(self, advice: str) -> OpenLoops:

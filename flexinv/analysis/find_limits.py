@@ -33,14 +33,14 @@ AT_STEPS = "at samples"
 SMALL_VALUE = 1e-6
 # How far the solution's joints may be from the motion [rad], of the mechanism's length: what rounding leaves.
 SAME_MOTION = 1e-9
-QUANTITIES = ("lower", "upper", "velocity", "effort")
+LIMITED = ("lower", "upper", "velocity", "effort")
 # By quantity: the signs with which values are held against the limit.
-SIGNS = {"lower": (-1.0,), "upper": (1.0,), "velocity": (1.0, -1.0), "effort": (1.0, -1.0)}
+SIDES = {"lower": (-1.0,), "upper": (1.0,), "velocity": (1.0, -1.0), "effort": (1.0, -1.0)}
 
 
 @dataclass(frozen=True)
 class LimitUse:
-    """How far a coordinate goes to a limit of its joint.
+    """Use of a limit of a joint by one of its coordinates.
 
     coordinate : its name; quantity : "lower", "upper" (position), "velocity" or "effort"; limit : [rad], [m], [1/s], [N m], [N]
     peak : the value that comes nearest to the limit or passes it furthest, of velocity and effort without its sign; at : when [s]
@@ -87,11 +87,11 @@ class _Asked:
     def pick(self, parts: dict[str, Array]) -> Array:
         """Columns (samples, signs) that are held against the level."""
         own = parts["upper" if self.quantity == "lower" else self.quantity][:, self.column]
-        return np.asarray(own[:, None] * np.array(SIGNS[self.quantity]))
+        return np.asarray(own[:, None] * np.array(SIDES[self.quantity]))
 
 
 def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[LimitUse, ...]:
-    """Return how far each joint goes to each of its stated limits, at samples and between them [rad], [m], [1/s], [N m], [N].
+    """Return the use of each stated limit of every joint, at samples and between them [rad], [m], [1/s], [N m], [N].
 
     motion : of the joints, as `solve` took it.  With it instants are exact to 1e-9 s where positions and rates are prescribed or
         follow from closures, and where efforts are those of rigid links; else joints are looked at on the quintics through the
@@ -103,19 +103,19 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     asked = [
         _Asked(column, name, float(getattr(joint.limits, name)))
         for column, joint in enumerate(_joints_of_columns(m))
-        for name in QUANTITIES
+        for name in LIMITED
         if np.isfinite(getattr(joint.limits, name)) and (KINDS[joint.kind].scalar or name in ("velocity", "effort"))
     ]
     if not asked or len(time) < 2:
         return ()
-    exact = np.zeros((len(QUANTITIES), m.nv), dtype=bool)
+    exact = np.zeros((len(LIMITED), m.nv), dtype=bool)
     if motion is not None:
         of_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
         exact = _prescribed(solution, motion)
     found: dict[_Asked, LimitUse] = {}
     groups = {EXACTLY: list[_Asked](), WITHIN_STEPS: list[_Asked](), AT_STEPS: list[_Asked]()}
     for one in asked:
-        is_exact = bool(exact[QUANTITIES.index(one.quantity), one.column])
+        is_exact = bool(exact[LIMITED.index(one.quantity), one.column])
         groups[EXACTLY if is_exact else AT_STEPS if one.quantity == "effort" else WITHIN_STEPS].append(one)
     if motion is not None and groups[EXACTLY]:
         found |= _between_exactly(solution, motion, groups[EXACTLY])
@@ -130,7 +130,7 @@ def _joints_of_columns(mechanism: Mechanism) -> list[Joint]:
 
 
 def _prescribed(solution: Solution, motion: Motion) -> Mask:
-    """Which quantities (4, nv) are functions of time that can be evaluated at any instant.
+    """Mask (4, nv) of the quantities that are functions of time, to be evaluated at any instant.
 
     Raises InputError where the motion is not that of the solution.
     """
@@ -147,8 +147,8 @@ def _prescribed(solution: Solution, motion: Motion) -> Mask:
                 "the motion that the solution was made from"
             )
     whole = m.is_rigid and (bool(m.closures) or bool(own.all()))
-    exact = np.tile(own | whole, (len(QUANTITIES), 1))
-    exact[QUANTITIES.index("effort")] = whole
+    exact = np.tile(own | whole, (len(LIMITED), 1))
+    exact[LIMITED.index("effort")] = whole
     return exact
 
 
@@ -181,7 +181,7 @@ def _between_exactly(solution: Solution, motion: Motion, asked: list[_Asked]) ->
         parts = evaluate(times)
         return np.hstack([one.pick(parts) for one in asked])
 
-    sizes = [one.size for one in asked for _ in SIGNS[one.quantity]]
+    sizes = [one.size for one in asked for _ in SIDES[one.quantity]]
     pieces = fit_pieces(columns, [time[0], *inside, time[-1]], sizes)
     return _held_against(m, pieces, asked, EXACTLY)
 
@@ -222,7 +222,7 @@ def _between_samples(solution: Solution, asked: list[_Asked]) -> dict[_Asked, Li
     found: dict[_Asked, LimitUse] = {}
     for one in asked:
         source = rate if one.quantity == "velocity" else position
-        signs = np.array(SIGNS[one.quantity])
+        signs = np.array(SIDES[one.quantity])
         own = source.coefficients[:, :, [one.column]] * signs
         scale = np.repeat(source.scale[one.column], len(signs))
         found |= _held_against(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
@@ -234,7 +234,7 @@ def _held_against(mechanism: Mechanism, pieces: Pieces, asked: list[_Asked], loo
     found: dict[_Asked, LimitUse] = {}
     first = 0
     for one in asked:
-        own = range(first, first + len(SIGNS[one.quantity]))
+        own = range(first, first + len(SIDES[one.quantity]))
         first = own.stop
         peak, at = max((pieces.largest(column) for column in own), key=lambda pair: pair[0])
         reached = [time for column in own if (time := pieces.reach(column, one.level)) is not None]

@@ -228,7 +228,7 @@ app.add_command(simulate_file)
 
 
 def _case_that_closes(model: Path, mechanism: Mechanism, name: str | None) -> str:
-    """What to write where loops do not close in the configuration that modes are looked for in."""
+    """Advice for loops that do not close in the configuration of the modes."""
     if name is not None:
         return f"write another start of the joints in case '{name}'"
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}

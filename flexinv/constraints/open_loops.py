@@ -106,7 +106,7 @@ def _search(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
 
 
 def _gap(follower: Follower, q: Array) -> str:
-    """Which closure is open by how much."""
+    """The closure that is open most, and its gap."""
     phi, rows = np.abs(follower.closures(q)[0]), follower.rows
     worst = int(np.argmax(phi))
     name = follower.mesh.mechanism.closures[int(rows.closure[worst])].name

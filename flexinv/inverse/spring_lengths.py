@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 NO_LENGTH = 1e-9  # over the mechanism's length: shorter is a spring of no length
 # Of the difference between cubic and quintic: what the quintic may be off.  Halfway between samples the error of the cubic is
 # h^4 d / 384, that of the quintic h^6 d'' / 46080: of a motion that turns by a radian between samples, a 120th.
-KNOWN = 1.0 / 120.0
-AT_ONCE = 4096  # instants whose nodes are in memory
+QUINTIC_ERROR = 1.0 / 120.0
+GAPS_AT_ONCE = 4096  # instants whose nodes are in memory
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _first_zero(mesh: Mesh, spring: Spring, given: GivenMotion, time: Array) -> 
     """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant."""
 
     def gap(times: Array) -> Array:
-        parts = [times[k : k + AT_ONCE] for k in range(0, len(times), AT_ONCE)]
+        parts = [times[k : k + GAPS_AT_ONCE] for k in range(0, len(times), GAPS_AT_ONCE)]
         return np.concatenate([_gap(mesh, given.nodes(part), spring)[0] for part in parts])
 
     inside = [knot for knot in given.knots if time[0] < knot < time[-1]]
@@ -111,7 +111,7 @@ def _zero_between(ends: Triple, step: float, least: float) -> float | None:
     for place in places[(places >= 0.0) & (places <= 1.0)].tolist():
         size = float(np.sqrt(sum(part(place) ** 2 for part in quintic)))
         doubt = float(np.sqrt(sum((a(place) - b(place)) ** 2 for a, b in zip(quintic, cubic, strict=True))))
-        if size <= least + KNOWN * doubt:
+        if size <= least + QUINTIC_ERROR * doubt:
             return float(place) * step
     return None
 

@@ -18,22 +18,22 @@ from numpy.typing import ArrayLike
 
 from flexinv.typing import Array
 
-DEGREE = 16  # of a piece: a sinusoid of a whole turn has 1e-13 of its size beyond it
+PIECE_DEGREE = 16  # of a piece: a sinusoid of a whole turn has 1e-13 of its size beyond it
 # Of the largest value: what coefficients that are rounding come to, sixteen sums of numbers known to 1e-16 with a margin of six.
-ROUNDING = 1e-14
+TAIL_ROUNDING = 1e-14
 # Of the largest value: values that differ by less are the same.  A level reached with less to spare is touched, not passed.
-SAME = 1e-12
+SAME_VALUE = 1e-12
 # A piece shorter than this [s] is not halved any more: a corner or a jump of the function lies in it.
-SHORTEST = 2e-10
+SHORTEST_PIECE = 2e-10
 # A tail that halving makes no smaller by this factor, where it is that small a part of the function, is rounding: not smoothness,
 # which divides the tail by 2^17, nor a corner of the function or one of its rates, which divide it by 2 or more.
 SMALLER, SMALL_TAIL = 0.7, 1e-8
 # Imaginary parts of a stationary point that is real: rounding of a double one, where the function does not turn, is its root.
 REAL = 1e-6
 
-_ANGLES = np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1)
+_ANGLES = np.pi * (np.arange(PIECE_DEGREE + 1) + 0.5) / (PIECE_DEGREE + 1)
 _NODES = np.cos(_ANGLES)[::-1]  # in (-1, 1), increasing
-_TO_COEFFICIENTS = np.cos(np.outer(np.arange(DEGREE + 1), _ANGLES[::-1])) * 2.0 / (DEGREE + 1)
+_TO_COEFFICIENTS = np.cos(np.outer(np.arange(PIECE_DEGREE + 1), _ANGLES[::-1])) * 2.0 / (PIECE_DEGREE + 1)
 _TO_COEFFICIENTS[0] *= 0.5
 
 
@@ -60,7 +60,7 @@ class Pieces:
         """Return the times [s] in a piece at which a column may have an extreme value: ends and stationary points, increasing."""
         slope = chebyshev.chebder(self.coefficients[piece, :, column])
         size = np.abs(slope).max(initial=0.0)
-        kept = np.flatnonzero(np.abs(slope) > ROUNDING * size)
+        kept = np.flatnonzero(np.abs(slope) > TAIL_ROUNDING * size)
         roots = chebyshev.chebroots(slope[: kept[-1] + 1]) if size > 0.0 and len(kept) else np.empty(0)
         real = roots.real[np.abs(roots.imag) < REAL]
         inside = np.sort(real[np.abs(real) < 1.0])
@@ -88,14 +88,14 @@ class Pieces:
 
     def passes(self, column: int, level: float) -> bool:
         """Return True if a column lies above a level [unit of the function] anywhere, by more than rounding."""
-        return self.largest(column)[0] > level + SAME * max(abs(level), float(self.scale[column]))
+        return self.largest(column)[0] > level + SAME_VALUE * max(abs(level), float(self.scale[column]))
 
     def reach(self, column: int, level: float) -> float | None:
         """Return the first time [s] at which a column is at a level [unit of the function] or above it, None if it never is.
 
-        A level is at its stationary point where that differs by no more than rounding (`SAME`): it is touched.
+        A level is at its stationary point where that differs by no more than rounding (`SAME_VALUE`): it is touched.
         """
-        bar = SAME * max(abs(level), float(self.scale[column]))
+        bar = SAME_VALUE * max(abs(level), float(self.scale[column]))
         own = self.coefficients[:, :, column]
         most = own[:, 0] + np.abs(own[:, 1:]).sum(axis=1)
         for piece in np.flatnonzero(most >= level - bar).tolist():
@@ -133,7 +133,7 @@ class Pieces:
     def _known_best(self, piece: int, near: Array) -> float:
         """Of times [s] at which all columns are nearly zero where the column that moves most touches or crosses it."""
         column = int(np.argmax(np.abs(self.coefficients[piece, 1:]).sum(axis=0)))
-        bar = SAME * float(self.scale[column])
+        bar = SAME_VALUE * float(self.scale[column])
         own = self._zeros(piece, column)
         own = own[(own >= near[0]) & (own <= near[-1])]
         turns = self.turning(piece, column)[1:-1]
@@ -173,7 +173,7 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
     """Return a function of time as pieces [s], [unit of the function].
 
     function : times (n,) [s], increasing -> values (n, columns); it is never asked at a break itself
-    breaks : (n,) times [s] between which it is smooth; where it is not it is cut into pieces down to `SHORTEST`
+    breaks : (n,) times [s] between which it is smooth; where it is not it is cut into pieces down to `SHORTEST_PIECE`
     size : (columns,) what rounding is measured against where values are smaller [unit of the function]
     """
     marks = np.unique(np.asarray(breaks, dtype=float))
@@ -183,13 +183,13 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
     scale = np.maximum(np.asarray(size, dtype=float), np.finfo(float).tiny)
     while len(begin):
         times = begin[:, None] + 0.5 * (end - begin)[:, None] * (_NODES + 1.0)
-        values = function(times.reshape(-1)).reshape(len(begin), DEGREE + 1, -1)
+        values = function(times.reshape(-1)).reshape(len(begin), PIECE_DEGREE + 1, -1)
         coefficients = np.einsum("kn,pnc->pkc", _TO_COEFFICIENTS, values)
         scale = np.maximum(scale, np.abs(values).max(axis=(0, 1)))
         tail = (np.abs(coefficients[:, -3:]).max(axis=1) / scale).max(axis=1, initial=0.0)
         is_rounding = (tail < SMALL_TAIL) & (tail > SMALLER * before)
-        smooth = (tail <= ROUNDING) | is_rounding
-        jumps = ~smooth & (end - begin <= SHORTEST)
+        smooth = (tail <= TAIL_ROUNDING) | is_rounding
+        jumps = ~smooth & (end - begin <= SHORTEST_PIECE)
         coefficients[jumps] = _lines(values[jumps])
         smooth |= jumps
         done.append((begin[smooth], end[smooth], coefficients[smooth]))

@@ -1,4 +1,4 @@
-"""What moves inside while a frame is held: the zeros of a mechanism from its efforts to the frame, and what swings there.
+"""Internal motions while a frame is held: the zeros of a mechanism from its efforts to the frame, and those that swing.
 
 With z = N w, c N = 0 (the frame rests) and W^T S = 0 (no effort):  (W^T (K + s^2 M) N) w = 0,  damping is left out.  A zero with
 a real part fades before or after the path.  One without swings: its motion is bounded from a start at rest on, but has no end at
@@ -30,7 +30,7 @@ SWINGING = 1e-3
 # An eigenvalue this many times the largest that the mesh resolves in a path belongs to a freedom without inertia.
 ENDLESS = 1e10
 # Zeros that a message names: the slowest ones.
-NAMED = 4
+ZEROS_NAMED = 4
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Swings:
 
 
 def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0) -> InternalMotions:
-    """Return what moves inside while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
+    """Return the internal motions while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
     own, pick = horizon.at(sample), horizon.layout.pick
     one = own.evaluate(own.rigid, stiffness)
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
@@ -98,7 +98,7 @@ def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
 
 
 def find_swings(horizon: Horizon, stiffness: float) -> Swings:
-    """Return what swings inside at both ends of the window [-], as far as the steps see it.
+    """Return the motions that swing inside at both ends of the window [-], as far as the steps see them.
 
     Raises InputError where that is not the same motions at both ends, as no bounded motion is then known to join them.
     """
@@ -141,7 +141,7 @@ def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> 
 
 def name_zeros(rates: NDArray[np.complex128]) -> str:
     """Return the slowest zeros in words [1/s], those that swing with their frequency [Hz]."""
-    unlike = np.unique(np.round(np.abs(rates), 9), return_index=True)[1][:NAMED]
+    unlike = np.unique(np.round(np.abs(rates), 9), return_index=True)[1][:ZEROS_NAMED]
     said = []
     for rate in rates[unlike]:
         if rate.real <= SWINGING * abs(rate):

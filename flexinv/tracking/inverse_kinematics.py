@@ -42,7 +42,7 @@ NEGLIGIBLE, SINGULAR = 1e-9, 1e-3
 # How far beyond a limit a joint may be found [rad], [m]: what Newton leaves of the path, with a margin of ten.
 AT_LIMIT = 1e-9
 # Of the path's time: intervals are halved down to this.
-SAME_INSTANT = 1e-10
+SHORTEST_PART = 1e-10
 DAMPING = 1e-2  # of the largest singular value, while the distance is large
 
 
@@ -178,7 +178,7 @@ class RigidWay:
         between them holds none; others are halved.  The bend of J over a part is an eighth of its second difference.
         """
         begin, end = np.linspace(0.0, self.path.duration, KNOTS)[:-1], np.linspace(0.0, self.path.duration, KNOTS)[1:]
-        shortest = SAME_INSTANT * self.path.duration
+        shortest = SHORTEST_PART * self.path.duration
         while len(begin):
             times = np.stack([begin, 0.5 * (begin + end), end])
             jacobians = self._jacobian(self._angles_at(times.reshape(-1)))
