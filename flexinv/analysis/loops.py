@@ -29,7 +29,7 @@ from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, own_wrenches, project
-from flexinv.inverse.spring_lengths import GivenMotion, check_spring_lengths
+from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -73,7 +73,7 @@ def rigid_loops(task: Task) -> FirstStep:
     )  # fmt: skip
 
 
-def _between(task: Task) -> GivenMotion:
+def _between(task: Task) -> MotionBetween:
     """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
     mesh, unknown = task.mesh, stated_of(task.mesh.mechanism, task.passive)
 
@@ -84,7 +84,7 @@ def _between(task: Task) -> GivenMotion:
         return rigid_motion(mesh, *(part[rows] for part in found))
 
     switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
-    return GivenMotion(nodes, (*task.knots, *switches))
+    return MotionBetween(nodes, (*task.knots, *switches))
 
 
 def _largest(values: Array) -> float:
