@@ -116,6 +116,8 @@ def first_event(function: Event, level: float) -> float:
         return float(function(np.array([t]))[0]) - level
 
     peaks = np.r_[False, (over[1:-1] >= over[:-2]) & (over[1:-1] >= over[2:]), False]
+    # between two dense samples a smooth function rises by no more than a few times what it changes by from one to the next
+    peaks &= over > -10.0 * np.abs(np.diff(over)).max()
     for k in np.flatnonzero((over >= 0.0) | peaks).tolist():
         low, high = float(time[max(k - 1, 0)]), float(time[min(k + 1, DENSE)])
         best = float(time[k])
