@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexinv.analysis.controller import Controller
+    from flexinv.analysis.find_limits import LimitUse, find_limits
     from flexinv.analysis.simulate import simulate
     from flexinv.analysis.solution import Solution
     from flexinv.analysis.solve import solve
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 
 # Where each public name lives; it is imported when first used: who only reads a mechanism does not wait for the compiler.
 _NAMES = {
-    "analysis.controller": "Controller", "analysis.motor_side": "motor_side", "analysis.simulate": "simulate",
+    "analysis.controller": "Controller", "analysis.find_limits": "LimitUse find_limits",
+    "analysis.motor_side": "motor_side", "analysis.simulate": "simulate",
     "analysis.solution": "Solution", "analysis.solve": "solve", "analysis.solve_in_parts": "solve_in_parts",
     "analysis.solve_many": "Batch solve_many", "analysis.statics": "Load statics",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
@@ -47,8 +49,9 @@ _HOME = {name: module for module, names in _NAMES.items() for name in names.spli
 
 __all__ = [
     "BaseParameters", "Batch", "Case", "Controller", "ConvergenceError", "FlexinvError", "Following", "InputError",
-    "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "Solution",
-    "SteadyModes", "TorqueDerivatives", "TorqueFunction", "base_parameters", "follow", "from_urdf", "joint_torques",
+    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "Solution",
+    "SteadyModes", "TorqueDerivatives", "TorqueFunction", "base_parameters", "find_limits", "follow", "from_urdf",
+    "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "motor_side", "natural_modes", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",
 ]  # fmt: skip

@@ -15,5 +15,30 @@ class ConvergenceError(FlexinvError, RuntimeError):
     """Newton did not converge; the message names the time, the residual and what to try."""
 
 
+class OpenLoops(ConvergenceError):
+    """The loops do not close from a configuration: what is said of it, and what to do.
+
+    example : joints and places from which they close, in words, "" where none was found: a verb or a command whose configuration
+        has another name than ``start`` says with it what to write
+    """
+
+    def __init__(self, said: str, advice: str, example: str = "") -> None:
+        """Keep the parts apart."""
+        super().__init__(said, advice, example)
+        self.said = said
+        self.advice = advice
+        self.example = example
+
+    def __str__(self) -> str:
+        """Return the statement and the advice in one sentence."""
+        return f"{self.said}; {self.advice}"
+
+    def advising(self, advice: str) -> OpenLoops:
+        """Return the same with another advice where another place closes the loops; else what they lack stands as it is."""
+        return (
+            OpenLoops(self.said, f"{advice} (they close near {self.example})", self.example) if self.example else self
+        )
+
+
 class ModelWarning(UserWarning):
     """The model was accepted, but something in it was changed or deserves a look."""

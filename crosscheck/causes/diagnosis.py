@@ -97,12 +97,12 @@ def proved(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Re
         if one.heals(found.enough):
             return replace(naming, named=(one.fit, *naming.named[k + 1 :])), one
         tried.append(one)
-    best = min(tried, key=lambda one: one.left if one.left is not None else np.inf)
+    best = min(tried, key=lambda one: one.most)
     return replace(naming, named=(), next=best.fit, words=refuted(best, naming.size)), best
 
 
 def refuted(one: Repair, size: float) -> str:
-    """Return why a cause is not named that explains the difference in the model and not in full runs; size : of it [-]."""
+    """Return the reason against a cause that explains a difference in the model, and not in full runs; size : of it [-]."""
     return (
         f"the cause is unknown: {one.fit.cause.name} would explain {_share(1 - one.fit.left**2)} of the difference, but "
         f"{one.where}, {one.left:.1e} of the range remains of {size:.1e}, more than the error bars"

@@ -256,9 +256,8 @@ def _iterated(
     for _ in range(rounds if best.left > enough else 0):
         p = best.size / candidate.scale
         try:
-            step = np.linalg.lstsq(_derivative(model, candidate, p, best.column), residual - best.column, rcond=SMALL)[
-                0
-            ]
+            slope = _derivative(model, candidate, p, best.column)
+            step = np.asarray(np.linalg.lstsq(slope, residual - best.column, rcond=SMALL)[0], dtype=np.float64)
         except IMPOSSIBLE:
             break
         better = _along(model, residual, candidate, p, step, best.left, most)

@@ -34,6 +34,11 @@ class Repair:
     left: float | None = None
     where: str = ""
 
+    @property
+    def most(self) -> float:
+        """Largest difference left over the range [-], infinite where no run could be made."""
+        return np.inf if self.left is None else self.left
+
     def heals(self, enough: float) -> bool:
         """Return True if nothing beyond ``enough`` [-] is left, or nothing could be run."""
         return self.left is None or self.left <= enough
@@ -58,19 +63,18 @@ def repair(
         return Repair(fit)
     put_in = put_into_reference(model, fit, record, enough)
     taken_out = take_out(model, put_in.fit, engine, reference, door)
-    done = [one for one in (taken_out, put_in) if one.left is not None]
-    return min(done, default=put_in, key=lambda one: one.left)
+    return taken_out if taken_out.most < put_in.most else put_in
 
 
 def put_into_reference(model: Model, fit: Fit, record: Record, enough: float) -> Repair:
-    """Return what the reference with the cause leaves, its size corrected by what full runs leave."""
+    """Return the repair of the reference: the cause is put in, its size corrected by the remainders of full runs."""
     best = Repair(fit)
     for _ in range(1 + ROUNDS):
         left = _left_with(model, fit, record)
         if left is None:
             break
         found = Repair(fit, _largest(left), "put into the reference")
-        if best.left is not None and not found.left < best.left:
+        if found.most >= best.most:
             break
         best = found
         if best.heals(enough) or not fit.cause.sized or fit.cause.guess is not None:
@@ -83,7 +87,7 @@ def put_into_reference(model: Model, fit: Fit, record: Record, enough: float) ->
 
 
 def take_out(model: Model, fit: Fit, engine: str, reference: Record, door: Adapter | None) -> Repair:
-    """Return what the engine without the cause leaves: with its opposite, where that is a mechanism that the engine runs."""
+    """Return the repair of the engine: its run with the opposite of the cause, where that is a mechanism that it runs."""
     again = door is None or repeatable(door)
     if not again or not fit.cause.sized or fit.cause.plant is not None:
         return Repair(fit)

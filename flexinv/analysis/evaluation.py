@@ -16,7 +16,7 @@ from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, joint_wrenches, nodal_forces, own_efforts
 from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
-from flexinv.inverse.spring_lengths import check_spring_lengths
+from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kernels.memory import for_kernels, together
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
@@ -139,10 +139,13 @@ def skeleton(mesh: Mesh) -> Skeleton:
     return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)
 
 
-def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple) -> FirstStep:
-    """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics."""
+def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple, given: MotionBetween | None = None) -> FirstStep:
+    """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics.
+
+    given : the motion between the samples, where it can be asked there
+    """
     motion = rigid_motion(mesh, *joints)
-    check_spring_lengths(mesh, motion, time)
+    check_spring_lengths(mesh, motion, time, given)
     applied = applied_forces(mesh, motion, time)
     return FirstStep(rigid_trajectory(mesh, motion, applied), time, joints, applied)
 

@@ -29,7 +29,7 @@ from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, own_wrenches, project
-from flexinv.inverse.spring_lengths import check_spring_lengths
+from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -45,10 +45,10 @@ def rigid_loops(task: Task) -> FirstStep:
     velocities and for drives that cannot hold the mechanism, ConvergenceError at singular configurations and lost branches.
     """
     mesh, time, m = task.mesh, task.time, task.mesh.mechanism
-    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive))
+    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive), task.knots)
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
-    check_spring_lengths(mesh, motion, time)
+    check_spring_lengths(mesh, motion, time, _between(task))
     acting = applied_forces(mesh, motion, time)
     forces = nodal_forces(mesh, motion, acting)
     wrenches = own_wrenches(mesh, motion, forces)
@@ -73,13 +73,27 @@ def rigid_loops(task: Task) -> FirstStep:
     )  # fmt: skip
 
 
+def _between(task: Task) -> MotionBetween:
+    """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
+    mesh, unknown = task.mesh, stated_of(task.mesh.mechanism, task.passive)
+
+    def nodes(times: Array) -> NodalMotion:
+        at = np.union1d(task.time, times)
+        found = _phased_motion(mesh, task.after, at, unknown, task.knots)[0]
+        rows = np.searchsorted(at, times)
+        return rigid_motion(mesh, *(part[rows] for part in found))
+
+    switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
+    return MotionBetween(nodes, (*task.knots, *switches))
+
+
 def _largest(values: Array) -> float:
     """The largest absolute value, without an array of them."""
     return float(max(values.max(initial=0.0), -values.min(initial=0.0)))
 
 
 def _phased_motion(
-    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask
+    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, knots: tuple[float, ...]
 ) -> tuple[Triple, list[Stretch], list[Impact], tuple[Array, NodalMotion] | None]:
     """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit.
 
@@ -91,7 +105,7 @@ def _phased_motion(
     if len(pieces) == 1 and pieces[0].active.all():
         only = [Stretch(pieces[0], original)]
         if unknown.any() or not len(original.closure):
-            return closed_motion(mesh, history, time, unknown), only, [], None
+            return closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
         given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
     whole, begins = history(time), np.zeros(len(m.closures), dtype=bool)
@@ -103,7 +117,7 @@ def _phased_motion(
             state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
             stretch, begins = _caught(mesh, stretches[-1], piece, state, at)
         begun, rows = None if before is None else before[0], stretch.rows.of(piece.active)
-        found = closed_motion(mesh, history, time[span], unknown, rows, begun)
+        found = closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
             rates, rest = (before[1], found[1][0]), np.zeros((1, m.nv))  # which the impulses change at once
             one, two = ((rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)

@@ -18,6 +18,7 @@ from flexinv.analysis.trajectory import first_step
 from flexinv.constraints.closures import constraint_rows, phases
 from flexinv.constraints.continuation import closed_start
 from flexinv.constraints.loop_starts import closed_at, stated_of
+from flexinv.constraints.open_loops import GIVE_Q, advising
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.solver import Solver, record_instant
@@ -83,16 +84,19 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
-        at = closed_at(mesh, at)
+        with advising(GIVE_Q):
+            at = closed_at(mesh, at)
     held = still(at, rest[0], rest[0])
     if mechanism.is_rigid:
-        (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
+        with advising(GIVE_Q):
+            (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
         return solution_of(mesh, first, SETTINGS)
     solver, (phase,) = Solver.of(mesh, passive), phases(loaded, now)
     switching = Switching(mesh, phase, solver.border.ties)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(phase.active)
-        at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
+        with advising(GIVE_Q):
+            at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints, out = equilibrium(solver, at, "statics"), Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])

@@ -78,6 +78,7 @@ class Task:
     seams : samples between which steps are equal, the integrator begins anew at each; none where all steps are equal
     efforts : of the drives of passive joints, which their torque moves (`dynamics.solver.Efforts`) [N m], [N]
     progress : called with the number of steps done since its last call; part : kept samples of a part [-], None for one part
+    knots : times between which the prescribed motion is smooth [s]
     """
 
     mesh: Mesh
@@ -92,6 +93,7 @@ class Task:
     progress: Progress | None = None
     part: int | None = None
     seams: tuple[int, ...] = ()
+    knots: tuple[float, ...] = ()
 
     @property
     def time(self) -> Array:
@@ -127,7 +129,10 @@ def prescribe(
             start = {name: q[mechanism.q_slices[name]] for name in passive}
             stated = start_coordinates(mechanism, passive, start, start_rate)
             before, after = joint_histories(motion, mechanism, stated, settings, steps)
-    return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress)
+    knots = tuple(getattr(motion, "knots", motion.jumps))
+    return Task(
+        mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress, knots=knots
+    )
 
 
 def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: Array, qd: Array) -> None:

@@ -20,9 +20,9 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import applied_forces
-from flexinv.inverse.spring_lengths import check_spring_lengths
+from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import fill_passive, relative_motion
+from flexinv.kinematics.nodal_motion import fill_passive, relative_motion, rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
@@ -60,7 +60,8 @@ def rigid_motions(task: Task) -> Iterator[FirstStep]:
     for first in range(0, max(len(task.time) - 1, 1), part):
         own = task.time if task.part is None else task.time[first : first + part + 1]
         q, qd, qdd = task.after(own)
-        yield replace(rigid_motion_of(task.mesh, own, (q.copy(), qd.copy(), qdd.copy())), ends=task.part is None)
+        given = MotionBetween(lambda times: rigid_motion(task.mesh, *task.after(times)), task.knots)
+        yield replace(rigid_motion_of(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None)
 
 
 def flexible_motion(task: Task) -> Iterator[FirstStep]:

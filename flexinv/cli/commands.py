@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,12 +14,14 @@ import numpy as np
 import pandas as pd
 
 from flexinv.analysis import overview
+from flexinv.analysis.find_limits import find_limits
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
 from flexinv.cli.simulate import follow_task, simulate_file
 from flexinv.cli.warm import warm
+from flexinv.constraints.open_loops import advising
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -26,6 +29,7 @@ from flexinv.kernels.compile_lock import NOTE, telling
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
+from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
 from flexinv.validation import nearest
@@ -74,7 +78,8 @@ def solve(
     """Compute the torque that every actuator must give so that the joints make the motion of a case.
 
     Rigid links follow exact kinematics; flexible links deform freely while the joints are driven as prescribed. The
-    table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes.
+    table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes, at the samples.
+    Below it stands each limit that is reached or passed, and when: between samples, too, where the motion says what is there.
     """
     if plot is not None and plot.suffix not in PLOTS:
         raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
@@ -99,6 +104,12 @@ def solve(
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
     show(table, digits=5, index=True, missing="-")
+    uses = find_limits(solution, case.motion)
+    for one in uses:
+        if one.reached is not None:
+            click.echo(f"limit: {one}")
+    if uses:
+        click.echo(f"{len(uses)} limits looked at, {sum(one.passed for one in uses)} passed")
     if any(joint.drive for joint in mechanism.joints):  # peak values of every motor, or why its motion does not follow
         try:
             found = motor_side(solution)
@@ -176,11 +187,13 @@ def modes(
     if rates or damped:
         if accuracy is not None:
             raise InputError("--accuracy is of frequencies at rest; leave out --rate and --damped")
-        steady = steady_modes(mechanism, at, rates, free or None, count)
+        with advising(partial(_case_that_closes, model, mechanism, name)):
+            steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
         names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
         return show(pd.DataFrame(columns, columns=names), missing="-")
-    found = natural_modes(mechanism, at, free or None, count, accuracy)
+    with advising(partial(_case_that_closes, model, mechanism, name)):
+        found = natural_modes(mechanism, at, free or None, count, accuracy)
     omega, bars = np.sqrt(np.abs(found.squared)), [f"{bar:.1e}" for bar in found.frequency_error]
     rows = zip(range(1, count + 1), found.frequency, bars, omega, found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "error bar [Hz]", "omega [rad/s]", "moves most"])
@@ -212,6 +225,19 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
 app.add_command(follow_task)
 app.add_command(warm)
 app.add_command(simulate_file)
+
+
+def _case_that_closes(model: Path, mechanism: Mechanism, name: str | None) -> str:
+    """Advice for loops that do not close in the configuration of the modes."""
+    if name is not None:
+        return f"write another start of the joints in case '{name}'"
+    cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
+    known = ", ".join(cases)
+    return (
+        f"write --case with one of {known}"
+        if known
+        else "write a case in cases.toml that starts where they close, and --case"
+    )
 
 
 def every(sample: float, step: float, size: float) -> int:

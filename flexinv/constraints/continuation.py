@@ -6,8 +6,8 @@ branch that the start lies on), then G_u qd_u = -G_g qd_g and G_u qdd_u = -(phi'
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from flexinv.constraints import continuation_kernel as kernel
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
 from flexinv.constraints.continuation_kernel import Chain, Continuation, continue_branch
+from flexinv.constraints.open_loops import explain_open
 from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import for_kernels
@@ -29,6 +30,8 @@ from flexinv.typing import Array, Mask, Triple
 
 # A branch that ends is followed to this near its end [s].
 END_OF_BRANCH = 2e-10
+# A way between two times of the search for singular positions that is too far for one step is gone in so many.
+PARTS_OF_A_WAY = 16
 # Rates that leave less than this open, relative to what the joints bring, are closed: rounding, over the worst condition that
 # configurations have which are not singular to the eye.
 CLOSED_RATE = 1e-11
@@ -64,14 +67,16 @@ def _rank(matrix: Array) -> int:
 
 
 def closed_motion(
-    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, rows: Rows | None = None, start: Array | None = None
-) -> Triple:
+    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, rows: Rows | None = None, start: Array | None = None,
+    knots: tuple[float, ...] = (),
+) -> Triple:  # fmt: skip
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
 
     history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
     unknown : (nv,) which velocity coordinates follow from the closures
     rows : constraints of the closures that act, all of them by default; those of a phase may repeat what the motion says
     start : (nq,) where the unknown coordinates stand at first, by default where ``history`` has them
+    knots : times between which the motion is smooth [s]
     Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
@@ -87,7 +92,7 @@ def closed_motion(
     while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
-    follower.check_between(history, time, (q, qd), condition, problem.change)
+    follower.check_between((history, knots), time, (q, qd), condition, problem.change)
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
         one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
@@ -202,11 +207,13 @@ class Follower:
         )
 
     def check_between(
-        self, history: JointHistory, time: Array, joints: tuple[Array, Array], condition: Array, change: Array
-    ) -> None:
+        self, given: tuple[JointHistory, tuple[float, ...]], time: Array, joints: tuple[Array, Array], condition: Array,
+        change: Array,
+    ) -> None:  # fmt: skip
         """Raise ConvergenceError with the instant where the motion passes a singular configuration between two samples.
 
-        joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]; condition, change : as in `find_singular`
+        given : the motion and its knots [s]; joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]
+        condition, change : as in `find_singular`
         """
         if len(time) < 2 or not self.unknown.any():
             return
@@ -215,9 +222,24 @@ class Follower:
         )  # G does not change with other joints
         rates = (np.abs(joints[1]) / measures(self.mesh))[:, turning].sum(axis=1)
         way = np.diff(time) * np.maximum(rates[1:], rates[:-1])
-        branch = Branch(lambda times, start: self._followed(history, times, start), self._passive_columns)
+        history, knots = given
+        branch = Branch(
+            lambda times, start: self._followed(history, times, start),
+            self._passive_columns,
+            knots,
+            self._one_given(history),
+        )
         if (found := find_singular(branch, time, joints[0], condition, change, way)) is not None:
             raise self._singular(found, f"above {WORST_CONDITION:.0e}")
+
+    def _one_given(self, history: JointHistory) -> Callable[[Array], Array] | None:
+        """The one coordinate that the motion gives, as a function of time; None where it gives several, or no plain number."""
+        m = self.mesh.mechanism
+        given = [joint for joint in m.joints if joint.nv and not self.unknown[m.v_slices[joint.name]].any()]
+        if len(given) != 1 or given[0].nv != 1 or KINDS[given[0].kind].circle:
+            return None
+        own = m.q_slices[given[0].name]
+        return lambda times: history(times)[0][:, own][:, 0]
 
     def _passive_columns(self, q: Array) -> Array:
         """G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
@@ -226,13 +248,28 @@ class Follower:
         return (g * measures(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
 
     def _followed(self, history: JointHistory, times: Array, start: Array) -> Array:
-        """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,)."""
+        """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,).
+
+        Where the way to the next time is too far for one step it is gone in parts, as `advance` does.
+        """
         given = history(times)
         q = np.array(given[0])
         q[0] = start
         chain, problem = self.compiled()
         qd, qdd = (np.where(self.unknown, 0.0, rate) for rate in given[1:])
-        reached = continue_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), 1)
+        reached = 1
+        while (reached := continue_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), reached)) < len(
+            times
+        ):
+            parts = np.linspace(times[reached - 1], times[reached], PARTS_OF_A_WAY + 1)
+            between = history(parts)
+            places = np.array(between[0])
+            places[0] = q[reached - 1]
+            rates = [np.where(self.unknown, 0.0, rate) for rate in between[1:]]
+            if continue_branch(chain, problem, parts, places, *rates, np.empty(len(parts)), 1) < len(parts):
+                break
+            q[reached] = places[-1]
+            reached += 1
         return q[:reached]
 
     def closures(self, q: Array) -> tuple[Array, Array]:
@@ -242,6 +279,10 @@ class Follower:
         kernel.closure_equations(self._chain, for_kernels(q), rest, g[0])
         g = closures.without_rounding(self.mesh, self.rows.direction, g)
         return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
+
+    def with_unknown(self, unknown: Mask) -> Follower:
+        """Return the same equations in which other coordinates (nv,) [rad], [m] move."""
+        return replace(self, unknown=unknown)
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
@@ -258,15 +299,9 @@ class Follower:
         return None
 
     def start(self, time: float, guess: Array) -> Array:
-        """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; ConvergenceError names what stays open."""
+        """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; OpenLoops names what stays open."""
         if (q := self.solve(guess)) is None:
-            m, phi, asked = self.mesh.mechanism, np.abs(self.closures(guess)[0]), int((~self.unknown).sum())
-            worst = m.closures[int(self.rows.closure[int(np.argmax(phi))])].name
-            fewer = f", or if the loops leave fewer freedoms a motion of fewer than {asked} coordinates"
-            raise ConvergenceError(
-                f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start (closure '{worst}' is open by "
-                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}{fewer if asked > 1 else ''}"
-            )
+            raise explain_open(self, time, guess)
         return q
 
     def check_freedoms(self, q: Array, time: float, phase: bool = False) -> None:

@@ -14,10 +14,12 @@ import numpy as np
 from flexinv.constraints.allocation import STILL_RATE, ranks
 from flexinv.constraints.closures import Rows, acting, constraint_rows, measures
 from flexinv.constraints.continuation import Follower, close_rates, closed_start, start_follower
+from flexinv.constraints.joint_words import find_owner, find_place, write_numbers, write_start, write_unit, write_value
+from flexinv.constraints.open_loops import TRIES, find_nearest_closed
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import moved, nearest_difference, slides
-from flexinv.model.joint_kinds import KINDS, POSE
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
@@ -32,15 +34,9 @@ TYPED_DIGITS = 0.01
 # Rates of passive joints that were found on a deformed mechanism belong to other places than those of the undeformed one, where
 # the loops are closed: they may be off by this part of the largest rate.
 SAGGED = 0.5
-# What rounding leaves where a number is zero [rad or m, s] is not shown.
-SHOWN_AS_ZERO = 1e-12
 # How far places lie from which freedoms are counted [rad], of the length: far enough for singular values to be no rounding.
 AWAY = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
-# Guesses from which loops are closed where nothing is said of their joints.
-TRIES = 20
 CLOSED_PLACES = 4  # closed ones that are looked at where the loops do not close near what is stated
-# Damped least squares end after so many steps, or with a step that small [rad], [-]: the result is only where Newton begins.
-MOST_STEPS, SMALL_STEP, LONGEST_STEP = 60, 1e-6, 0.5
 
 
 @dataclass(frozen=True)
@@ -132,13 +128,13 @@ def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> It
     for k, free in enumerate(sets):
         yield given.q, free
         if k == 0:
-            held = _held(replace(follower, unknown=every & ~given.places), given.q)
+            held = find_nearest_closed(replace(follower, unknown=every & ~given.places), given.q)
         yield held, free
     for joint in m.joints:
         own = stated_of(m, {joint.name}) & given.places & given.passive
         if own.any():
             moves = (given.passive | ~given.places) & every
-            yield _held(replace(follower, unknown=moves & ~own), given.q), moves
+            yield find_nearest_closed(replace(follower, unknown=moves & ~own), given.q), moves
 
 
 def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
@@ -152,27 +148,6 @@ def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
     return out
 
 
-def _held(follower: Follower, q: Array) -> Array:
-    """Bring the loops as close to closed as the unknown coordinates can: damped least squares from a guess (nq,) [rad], [m]."""
-    m, sizes, damping = follower.mesh.mechanism, measures(follower.mesh), 1e-3
-    free, (phi, g) = follower.unknown, follower.closures(q)
-    for _ in range(MOST_STEPS if free.any() else 0):
-        a, step = g[:, free], np.zeros(m.nv)
-        normal = a.T @ a
-        normal[np.diag_indices_from(normal)] += damping * max(normal.diagonal().max(), np.finfo(float).tiny)
-        step[free] = -np.linalg.solve(normal, a.T @ phi)
-        step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), SMALL_STEP))
-        tried = moved(m, q, sizes * step)
-        found, gradient = follower.closures(tried)
-        if not found @ found < phi @ phi:
-            damping *= 8.0
-            continue
-        q, phi, g, damping = tried, found, gradient, damping / 8.0
-        if np.abs(step).max() < SMALL_STEP:
-            break
-    return q
-
-
 @kept_with_owner()
 def picked_start(mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array, qd: Array, qdd: Array) -> Array | None:
     """Return the closed q (nq,) [rad], [m] on the branch that a start picks, None where Newton finds it from there.
@@ -181,10 +156,10 @@ def picked_start(mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array,
     """
     rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
     given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH)
-    try:
-        plain = closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
-    except ConvergenceError:
+    follower = Follower(mesh, rows, passive)
+    if follower.closed(q, qd, qdd) is None and follower.solve(q) is None:
         return _placed(mesh, given, rows, [passive])
+    plain = closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
     near = unwound(mesh.mechanism, q, plain)
     if off_start(mesh, given.places, q, plain).max(initial=0.0) <= SAME_BRANCH:
         return None if np.allclose(near, plain, rtol=0.0, atol=ANOTHER_BRANCH) else near
@@ -222,7 +197,9 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
         return near
     found: list[Array] = []
     for _ in range(TRIES):
-        place = follower.solve(_held(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv))))
+        place = follower.solve(
+            find_nearest_closed(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv)))
+        )
         found += [place] if place is not None else []
         if len(found) == CLOSED_PLACES:
             break
@@ -253,9 +230,9 @@ def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> 
     worst = int(np.argmax(off / most)) if off.size else 0
     if off.size and not off[worst] <= most[worst]:
         raise ConvergenceError(
-            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(_owner(m, worst), m, guess, q)}; "
+            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(find_owner(m, worst), m, guess, q)}; "
             "give starts of the passive joints that belong together, start = {...}; nearest is "
-            + _written(m, [j.name for j in m.joints if j.name in names], q, places=True)
+            + write_start(m, [j.name for j in m.joints if j.name in names], q, places=True)
         )
 
 
@@ -280,69 +257,31 @@ def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
 # ------------------------------------------------------------------------------------------------- what errors say
 
 
-def _owner(mechanism: Mechanism, column: int) -> Joint:
-    return [joint for joint in mechanism.joints for _ in range(joint.nv)][column]
-
-
-def _place(joint: Joint, q: Array) -> Array:
-    """Coordinates as a start states them: of a continuous joint its angle."""
-    return np.arctan2(q[1:], q[:1]) if KINDS[joint.kind].circle else q
-
-
-def _shown(values: Array) -> str:
-    """Numbers as one writes them; six digits are far more than `TYPED_DIGITS` asks for."""
-    numbers = [f"{value if abs(value) > SHOWN_AS_ZERO else 0.0:.6g}" for value in values]
-    return numbers[0] if len(numbers) == 1 else f"[{', '.join(numbers)}]"
-
-
-def _number(mechanism: Mechanism, name: str, values: Array, places: bool) -> str:
-    """A joint's place, from coordinates (nq,), or its rate, from rates (nv,), as a start states it."""
-    if places:
-        return _shown(_place(mechanism.joint_of[name], values[mechanism.q_slices[name]]))
-    return _shown(values[mechanism.v_slices[name]])
-
-
-def _unit(joint: Joint, places: bool) -> str:
-    """Unit of a joint's coordinates, or of its rates."""
-    kind = KINDS[joint.kind]
-    place, rate = kind.units[0], f"{kind.units[0]}/s"
-    if kind.has_quaternion:
-        place, rate = ("m and quaternion", "m/s and rad/s") if kind.layout == POSE else ("(quaternion)", "rad/s")
-    return place if places else rate
-
-
-def _said(mechanism: Mechanism, name: str, values: Array, places: bool) -> str:
-    return f"{_number(mechanism, name, values, places)} {_unit(mechanism.joint_of[name], places)}"
-
-
-def _written(mechanism: Mechanism, names: Collection[str], values: Array, places: bool) -> str:
-    return "{" + ", ".join(f"{name!r}: {_number(mechanism, name, values, places)}" for name in names) + "}"
-
-
 def _contradicted(
     mesh: Mesh, argument: str, stated: Mask, given: Array, found: Array, off: Array, time: float
 ) -> InputError:
     """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``found``."""
     m, places = mesh.mechanism, argument != "start_rate"
-    worst = _owner(m, int(np.argmax(off))).name
+    worst = find_owner(m, int(np.argmax(off))).name
     names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
     kept = [n for n in names if n != worst and (not places or off[m.v_slices[n]].max(initial=0.0) <= TYPED_DIGITS)]
-    others = ", ".join(f"{name} = {_said(m, name, given, places)}" for name in kept)
+    others = ", ".join(f"{name} = {write_value(m, name, given, places)}" for name in kept)
     follow = " into its places" if argument == "q" else ", or leave out the joints that shall follow"
     return InputError(
-        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {_said(m, worst, given, places)}, the "
-        f"closures give {_said(m, worst, found, places)}{f' with {others}' if others else ''}; write "
-        f"{argument}={_written(m, names, found, places)}{follow}"
+        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {write_value(m, worst, given, places)}, the "
+        f"closures give {write_value(m, worst, found, places)}{f' with {others}' if others else ''}; write "
+        f"{argument}={write_start(m, names, found, places)}{follow}"
     )
 
 
 def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     """Return the position of a joint and its distance from its start, in words."""
     own, kind = mechanism.q_slices[joint.name], KINDS[joint.kind]
-    a, b = _place(joint, guess[own]), _place(joint, q[own])
+    a, b = find_place(joint, guess[own]), find_place(joint, q[own])
     d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
     if kind.scalar and not any(kind.translations):
         start, now, off = np.degrees([part[int(np.argmax(np.abs(d)))] for part in (a, b, d)])
         return f"joint '{joint.name}' at {now:.1f} deg, {abs(off):.0f} deg from its start of {start:.1f} deg"
-    unit = _unit(joint, places=True)
-    return f"joint '{joint.name}' at {_shown(b)} {unit}, {_shown(np.abs(d))} from its start of {_shown(a)} {unit}"
+    unit = write_unit(joint, places=True)
+    away = f"{write_numbers(np.abs(d))} from its start of {write_numbers(a)} {unit}"
+    return f"joint '{joint.name}' at {write_numbers(b)} {unit}, {away}"

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
+from flexinv.kernels.smooth_pieces import fit_pieces
 from flexinv.typing import Array, Mask
 
 
@@ -33,10 +34,14 @@ class Branch:
 
     follow : some times (n,) [s], q (nq,) at the first -> q (m, nq) [rad], [m] at the m that are reached
     matrices : q (m, nq) -> G (m, rows, columns) [-]
+    knots : times [s] between which the motion is smooth
+    coordinate : times (n,) [s] -> the prescribed coordinate (n,) [rad], [m] where there is one, on which all others depend
     """
 
     follow: Callable[[Array, Array], Array]
     matrices: Callable[[Array], Array]
+    knots: tuple[float, ...] = ()
+    coordinate: Callable[[Array], Array] | None = None
 
     def through(self, times: Array, start: Array) -> tuple[Array, Array]:
         """Return q (m, nq) [rad], [m] and G (m, rows, columns) [-] at the times [s] that are reached from ``start`` (nq,)."""
@@ -50,17 +55,29 @@ SAME_ESTIMATE = 1e-10  # [s]: two estimates of an instant as close as this are o
 PARTS = 8  # of an interval that is cut
 # A part in which G changes by less than this of itself is short enough to extrapolate: terms of the seventh order are rounding.
 SHORT = 0.02
-NODES, DEGREE = 12, 5  # of a part at which d is computed, and of the polynomial through it
+# Nodes of a part at which d is computed, and the degree of the polynomial through them: over a part in which G changes by SHORT
+# the next term is SHORT^6, 6e-11, and twice as many nodes as coefficients divide the rounding of the places among them.
+NODES, DEGREE = 12, 5
+# Where d begins below this the zero of g(d) is known: d^6 of the next term is rounding, 1e-14, and so is what places have lost,
+# 1e-16 / d, by a factor of 60 where a polynomial of fifth degree over (0.2, 1) is extrapolated to 0.  Both are below
+# EXTRAPOLATED.
+ZOOMED, EXTRAPOLATED = 5e-3, 1e-10
 KEPT = 0.2  # of its first value, above which d is computed well enough to be extrapolated from
 MOST_ZOOMS = 60
 NEAR, SMOOTH = (
     0.02,
     1e-9,
 )  # of the first d: below it nodes are left out, and how far a polynomial through both sides may miss d
-REGULAR = 2e-2  # change of G from where extrapolation begins to the part in question: rounding is small beside it
+# Change of G from where extrapolation begins to the part in question.  d begins at about as much; places are known there to
+# 1e-16 / d, 5e-15, which extrapolation over (KEPT, 1) enlarges by T_5(1.5) = 61, to 3e-13: a thousandth of the time bar of 1e-9 s
+# where d falls by 0.3 1/s or faster.
+REGULAR = 2e-2
 AT_ONCE = 1024  # intervals whose matrices are in memory
 CLOSE = 1e-6  # d below which rounding of the places, 1e-16 / d, spoils what is extrapolated
-# Bend of G between two samples over the square of the joints' way [-]: h^2 G'' / 8, where G'' is G times some rates' squares.
+# Bend of G between two samples over the square of the joints' way [-].  G leaves its chord by h^2 |G''| / 8 at most.  Its columns
+# are arms turned by joints: |G''| is below |G| times the square of the sum of the rates for each of n columns, sqrt(n) in the
+# norm: sqrt(n) / 8 of the way's square, and as much again for accelerations as large as the rates' squares.  Four passive joints
+# have 0.5; in longer loops several joints share the way.
 OFF_LINE = 0.5
 
 
@@ -107,7 +124,7 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
     least, size = values[:, -1] / values[:, 0], values[:-1, 0]
     change = np.linalg.norm(np.diff(matrices, axis=0), ord=2, axis=(1, 2)) / size
     held = least[1:] + least[:-1] > change + _bend(matrices) / size
-    for k in range(PARTS):
+    for k in range(len(times) - 1):
         if k < len(held) and held[k]:
             continue
         if k >= len(places):
@@ -116,6 +133,8 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
         before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > REGULAR else earlier
         if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_ESTIMATE:
             found = _search(branch, *ends, places[k], before)
+        elif branch.coordinate is not None:
+            found = _locate_by_coordinate(branch, branch.coordinate, (before[0], ends[1], end), before[1])
         else:
             found = _locate(branch, before[0], ends[1], before[1])
         if found is not None:
@@ -127,6 +146,46 @@ def _bend(matrices: Array) -> float:
     """The most by which G leaves the straight line between two of the matrices (m, rows, columns), by second differences."""
     second = np.diff(matrices, 2, axis=0)
     return 0.5 * float(np.linalg.norm(second, ord=2, axis=(1, 2)).max(initial=0.0))
+
+
+def _locate_by_coordinate(
+    branch: Branch, coordinate: Callable[[Array], Array], span: tuple[float, float, float], q: Array
+) -> float | None:
+    """The instant at which the one prescribed coordinate g is where d is zero, in a short part or up to the interval's end.
+
+    g is a smooth function of d, at dead points, where d = k (g - g*), as at ends of branches, where d^2 = k (g - g*): what is
+    extrapolated to d = 0 is g, which no knot of the motion and no turn of it disturbs.  When g is there the motion says alone.
+    """
+    start, limit, last = span
+    end, star, slope = limit, None, 0.0
+    first = q
+    for _ in range(MOST_ZOOMS):
+        times = np.linspace(start, end, 2 * NODES)
+        places, matrices = branch.through(times, first)
+        d = _smooth_values(matrices)
+        kept = _leading(d > KEPT * d[0])
+        if kept == len(times) and end == limit and star is None:
+            return None  # d is zero nowhere in it
+        if kept <= DEGREE + 1:
+            end = float(times[max(kept, 1)])
+            if d[0] < CLOSE or end - start < SAME_ESTIMATE:
+                break
+            continue
+        fitted = Polynomial.fit(d[:kept], coordinate(times[:kept]), DEGREE)
+        star, slope = float(fitted(0.0)), float(fitted.deriv()(0.0))
+        if d[0] < ZOOMED or kept == len(times):
+            break
+        start, first, end = float(times[kept - 1]), places[kept - 1], limit
+    if star is None:
+        return None
+    inside = [knot for knot in branch.knots if span[0] < knot < last]
+    ahead = 1.0 if star > float(coordinate(np.array([span[0]]))[0]) else -1.0
+    pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, last])
+    most, when = pieces.largest(0)
+    near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
+    if most < ahead * star - near:
+        return None
+    return when if most <= ahead * star + near else pieces.reach(0, ahead * star)
 
 
 def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | None:

@@ -1,17 +1,22 @@
 """Lengths of springs between samples: a spring of no length pulls in no direction, which no result may pass in silence.
 
-Between two samples the vector d from one end to the other is the quintic that has its values and both rates there; at the least
-of |d|^2 it is held against the cubic through values and first rates, whose difference says how well it is known.
+Where the motion is given the vector d from one end to the other is a function of time (`smooth_pieces`): it is zero only where
+one of its components is, and only touches zero where that turns.  Where the motion was marched, d between two samples is the
+quintic that has its values and both rates there; at the least of |d|^2 it is held against the cubic through values and first
+rates, whose difference says how well it is known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
 from flexinv.errors import InputError
+from flexinv.kernels.smooth_pieces import fit_pieces
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.attachments import Spring
@@ -22,25 +27,55 @@ if TYPE_CHECKING:
     from scipy.interpolate import BPoly
 
 NO_LENGTH = 1e-9  # over the mechanism's length: shorter is a spring of no length
-KNOWN = 0.01  # of the difference between cubic and quintic: what the quintic may be off
+# Of the difference between cubic and quintic: what the quintic may be off.  Halfway between samples the error of the cubic is
+# h^4 d / 384, that of the quintic h^6 d'' / 46080: of a motion that turns by a radian between samples, a 120th.
+QUINTIC_ERROR = 1.0 / 120.0
+GAPS_AT_ONCE = 4096  # instants whose nodes are in memory
 
 
-def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array) -> None:
+@dataclass(frozen=True)
+class MotionBetween:
+    """A motion that can be asked at any instant.
+
+    nodes : times (n,) [s], increasing, from that of the first sample on -> motion of the nodes
+    knots : times [s] between which it is smooth
+    """
+
+    nodes: Callable[[Array], NodalMotion]
+    knots: tuple[float, ...]
+
+
+def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: MotionBetween | None = None) -> None:
     """Raise InputError where a spring that pulls or pushes at no length has none, at a sample or between two.
 
-    time : (samples,) [s] of a motion that is continuous.  The error names spring and instant, to 1e-9 s where the motion is given
-    and to a step where it was marched.
+    time : (samples,) [s] of a motion that is continuous; given : the motion between them, None where it was marched
+    The error names spring and instant, to 1e-9 s where the motion is given and within a step where it was marched.
     """
     for spring in mesh.mechanism.springs:
         if float(spring.pull(np.zeros(1))[0]) == 0.0:
             continue  # its force is smooth there
-        instant = first_without_length(_gap(mesh, motion, spring), time, mesh.length)
+        if given is None or len(time) < 2:
+            instant = first_without_length(_gap(mesh, motion, spring), time, mesh.length)
+        else:
+            instant = _first_zero(mesh, spring, given, time)
         if instant is not None:
             raise InputError(
                 f"mechanism '{mesh.mechanism.name}', t = {instant:.10g} s: spring '{spring.name}' has no length there, so that "
                 f"its pull has no direction (rest = {spring.rest:g} m); keep its ends apart, or write rest_m = 0 for a spring "
                 "that pulls them together from every side"
             )
+
+
+def _first_zero(mesh: Mesh, spring: Spring, given: MotionBetween, time: Array) -> float | None:
+    """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant."""
+
+    def gap(times: Array) -> Array:
+        parts = [times[k : k + GAPS_AT_ONCE] for k in range(0, len(times), GAPS_AT_ONCE)]
+        return np.concatenate([_gap(mesh, given.nodes(part), spring)[0] for part in parts])
+
+    inside = [knot for knot in given.knots if time[0] < knot < time[-1]]
+    pieces = fit_pieces(gap, [time[0], *inside, time[-1]], mesh.length)
+    return pieces.zero(NO_LENGTH * mesh.length)
 
 
 def first_without_length(gap: Triple, time: Array, length: float) -> float | None:
@@ -76,7 +111,7 @@ def _zero_between(ends: Triple, step: float, least: float) -> float | None:
     for place in places[(places >= 0.0) & (places <= 1.0)].tolist():
         size = float(np.sqrt(sum(part(place) ** 2 for part in quintic)))
         doubt = float(np.sqrt(sum((a(place) - b(place)) ** 2 for a, b in zip(quintic, cubic, strict=True))))
-        if size <= least + KNOWN * doubt:
+        if size <= least + QUINTIC_ERROR * doubt:
             return float(place) * step
     return None
 

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
+from flexinv.constraints.open_loops import GIVE_Q, advising
 from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.linearization import Matrices, matrices
@@ -264,7 +265,8 @@ def chosen(
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
     if mechanism.closures:
-        at = closed_near(mesh, at) if q is None else closed_at(mesh, at, drives_move=True)
+        with advising(GIVE_Q):
+            at = closed_near(mesh, at) if q is None else closed_at(mesh, at, drives_move=True)
     if not moving and mechanism.is_rigid:
         raise InputError(
             f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "

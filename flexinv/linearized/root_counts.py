@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexinv.typing import Complex, Sparse
 
 # Parts of the half circle at first, largest turn of the phase from place to place [rad], and how often a part is halved.
-SIDES, LARGEST_PHASE, MOST_PARTINGS = 24, np.pi / 4, 8
+CIRCLE_SIDES, LARGEST_PHASE, MOST_PARTINGS = 24, np.pi / 4, 8
 # Of a turn: the sum of all is a whole number but for rounding.
 WHOLE_TURNS = 0.05
 # Roots nearer to each other than this part of their size are one: of pairs both or one are known.
@@ -38,10 +38,10 @@ def missed_within(radius: float, known: Complex, matrix_at: Callable[[complex], 
         place = radius * np.exp(1j * angle)
         return _phase(matrix_at(complex(place))) - float(np.angle(place - known).sum())
 
-    angles = np.linspace(0.0, np.pi, SIDES + 1)
+    angles = np.linspace(0.0, np.pi, CIRCLE_SIDES + 1)
     phases = [phase(angle) for angle in angles]
     total = 0.0
-    for k in range(SIDES):
+    for k in range(CIRCLE_SIDES):
         turn = _turn(phase, (angles[k], angles[k + 1]), (phases[k], phases[k + 1]), MOST_PARTINGS)
         if turn is None:
             return None

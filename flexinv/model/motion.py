@@ -130,6 +130,11 @@ class Motion(ByValue):
         """Times [s] between which acceleration and jerk are continuous."""
         return tuple(sorted({t for track in self.tracks for t in track.breaks}))
 
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times [s] between which every coordinate is one polynomial of its samples, or one smooth function of its law."""
+        return tuple(sorted({t for track in self.tracks for t in track.knots}))
+
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
         arguments.of_kind("mechanism", mechanism, Mechanism)

@@ -238,6 +238,11 @@ class Track:
             return tuple(self.delay + s * self.move for s in sorted({0.0, 1.0, *find_law(self.law).jumps}))
         return tuple(self.sampling.time) if self.sampling.degree == 3 else (0.0, self.move)
 
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times [s] between which the coordinates are one polynomial, or one smooth function."""
+        return self.breaks if self.sampling is None else tuple(self.sampling.time)
+
 
 def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask) -> Triple:
     """Return q, qd and qdd of one joint at the times ``at`` [s]; values (rows, columns) are that joint's.

@@ -12,6 +12,7 @@ Their linearisation is block tridiagonal in time: instant k feels k - 1 and k + 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -122,10 +123,12 @@ class Placed:
 
     flat : (samples, unknowns) positions and scalar coordinates [m], [rad], zero where a rotation is meant
     turn : (samples, rotations, 3, 3), those of `Layout.triple`
+    last : (unknowns,) u' at the last instant, where something swings on [m, rad, s]; None at rest
     """
 
     flat: Array
     turn: Array
+    last: Array | None = None
 
 
 class FreeLayout:
@@ -187,14 +190,16 @@ class FreeLayout:
         """Return the poses after increments y (samples, unknowns) [m], [rad], rotations in the node's own frame."""
         flat = at.flat + y
         flat[:, self.triple] = 0.0
-        return Placed(flat, at.turn @ exp_so3(y[:, self.triple]))
+        return Placed(flat, at.turn @ exp_so3(y[:, self.triple]), at.last)
 
     def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
-        """Return u, u' (samples, unknowns) [m, rad, s], zero at the ends, and delta+ of rotations (samples - 1, rotations, 3)."""
+        """Return u, u' (samples, unknowns) [m, rad, s], at rest at the ends, and delta+ (samples - 1, rotations, 3)."""
         ahead, delta = np.diff(at.flat, axis=0), log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
         ahead[:, self.triple] = delta
         u, du = np.zeros_like(at.flat), np.zeros_like(at.flat)
         u[1:-1], du[1:-1] = (ahead[1:] + ahead[:-1]) / (2 * h), (ahead[1:] - ahead[:-1]) / h**2
+        if at.last is not None:
+            du[-1] = at.last
         return u, du, delta
 
 
@@ -303,6 +308,10 @@ class Horizon:
 
     def step(self, at: Placed, now: Linearised) -> Array:
         """Return Newton's increments y (samples, unknowns) [m], [rad]."""
+        return np.asarray(self.linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
+
+    def linear_solver(self, at: Placed, now: Linearised) -> Callable[[Array, Array], Array]:
+        """Return the function of residual (samples, rows) and missed (samples, tasks) that gives y (samples, rows) [m], [rad]."""
         below, own, above = self._blocks(at, now)
         efforts = -self.layout.pick @ self.layout.drives.T  # (row, drive)
         rows, drives = efforts.shape
@@ -310,13 +319,17 @@ class Horizon:
         for part, block in zip(system, (below, own, above), strict=True):
             part[:, :rows, :rows] = block
         system[1][:, :rows, rows:], system[1][:, rows:, :rows] = efforts, now.by
-        right = -np.concatenate([now.residual, now.missed], axis=1)
         # unknowns of one size: lengths over that of the mechanism, efforts by the largest work of a motion of that size
         of_motion = np.sqrt(self.layout.pick**2 @ self.layout.solver.topology.scale**2)
         largest = np.abs(of_motion[:, None] * own * of_motion).max()
         scale = np.concatenate([of_motion, largest / (self.layout.drives @ self.layout.solver.topology.scale)])
-        solved = solve_tridiagonal(system[0] * scale, system[1] * scale, system[2] * scale, right) * scale
-        return np.asarray(solved[:, :rows] @ self.layout.pick)
+
+        def solve(residual: Array, missed: Array) -> Array:
+            right = -np.concatenate([residual, missed], axis=1)
+            solved = solve_tridiagonal(system[0] * scale, system[1] * scale, system[2] * scale, right) * scale
+            return np.asarray(solved[:, :rows])
+
+        return solve
 
     def _blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
         """Derivatives of each instant's equations of motion by the poses before, at and after it."""

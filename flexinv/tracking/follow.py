@@ -11,12 +11,12 @@ boundary-value problem of multibody systems Seifried, *Dynamics of Underactuated
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.accuracy.accurate import FEWEST_IN_STRETCH, accurate, check_accuracy
@@ -27,7 +27,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve, with_error
 from flexinv.analysis.task import Settings
 from flexinv.dynamics.system import Trajectory
-from flexinv.errors import ConvergenceError, InputError
+from flexinv.errors import ConvergenceError, InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
@@ -36,14 +36,13 @@ from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import FreeLayout, Horizon, Placed, TurnedTooMuch
 from flexinv.tracking.frame_path import Path
+from flexinv.tracking.internal_motion import SWINGING, find_swings, internal_rates, name_zeros, take_step
 from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, drive_columns, frame_of
 from flexinv.typing import Array
 from flexinv.validation import choice, flag, of_kind, seconds
 
 # Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
 LEFT, RESTLESS = 1e-6, 1e-2
-# A rate whose real part is a smaller part of it swings: it has no end to wait for.
-SWINGING = 1e-3
 # More instants than this are a mistake in `step` or in the window far more often than a wish: a gigabyte of equations.
 MOST_INSTANTS = 20_000
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this: the next would be its square.
@@ -52,8 +51,6 @@ INCREMENT, MOST_ITERATIONS = 1e-8, 20
 LOST = 30.0
 # Continuation begins this many times as stiff, and gives up where the factor has to fall by less than SMALLEST_FACTOR in one go.
 STIFF, SMALLEST_FACTOR = 1000.0, 1.02
-# An eigenvalue this many times the largest that the mesh resolves in a path belongs to a freedom without inertia.
-ENDLESS = 1e10
 RIGID_BODY, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
 
 
@@ -185,10 +182,7 @@ def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
     applied = applied_forces(mesh, trajectory.motion, time)
-    # the speed just inside the window's start and end over the largest in it: zero where it is long enough
-    speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
-    first, last = speed[[1, -2]] / (float(speed.max()) or 1.0)
-    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), (float(first), float(last))
+    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), ends_of(trajectory)
 
 
 def _beside_rigid(way: RigidWay, reach: Reach, time: Array) -> Following:
@@ -231,18 +225,22 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
         if rest <= RESTLESS:
             continue
         fades = _fading(rates := internal_rates(horizon, sample))
-        swings = rates.imag[(rates.real <= SWINGING * np.abs(rates)) & (rates.imag > 0)]
+        swings = bool(((rates.real <= SWINGING * np.abs(rates)) & (rates.imag > 0)).any())
+        if given >= fades and swings and name == "after":
+            warnings.warn(
+                f"mechanism '{horizon.way.mesh.mechanism.name}': when the path has ended something swings on inside at "
+                f"{rest:.1%} of the largest speed, and its drives with it ({name_zeros(rates)}): the frame stays on its path; "
+                "give the path more time, the swinging joint or beam damping, or follow a point further out on the tool",
+                ModelWarning,
+                stacklevel=3,
+            )
+            continue
+        advice = "give the path more time, or law = 'nonic'"
         if given < fades:
             advice = f"write {name} = {fades:.3g}, in which what moves inside fades"
-        elif len(swings):
-            slowest = f"slowest at {swings.min() / (2 * np.pi):.3g} Hz"
-            advice = f"inside something swings without end ({slowest}): give the path more time, law = 'nonic', or the joint "
-            advice += "without a drive damping"
-        else:
-            advice = "give the path more time, or law = 'nonic'"
         raise InputError(
             f"{name} = {given:.3g} s: at that end of the window the mechanism should rest and moves at {rest:.1%} of its largest "
-            f"speed; {advice}"
+            f"speed ({name_zeros(rates)}); {advice}"
         )
 
 
@@ -257,33 +255,54 @@ def _settings(step: float) -> Settings:
 def stable_inversion(horizon: Horizon) -> Trajectory:
     """Return the bounded motion [m, rad, s, N] of a frame on its path, from the rigid mechanism's as the first guess.
 
-    r(y_k, u_k, u'_k) - S tau_k = 0,  c(y_k) = 0  at all instants k, at rest at the first and the last.
+    r(y_k, u_k, u'_k) - S tau_k = 0,  c(y_k) = 0  at all instants k, at rest at the first and the last.  Where something swings
+    inside that is not at rest at the last by itself, it begins at rest and swings on.
     Raises ConvergenceError where Newton finds no motion, from stiffer beams neither.
     """
-    stiffness, factor = 1.0, STIFF ** (1 / 4)
-    if (found := _newton(horizon, horizon.rigid, stiffness)) is None:
-        found, stiffness = _newton(horizon, horizon.rigid, STIFF), STIFF
-    while found is not None and stiffness > 1.0:
-        target = max(1.0, stiffness / factor)
-        if (softer := _newton(horizon, found[0], target)) is not None:
-            found, stiffness = softer, target
-        elif (factor := np.sqrt(factor)) < SMALLEST_FACTOR:
-            break
-    if found is not None and stiffness == 1.0:
-        return found[1]
+    resting, stiffness = _continued(horizon, swing=False)
+    if resting is not None and (max(ends_of(resting)) <= RESTLESS or not find_swings(horizon, 1.0).count):
+        return resting
+    swinging, softest = _continued(horizon, swing=True)
+    if swinging is not None:
+        return swinging
+    if resting is not None:
+        return resting  # what moves at its ends is judged where both of them are known
+    stiffness = min(stiffness, softest)
     raise ConvergenceError(
         f"mechanism '{horizon.way.mesh.mechanism.name}': no bounded motion found whose frame on '{horizon.way.frame.name}' "
-        f"follows the path, only with beams {stiffness:.3g} times as stiff; give the path more time, a smaller step, or check "
-        "the stiffness"
+        f"follows the path, only with beams {stiffness:.3g} times as stiff ({name_zeros(internal_rates(horizon, 0))}); give the "
+        "path more time, a smaller step, or check the stiffness"
     )
 
 
-def _newton(horizon: Horizon, at: Placed, stiffness: float) -> tuple[Placed, Trajectory] | None:
+def _continued(horizon: Horizon, swing: bool) -> tuple[Trajectory | None, float]:
+    """The motion, from stiffer beams where Newton does not find it at once, and how stiff they are in the last that is found.
+
+    swing : whether what swings inside may swing on at the end of the window
+    """
+    stiffness, factor = 1.0, STIFF ** (1 / 4)
+    if (found := _newton(horizon, horizon.rigid, stiffness, swing)) is None:
+        found, stiffness = _newton(horizon, horizon.rigid, STIFF, swing), STIFF
+    while found is not None and stiffness > 1.0:
+        target = max(1.0, stiffness / factor)
+        if (softer := _newton(horizon, found[0], target, swing)) is not None:
+            found, stiffness = softer, target
+        elif (factor := np.sqrt(factor)) < SMALLEST_FACTOR:
+            break
+    return (found[1], 1.0) if found is not None and stiffness == 1.0 else (None, stiffness)
+
+
+def _newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> tuple[Placed, Trajectory] | None:
     """Newton's method on all instants; None where it does not converge."""
+    swings = find_swings(horizon, stiffness) if swing else None
     for iteration in range(1, MOST_ITERATIONS + 1):
         try:
-            y = horizon.step(at, horizon.evaluate(at, stiffness))
-        except (TurnedTooMuch, scipy.linalg.LinAlgError):
+            now = horizon.evaluate(at, stiffness)
+            if swings is not None and swings.count:
+                at, y = take_step(horizon, at, now, swings)
+            else:
+                y = horizon.step(at, now)
+        except (TurnedTooMuch, np.linalg.LinAlgError):
             return None
         size = float(np.abs(y / horizon.layout.solver.topology.scale).max(initial=0.0))
         if not size < LOST:
@@ -296,20 +315,8 @@ def _newton(horizon: Horizon, at: Placed, stiffness: float) -> tuple[Placed, Tra
     return None
 
 
-def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
-    """Return the rates s [1/s] (Re >= 0, slowest first) of what moves inside while the frame rests, at one end of the window.
-
-    With z = N w, c N = 0 (the frame rests) and W^T S = 0 (no effort): (W^T (K + s^2 M) N) w = 0; damping is left out.
-    exp(s t) before the path and exp(-s t) after it; an imaginary s swings and never ends.
-    """
-    own, pick = horizon.at(sample), horizon.layout.pick
-    one = own.evaluate(own.rigid)
-    sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
-    by, efforts = one.by[0] * sizes, sizes[:, None] * (pick @ horizon.layout.drives.T)
-    allowed = [scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T)]
-    n, w = (sizes[:, None] * part for part in allowed)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        squared = scipy.linalg.eigvals(-w.T @ one.tangent[0, 0] @ n, w.T @ one.tangent[2, 0] @ n)
-    squared = squared[np.isfinite(squared)]
-    rates = np.sqrt(squared[np.abs(squared) < ENDLESS * np.abs(squared).min(initial=np.inf)].astype(complex))
-    return np.asarray(rates[np.argsort(rates.real)])
+def ends_of(trajectory: Trajectory) -> tuple[float, float]:
+    """Return the speed just inside the start and the end of a window over the largest in it [-]: zero where it is long enough."""
+    speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
+    first, last = speed[[1, -2]] / (float(speed.max()) or 1.0)
+    return float(first), float(last)

@@ -12,7 +12,7 @@ Source: Nakamura, Hanafusa, *Inverse kinematic solutions with singularity robust
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,12 +20,14 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.errors import InputError
+from flexinv.kernels.smooth_pieces import fit_pieces
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import start_coordinates
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.tracking.frame_path import Path, Poses
 from flexinv.typing import Array
 from flexinv.validation import refuse
@@ -37,6 +39,10 @@ ITERATIONS = 100
 REACHED = 1e-10
 # Directions in which joints move the frame this much less than in the best one: none below NEGLIGIBLE, trouble below SINGULAR.
 NEGLIGIBLE, SINGULAR = 1e-9, 1e-3
+# How far beyond a limit a joint may be found [rad], [m]: what Newton leaves of the path, with a margin of ten.
+AT_LIMIT = 1e-9
+# Of the path's time: intervals are halved down to this.
+SHORTEST_PART = 1e-10
 DAMPING = 1e-2  # of the largest singular value, while the distance is large
 
 
@@ -129,10 +135,75 @@ class RigidWay:
         Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
         """
         path, spline = self.path, self._knots
+        self._looked_between()
         inside = np.clip(time, 0.0, path.duration)
         moving = ((time > 0.0) & (time < path.duration))[:, None]
         guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
         return self._finish(guess, path.evaluate(time), time)
+
+    @kept_with_owner()
+    def _looked_between(self) -> bool:
+        """Look at the whole path, whatever instants are asked for: limits of the drives, and singular positions."""
+        self._check_limits()
+        self._check_singular()
+        return True
+
+    def _angles_at(self, time: Array) -> Array:
+        """Angles (samples, nv) at times of the path, by Newton from the spline."""
+        return self._settled(self._knots(time), self.path.evaluate(time), time)
+
+    def _check_limits(self) -> None:
+        """Raise InputError with joint and instant where a drive passes a limit, at any time of the path."""
+        lower, upper = self._bounds
+        own = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+        if not len(own):
+            return
+        pieces = fit_pieces(lambda times: self._angles_at(times)[:, self._drives[own]], [0.0, self.path.duration], 1.0)
+        opposite = replace(pieces, coefficients=-pieces.coefficients)
+        for column, drive in enumerate(own.tolist()):
+            for side, level, part in (("upper", upper[drive], pieces), ("lower", -lower[drive], opposite)):
+                if not np.isfinite(level) or part.largest(column)[0] <= level + AT_LIMIT:
+                    continue
+                m, instant = self.mesh.mechanism, part.reach(column, level + AT_LIMIT)
+                raise InputError(
+                    f"mechanism '{m.name}': at t = {instant:.10g} s of the path joint {m.velocity_names[self._drives[drive]]!r} "
+                    f"passes its {side} limit of {level if side == 'upper' else -level:g}; move the path, or give another "
+                    "start = {...} of the joints"
+                )
+
+    def _check_singular(self) -> None:
+        """Raise InputError with the instant where the path leads through a singular position.
+
+        Singular values change by no more than their matrix (Weyl): an interval whose ends have s_k + s_(k+1) more than the change
+        between them holds none; others are halved.  The bend of J over a part is an eighth of its second difference.
+        """
+        begin, end = np.linspace(0.0, self.path.duration, KNOTS)[:-1], np.linspace(0.0, self.path.duration, KNOTS)[1:]
+        shortest = SHORTEST_PART * self.path.duration
+        while len(begin):
+            times = np.stack([begin, 0.5 * (begin + end), end])
+            jacobians = self._jacobian(self._angles_at(times.reshape(-1)))
+            values: Array = np.asarray(np.linalg.svd(jacobians, compute_uv=False), dtype=np.float64)
+            rank = int((values > NEGLIGIBLE * values.max()).sum(axis=1).max())
+            if rank == 0:
+                return  # no drive moves the frame, which is said where it is followed
+            self._check_ratio(values, rank, times.reshape(-1))
+            j = jacobians.reshape(3, len(begin), *jacobians.shape[1:])
+            size, least = values[:, 0].reshape(3, -1), values[:, rank - 1].reshape(3, -1)
+            change = np.linalg.norm(np.diff(j, axis=0), ord=2, axis=(2, 3)).sum(axis=0)
+            bend = np.linalg.norm(j[0] - 2.0 * j[1] + j[2], ord=2, axis=(1, 2)) / 2.0
+            left = least[0] + least[2] - 2.0 * SINGULAR * size.max(axis=0) <= change + bend
+            left &= end - begin > shortest
+            middle = times[1, left]
+            begin, end = np.concatenate([begin[left], middle]), np.concatenate([middle, end[left]])
+
+    def _check_ratio(self, values: Array, rank: int, time: Array) -> None:
+        """Raise InputError where joints move the frame hardly in a direction; values : (samples, directions) of the Jacobian."""
+        if (ratio := values[:, rank - 1] / values[:, 0]).min() < SINGULAR:
+            raise InputError(
+                f"mechanism '{self.mesh.mechanism.name}': at t = {time[ratio.argmin()]:.10g} s the path leads the "
+                f"frame on '{self.frame.name}' through a singular position (joints move it {ratio.min():.1e} times as far in one "
+                "direction as in another); move the path, or give another start = {...} of the joints"
+            )
 
     @cached_property
     def _drives(self) -> NDArray[np.int64]:
@@ -241,16 +312,26 @@ class RigidWay:
             "(a stretched arm does not find by itself to which side to bend)"
         )
 
-    def _finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
-        """Newton at all samples at once from the spline, and the rates that belong to it."""
-        angles, drives = guess[0], self._drives
+    def _settled(self, angles: Array, wanted: Poses, time: Array) -> Array:
+        """Angles (samples, nv) on the path, by Newton at all samples at once."""
+        drives = self._drives
         for _ in range(ITERATIONS):
             if np.abs(missing := self._off(angles, wanted)).max() < REACHED * self.mesh.length:
-                break
+                return angles
             angles[:, drives] += _turned(np.linalg.pinv(self._jacobian(angles), rcond=NEGLIGIBLE), missing)
-        else:
-            worst = int(np.abs(missing).max(axis=1).argmax())
-            self._unreached(angles[worst], float(np.abs(missing[worst]).max()), float(time[worst]))
+        worst = float(time[int(np.abs(missing).max(axis=1).argmax())])
+        knots = np.linspace(0.0, self.path.duration, KNOTS)
+        after = int(np.clip(np.searchsorted(knots, worst), 1, KNOTS - 1))
+        raise InputError(
+            f"mechanism '{self.mesh.mechanism.name}': at t = {worst:.4g} s of the path the frame on '{self.frame.name}' does not "
+            f"follow it, although it does at {knots[after - 1]:.4g} and {knots[after]:.4g} s: between them the joints turn over, "
+            "through a singular position or near one, or the path leaves their reach; move the path, or give another start = "
+            "{...} of the joints"
+        )
+
+    def _finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
+        """Newton at all samples at once from the spline, and the rates that belong to it."""
+        angles, drives = self._settled(guess[0], wanted, time), self._drives
         jacobian = self._jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
@@ -259,12 +340,7 @@ class RigidWay:
                 f"mechanism '{self.mesh.mechanism.name}': no drive moves the frame on '{self.frame.name}'; "
                 "follow a frame on a link behind a drive"
             )
-        if (ratio := s[:, rank - 1] / s[:, 0]).min() < SINGULAR:
-            raise InputError(
-                f"mechanism '{self.mesh.mechanism.name}': at t = {time[ratio.argmin()]:.4g} s the path leads the "
-                f"frame on '{self.frame.name}' through a singular position (joints move it {ratio.min():.1e} times as far in one "
-                "direction as in another); move the path, or give another start = {...} of the joints"
-            )
+        self._check_ratio(s, rank, time)
         inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NEGLIGIBLE), dtype=np.float64)
         idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)
         qd, qdd = np.zeros_like(angles), np.zeros_like(angles)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import shutil
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from loop_examples import at, rod
 import flexinv
 from flexinv.analysis.overview import mobility_line
 from flexinv.cli.commands import main
+from flexinv.errors import OpenLoops
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint
 
@@ -101,7 +104,65 @@ def test_a_loop_that_stays_open_is_named(model: Path, capsys: pytest.CaptureFixt
         said = capsys.readouterr().err
         assert said.count("\n") == 1
         assert "t = 0 s: the loops do not close from this start (closure 'C' is open by" in said
-        assert "start = {...}" in said
+        # links of 0.2, 0.5 and 0.4 m in a row reach 1.1 m of the 1.5
+        assert "no guess of 21 closes them, with all joints free: at best closure 'C' is open by 0.4 m" in said
+        assert "change lengths or placements of links by that much" in said
+
+
+def test_a_start_that_another_guess_would_close_is_told_one(model: Path) -> None:
+    """All links in a row: from there Newton knows no side to bend to; the guess that is said closes the loops."""
+    mechanism, motion = flexinv.load_mechanism(model), flexinv.Motion.point_to_point({"A": 0.0}, {"A": 0.5}, 1.0)
+    with pytest.raises(OpenLoops, match="give a guess of these joints from which they close: start = ") as caught:
+        flexinv.solve(mechanism, motion, step=0.5)
+    flexinv.solve(mechanism, motion, step=0.5, start=ast.literal_eval(caught.value.example))
+
+
+def test_a_motion_that_begins_where_loops_cannot_close_is_told_where_they_do(model: Path) -> None:
+    """A crank of 0.4 m does not come round: at half a turn coupler and rocker are too short, at other places not."""
+    edit(model, "mechanism.toml", ("length_m = 0.2,", "length_m = 0.6,"), ("[0.2, 0, 0]", "[0.6, 0, 0]"))
+    mechanism = flexinv.load_mechanism(model)
+    motion = flexinv.Motion.point_to_point({"A": np.pi}, {"A": 3.0}, 1.0)
+    with pytest.raises(
+        OpenLoops, match="where the motion puts A none of 21 guesses closes them; they close for"
+    ) as caught:
+        flexinv.solve(mechanism, motion, step=0.5, start={"B": 0.8, "D": 1.8})
+    place = re.search(r"\{'A': (\S+)\}", str(caught.value))
+    assert place is not None
+    there = float(place[1])
+    crank = 0.6 * np.exp(1j * there)
+    assert abs(crank - 0.45) < 0.5 + 0.4
+
+
+@pytest.mark.parametrize("more", [[], ["--rate", "A=3"]])
+def test_modes_of_a_loop_that_is_open_at_zero_name_the_cases(
+    root: Path, capsys: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["modes", str(root / "models" / "four_bar_flexible"), *more])
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "write --case with one of turn, fast (they close near {'A'" in said
+    assert "start =" not in said
+
+
+def test_the_package_names_its_own_argument(root: Path) -> None:
+    mechanism = flexinv.load_mechanism(root / "models" / "four_bar_flexible")
+    for call in (flexinv.natural_modes, flexinv.statics):
+        with pytest.raises(OpenLoops, match="give q, a configuration near one in which they close"):
+            call(mechanism)
+
+
+def test_a_loop_that_closes_only_by_bending_says_so(root: Path, tmp_path: Path) -> None:
+    """The coupler is 0.4 m too short: no guess helps where links begin unbent."""
+    model = Path(shutil.copytree(root / "models" / "four_bar_flexible", tmp_path / "four_bar"))
+    edit(model, "mechanism.toml", ("xyz_m = [0.45, 0, 0]", "xyz_m = [1.5, 0, 0]"))
+    mechanism = flexinv.load_mechanism(model)
+    motion = flexinv.Motion.point_to_point({"A": 0.0}, {"A": 0.5}, 1.0)
+    for call in (lambda: flexinv.solve(mechanism, motion, step=0.1), lambda: flexinv.natural_modes(mechanism)):
+        with pytest.raises(
+            OpenLoops, match="unless links bend; a march begins with links unbent: at best closure 'C' is"
+        ):
+            call()
 
 
 def test_a_start_of_two_branches_is_named(model: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,9 +14,9 @@ import flexinv
 from flexinv import Mechanism, Path, follow
 from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kinematics.mesh import build
-from flexinv.model.mechanism import Link
+from flexinv.model.mechanism import Body, Inertia, Link
 from flexinv.tracking.collocation import FreeLayout, Horizon
-from flexinv.tracking.follow import internal_rates
+from flexinv.tracking.internal_motion import internal_rates
 from flexinv.tracking.inverse_kinematics import RigidWay, frame_of
 
 STROKE = 0.01  # [rad] of the hub arm: small, so that the linear theory holds to its square
@@ -245,3 +245,31 @@ def _zero(low: float, high: float) -> float:
         return float(((np.sin(z) + np.sinh(z)) / z).real)
 
     return float(brentq(tip, low, high))
+
+
+# ---------------------------------------------------------------------------------------- zeros that swing
+
+
+def with_tool(m: Mechanism, ahead: float) -> Mechanism:
+    """Put a tool of 0.3 kg on the tip of the second link, its centre of mass so far ahead [m]."""
+    tool = Body("tool", Inertia(0.3, np.array([ahead, 0.0, 0.0]), np.diag([1e-5, 1e-4, 1e-4])), 1.0)
+    return replace(m, links=tuple(replace(one, bodies=(tool,)) if one.name == "link2" else one for one in m.links))
+
+
+def test_a_tool_ahead_of_the_tip_swings_on_and_the_tip_stays_on_its_path(root: Folder) -> None:
+    """Its zeros are +-15.8i 1/s: bounded from rest on, no rest at the end, and the torques give that motion by another scheme."""
+    m, _, start = two_links(root)
+    arm, slow = with_tool(m, 0.05), Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 1.2)
+    with pytest.warns(flexinv.ModelWarning, match=r"something swings on inside .*zeros: \+-15.79i 1/s, 2.51 Hz"):
+        f = follow(arm, slow, "link2", 6e-3, start=start)
+    assert f.distance(f.solution).max() < 1e-12 * slow.length  # rounding, and Newton's last increment squared
+    assert f.unrest[0] < 1e-6  # it begins at rest
+    assert f.unrest[1] > 1e-2
+    assert f.distance(f.replay("stable inversion")).max() < 1e-3 * slow.length  # of the steps: 2e-4 of the length
+
+
+def test_a_motion_that_is_not_found_names_the_zeros(root: Folder) -> None:
+    m, _, start = two_links(root)
+    fast = Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.3)
+    with pytest.raises(flexinv.ConvergenceError, match=r"\(zeros: \+-15.79i 1/s, 2.51 Hz; \+-542"):
+        follow(with_tool(m, 0.05), fast, "link2", 3e-3, start=start)

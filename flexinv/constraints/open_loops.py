@@ -1,0 +1,116 @@
+"""Loops that do not close from where they are told to: the nearest that they come to it, and what the error says to do.
+
+Newton fails for one of three reasons, which need three answers: another guess of the passive joints closes the loops; they close
+only where the motion puts its joints elsewhere; or they close nowhere, since links are too short, or would have to bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexinv.constraints.closures import measures
+from flexinv.constraints.joint_words import write_start
+from flexinv.errors import OpenLoops
+from flexinv.kinematics.nodal_motion import moved
+from flexinv.typing import Array
+
+if TYPE_CHECKING:
+    from flexinv.constraints.continuation import Follower
+
+# Guesses from which loops are closed where nothing is said of their joints.
+TRIES = 20
+# Damped least squares end after so many steps, or with a step that small [rad], [-]: the result is only where Newton begins.
+MOST_STEPS, SMALL_STEP, LONGEST_STEP = 60, 1e-6, 0.5
+# Of the largest diagonal entry: links in a row leave a direction without stiffness, which must not divide by zero.
+LEAST_DAMPING = 1e-12
+GIVE_Q = "give q, a configuration near one in which they close"
+
+
+@contextmanager
+def advising(advice: str | Callable[[], str]) -> Iterator[None]:
+    """Say another advice where loops do not close, for verbs and commands whose configuration is not called ``start``.
+
+    advice : or a function that returns it, where it costs something
+    """
+    try:
+        yield
+    except OpenLoops as error:
+        raise error.advising(advice if isinstance(advice, str) else advice()) from None
+
+
+def find_nearest_closed(follower: Follower, q: Array) -> Array:
+    """Return q (nq,) [rad], [m] with loops as close to closed as the unknown coordinates bring them, by damped least squares."""
+    m, sizes, damping = follower.mesh.mechanism, measures(follower.mesh), 1e-3
+    free, (phi, g) = follower.unknown, follower.closures(q)
+    for _ in range(MOST_STEPS if free.any() else 0):
+        a, step = g[:, free], np.zeros(m.nv)
+        normal = a.T @ a
+        normal[np.diag_indices_from(normal)] += damping * max(normal.diagonal().max(), np.finfo(float).tiny)
+        step[free] = -np.linalg.solve(normal, a.T @ phi)
+        step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), SMALL_STEP))
+        tried = moved(m, q, sizes * step)
+        found, gradient = follower.closures(tried)
+        if not found @ found < phi @ phi:
+            damping *= 8.0
+            continue
+        q, phi, g, damping = tried, found, gradient, max(damping / 8.0, LEAST_DAMPING)
+        if np.abs(step).max() < SMALL_STEP:
+            break
+    return q
+
+
+def explain_open(follower: Follower, time: float, guess: Array) -> OpenLoops:
+    """Return the error for loops that do not close from a guess (nq,) [rad], [m]: which stays open, why, and what to write."""
+    m, unknown = follower.mesh.mechanism, follower.unknown
+    said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({_gap(follower, guess)})"
+    own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
+    closed, nearest = _search(follower, guess)
+    if closed is not None:
+        example = write_start(m, own, closed, True)
+        return OpenLoops(said, f"give a guess of these joints from which they close: start = {example}", example)
+    every = follower.with_unknown(np.ones_like(unknown))
+    if not unknown.all():
+        closed, nearest = _search(every, guess)
+    if closed is not None:
+        held = [joint.name for joint in m.joints if joint.nv and joint.name not in own]
+        fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
+        return OpenLoops(
+            said,
+            f"where the motion puts {', '.join(held)} none of {TRIES + 1} guesses closes them; they close for example with "
+            f"{write_start(m, held, closed, True)}: begin the motion where they do{fewer}",
+        )
+    bend = " unless links bend; a march begins with links unbent" if m.beams else ""
+    return OpenLoops(
+        said,
+        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {_gap(every, nearest)}; change lengths or "
+        "placements of links by that much, or tie the two ends by a spring instead of a closure",
+    )
+
+
+def _search(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
+    """A closed configuration (nq,) from the guess or random ones, None where none is found; and the nearest to closed."""
+    m, random, nearest, least = follower.mesh.mechanism, np.random.default_rng(1), guess, np.inf
+    sizes = np.where(follower.unknown, measures(follower.mesh), 0.0)
+    for k in range(TRIES + 1):
+        begin = guess if k == 0 else moved(m, guess, sizes * random.uniform(-np.pi, np.pi, m.nv))
+        near = find_nearest_closed(follower, begin)
+        if (found := follower.solve(near)) is not None:
+            return found, found
+        if (left := float(np.linalg.norm(follower.closures(near)[0]))) < least:
+            nearest, least = near, left
+    return None, nearest
+
+
+def _gap(follower: Follower, q: Array) -> str:
+    """The closure that is open most, and its gap."""
+    phi, rows = np.abs(follower.closures(q)[0]), follower.rows
+    worst = int(np.argmax(phi))
+    name = follower.mesh.mechanism.closures[int(rows.closure[worst])].name
+    is_coupling = bool(rows.gear[worst].any())
+    size = 1.0 if rows.direction[worst] else float(rows.scale[worst])
+    unit = "" if is_coupling else " rad" if rows.direction[worst] else " m"
+    return f"closure '{name}' is open by {phi[worst] * size:.3g}{unit}"
