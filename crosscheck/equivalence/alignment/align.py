@@ -4,7 +4,7 @@ The frame of a link is a convention, and so is where the machine stands.  Of all
 differences is the shortest and smallest (`lengths`), over poses that the members themselves suggest (`poses`); that nothing
 differs is tried first.  With  T  the pose of B's frame in A's,  X  that of a joint on its carrier, c what a member carries:
 
-    S(T)  =  body(T) + sum over c of min over T_c ( joint(T, T_c) + S(T_c) ),      X' = T X_B T_c^-1  against  X_A
+    S(T)  =  frame(T) + body(T) + sum over c of min over T_c ( joint(T, T_c) + S(T_c) ),      X' = T X_B T_c^-1  against  X_A
 
 which is found from the tips to the base.  The world of B stands in that of A by a pose as well: the motion of the base.
 """
@@ -46,7 +46,7 @@ def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float
     search = Search(lengths, Poses(lengths))
     best = search.under(Placement())
     search.doubted = search.left(best)
-    if not search.doubted and lengths.of_base(Placement()) <= lengths.nothing:
+    if not search.doubted and not lengths.of_base(Placement()):
         return best
     for least, motion in ((0.0, Placement()), *search.bases()):
         if least >= best.length:
@@ -94,7 +94,7 @@ class Search:
         self, a: int, k: int, pose: Placement, sums: dict[int, list[float]], chosen: dict[tuple[int, int], int]
     ) -> float:
         """The length of all that a member carries in one of its poses; which pose of each child that takes is kept."""
-        total = self.lengths.of_body(a, pose) if a >= 0 else 0.0
+        total = self.lengths.of_frame(pose) + self.lengths.of_body(a, pose) if a >= 0 else 0.0
         for c in self.lengths.first.children(a):
             if c not in self.lengths.partner:
                 continue
@@ -109,12 +109,12 @@ class Search:
         known: set[bytes] = set()
         for before in carriers:
             still = self.poses.still(a, before)
-            alone = a not in self.doubted and self._seen(a, before, still) <= self.lengths.nothing
+            alone = a not in self.doubted and not self._seen(a, before, still)
             tried = [still] if alone else [still, *self.poses.others(a, still)]
             for pose in tried:
                 if (key := _key(pose)) not in known:
                     known.add(key)
-                    found.append((self._seen(a, before, pose), pose))
+                    found.append((self._seen(a, before, pose) + self.lengths.of_frame(pose), pose))
         found.sort(key=lambda one: one[0])
         return [pose for _, pose in found[:MOST]]
 
@@ -129,7 +129,7 @@ class Search:
         for a, frame in frames.items():
             carrier = lengths.first.members[a].parent if a >= 0 else -1
             off = (
-                a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > lengths.nothing
+                a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > 0.0
             )
             while off and a >= 0:
                 found.add(a)
