@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import ROUGH, SAME, SEEN, Aligned, joined
+from crosscheck.equivalence.alignment.seats import SAME, SEEN, Aligned, agree, joined, same_limits
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
 from crosscheck.lifting.rigid import angle, cross, moved, on, size_of
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -81,8 +81,8 @@ class Lengths:
         total = 0.0
         ours = one.limits.lower, one.limits.upper
         moved_on = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
-        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not _agree(a, b)]
-        stayed = (seat.sign < 0.0 or seat.offset) and _agree(ours[0], two.limits.lower) and _agree(ours[1], two.limits.upper)
+        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not agree(a, b)]
+        stayed = (seat.sign < 0.0 or seat.offset) and same_limits(one, two)
         if ends:
             total += HALF if stayed else sum(HALF * length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
         if one.stiffness and two.stiffness:
@@ -151,8 +151,3 @@ class Lengths:
         if felt:
             return length(size) + (felt if changed else 0.0)
         return HALF * length(size)
-
-
-def _agree(one: float, two: float) -> bool:
-    """Compare two limits to the digits that are printed of them [rad], [m]."""
-    return one == two or abs(one - two) <= ROUGH * max(abs(one), 1.0)

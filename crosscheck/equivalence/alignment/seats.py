@@ -85,8 +85,11 @@ def _stated(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
 
 
 def _by_turns(one: Member, two: Member, sign: float, offset: float) -> float:
-    """The offset [rad] with as many whole turns as limits, or rests of springs, say: no frame shows them."""
-    if one.kind != "revolute":
+    """The offset [rad] with as many whole turns as limits, or rests of springs, say: no frame shows them.
+
+    A coordinate that only counts the other way, and whose limits are the same numbers in both files, has no other zero.
+    """
+    if one.kind != "revolute" or (abs(offset) <= ROUGH and same_limits(one, two)):
         return offset
     told = [ours - theirs for ours, theirs in _stated(one, two, sign)]
     turns = {round((way - offset) / (2 * np.pi)) for way in told}
@@ -95,3 +98,13 @@ def _by_turns(one: Member, two: Member, sign: float, offset: float) -> float:
         abs((way - offset) / (2 * np.pi) - round((way - offset) / (2 * np.pi))) <= ROUGH for way in told
     )
     return offset + 2 * np.pi * turns.pop() if whole else offset
+
+
+def agree(one: float, two: float) -> bool:
+    """Compare two limits to the digits that are printed of them [rad], [m]."""
+    return one == two or abs(one - two) <= ROUGH * max(abs(one), 1.0)
+
+
+def same_limits(one: Member, two: Member) -> bool:
+    """Return True where both files state the same numbers [rad], [m], however the coordinates count."""
+    return agree(one.limits.lower, two.limits.lower) and agree(one.limits.upper, two.limits.upper)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED
+from crosscheck.equivalence.tree import sum_of
+from crosscheck.lifting.rigid import moved
+from flexinv.model.mechanism import Inertia, Placement
 
 # A finger at the end of two links; its tensor is round about its joint's axis, and nothing hangs on it.
 LINK = """<link name="{0}"><inertial><origin xyz="0.02 0.03 0.1"/><mass value="{1}"/>
-  <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0.002" izz="0.01"/></inertial></link>"""
+  <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0.002" izz="0.025"/></inertial></link>"""
 JOINT = """<joint name="to_{0}" type="revolute"><origin xyz="{2}" rpy="{3}"/><parent link="{1}"/><child link="{0}"/>
   <axis xyz="{4}"/><limit lower="{5!r}" upper="{6!r}" effort="9" velocity="2"/></joint>"""
 FINGER = """<link name="finger"><inertial><origin xyz="{0}"/><mass value="0.2"/>
@@ -91,3 +95,56 @@ def test_a_turn_about_another_axis_is_one_difference(tmp_path: Path) -> None:
     """Degrees for radians turn a joint anyhow: no part of that is a zero."""
     found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", elbow=("0.3 0.5 0.4", 0.0)))
     assert [(d.cause, d.place) for d in found.differences] == [("orientation of joint", "joint to_lower")]
+
+
+CAP = Inertia(0.5, np.array([0.0, 0.02, 0.05]), np.diag([4e-4, 3e-4, 2e-4]))
+PLACE = "0.05 0 0.2"
+
+
+def text_of(link: str, body: Inertia) -> str:
+    """A link of a URDF."""
+    com = " ".join(map(repr, body.com.tolist()))
+    rows = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.tensor[np.triu_indices(3)].tolist(), strict=True)
+    tensor = " ".join(f'{name}="{value!r}"' for name, value in rows)
+    return (
+        f'<link name="{link}"><inertial><origin xyz="{com}"/><mass value="{body.mass!r}"/><inertia {tensor}/></inertial></link>'
+    )
+
+
+def capped(folder: Path, name: str, com: tuple[float, float, float], merged: bool) -> Path:
+    """The hand with a cap fixed to its lower link, or one body of both; com : of the lower link without it [m]."""
+    tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
+    lower = Inertia(2.0, np.array(com), tensor)
+    seat = Placement(np.array([float(x) for x in PLACE.split()]))
+    parts = [text_of("lower", sum_of([lower, moved(seat, CAP)]) if merged else lower)]
+    if not merged:
+        parts += [text_of("cap", CAP), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
+        parts += [f'<origin xyz="{PLACE}"/></joint>']
+    text = hand(folder, name).read_text()
+    assert LINK.format("lower", 2.0) in text
+    (folder / name).write_text(text.replace(LINK.format("lower", 2.0), "".join(parts)))
+    return folder / name
+
+
+def test_a_body_that_the_other_file_merged_is_named_alone(tmp_path: Path) -> None:
+    """The centre of mass of one of two bodies has another sign; of both together, centre and tensor differ."""
+    a = capped(tmp_path, "a.urdf", (0.02, 0.03, 0.1), merged=False)
+    b = capped(tmp_path, "b.urdf", (0.02, -0.03, 0.1), merged=True)
+    for found in (compare(a, b), compare(b, a)):
+        assert [(d.cause, d.place, d.size) for d in found.differences] == [
+            ("centre of mass", "body lower (on link lower)", pytest.approx(0.06, rel=1e-9))
+        ]
+        assert found.judged.after <= REPAIRED
+    assert not compare(a, capped(tmp_path, "c.urdf", (0.02, 0.03, 0.1), merged=True)).differences
+
+
+def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
+    """An axis is reversed; that a whole turn on the limits were the same is no other zero, and no other places."""
+    a, b = hand(tmp_path, "a.urdf"), tmp_path / "b.urdf"
+    wide = a.read_text().replace(f'lower="{LOWER!r}" upper="{UPPER!r}"', 'lower="0.5" upper="5.783185"')
+    a.write_text(wide)
+    start = wide.index('name="to_finger"')
+    b.write_text(wide[:start] + wide[start:].replace('xyz="0 0 1"', 'xyz="0 0 -1"'))
+    ((cause, hints),) = ((d.cause, d.hints) for d in compare(a, b).differences)
+    assert cause == "sign of coordinate"
+    assert hints == ()
