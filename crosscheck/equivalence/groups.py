@@ -56,7 +56,7 @@ def one_body(pair: Pair) -> list[Difference]:
 
 
 def _one_merged(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
-    """The differences of one body of A, where B states them merged, and that body alone explains it in fewer numbers than the whole."""
+    """The differences of one body of A, where B states them merged and that one's are fewer than those of the whole."""
     whole, there = _named(body_differences(pair)), moved(pair.seat.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
@@ -68,7 +68,7 @@ def _one_merged(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
 
 
 def _one_of_theirs(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
-    """The difference of one body of B, where A states them merged, and that difference alone explains two numbers of the whole."""
+    """The difference of one body of B, where A states them merged: one of that body alone instead of two of the whole."""
     whole, one = list(body_differences(pair)), pair.one.inertia
     if len(theirs) < max(2, len(pair.two.parts)) or len(_named(whole)) < 2:
         return []
@@ -87,7 +87,7 @@ def _named(found: Iterable[Difference]) -> list[Difference]:
 
 
 def _without(whole: Inertia, part: Inertia) -> Inertia:
-    """What is left of a body that a part of it is taken from [kg, m, kg m^2]; tensors by Steiner's theorem."""
+    """The rest of a body that a part of it is taken from [kg, m, kg m^2]; tensors by Steiner's theorem."""
     mass = whole.mass - part.mass
     com = (whole.mass * whole.com - part.mass * part.com) / mass
     arms = [(body.mass, body.com - com) for body in (whole, part)]

@@ -128,9 +128,7 @@ class Search:
         found: set[int] = set()
         for a, frame in frames.items():
             carrier = lengths.first.members[a].parent if a >= 0 else -1
-            off = (
-                a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > 0.0
-            )
+            off = a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > 0.0
             while off and a >= 0:
                 found.add(a)
                 a = lengths.first.members[a].parent

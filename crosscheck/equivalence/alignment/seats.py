@@ -77,7 +77,7 @@ def _moved_with(one: Member, two: Member, sign: float, offset: float) -> bool:
 
 
 def _stated(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
-    """What both joints state in their coordinates, B's by A's sign [rad], [m]: the rest of a spring, limits that bind."""
+    """Numbers that both joints state in their coordinates, B's by A's sign [rad], [m]: the rest of a spring, limits that bind."""
     low, high = (two.limits.lower, two.limits.upper) if sign > 0.0 else (-two.limits.upper, -two.limits.lower)
     ends = (one.limits.lower, low), (one.limits.upper, high)
     found = [(a, b) for a, b in ends if max(abs(a), abs(b)) < UNBOUND]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED
+from crosscheck.equivalence.sources import describe
 from crosscheck.equivalence.tree import sum_of
 from crosscheck.lifting.rigid import moved
 from flexinv.model.mechanism import Inertia, Placement
@@ -106,19 +107,18 @@ def text_of(link: str, body: Inertia) -> str:
     com = " ".join(map(repr, body.com.tolist()))
     rows = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.tensor[np.triu_indices(3)].tolist(), strict=True)
     tensor = " ".join(f'{name}="{value!r}"' for name, value in rows)
-    return (
-        f'<link name="{link}"><inertial><origin xyz="{com}"/><mass value="{body.mass!r}"/><inertia {tensor}/></inertial></link>'
-    )
+    place = f'<origin xyz="{com}"/><mass value="{body.mass!r}"/>'
+    return f'<link name="{link}"><inertial>{place}<inertia {tensor}/></inertial></link>'
 
 
-def capped(folder: Path, name: str, com: tuple[float, float, float], merged: bool) -> Path:
+def capped(folder: Path, name: str, com: tuple[float, float, float], merged: bool, cap: Inertia = CAP) -> Path:
     """The hand with a cap fixed to its lower link, or one body of both; com : of the lower link without it [m]."""
     tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
     lower = Inertia(2.0, np.array(com), tensor)
     seat = Placement(np.array([float(x) for x in PLACE.split()]))
-    parts = [text_of("lower", sum_of([lower, moved(seat, CAP)]) if merged else lower)]
+    parts = [text_of("lower", sum_of([lower, moved(seat, cap)]) if merged else lower)]
     if not merged:
-        parts += [text_of("cap", CAP), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
+        parts += [text_of("cap", cap), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
         parts += [f'<origin xyz="{PLACE}"/></joint>']
     text = hand(folder, name).read_text()
     assert LINK.format("lower", 2.0) in text
@@ -135,7 +135,13 @@ def test_a_body_that_the_other_file_merged_is_named_alone(tmp_path: Path) -> Non
             ("centre of mass", "body lower (on link lower)", pytest.approx(0.06, rel=1e-9))
         ]
         assert found.judged.after <= REPAIRED
-    assert not compare(a, capped(tmp_path, "c.urdf", (0.02, 0.03, 0.1), merged=True)).differences
+    c = capped(tmp_path, "c.urdf", (0.02, 0.03, 0.1), merged=True)
+    assert not compare(a, c).differences
+    # What to write in B is the whole as A has it, which is C.
+    ((_, (in_a, in_b)),) = compare(a, b).advice
+    assert "in body lower, in the frame of link lower: centre of mass 0.02 -0.03 0.1" in in_a
+    whole = describe(c).mechanism.link_of["lower"].bodies[0].inertia
+    assert f"mass {whole.mass:.9g}, centre of mass {' '.join(f'{x:.9g}' for x in whole.com)}" in in_b
 
 
 def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
@@ -148,3 +154,13 @@ def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
     ((cause, hints),) = ((d.cause, d.hints) for d in compare(a, b).differences)
     assert cause == "sign of coordinate"
     assert hints == ()
+
+
+def test_one_of_two_bodies_may_have_a_tensor_that_no_body_has(tmp_path: Path) -> None:
+    """Files of others hold such placeholders; what differs beside them is named."""
+    placeholder = CAP.restated(tensor=np.diag([4e-3, 3e-4, 2e-4]))
+    moved_on = placeholder.restated(com=np.array([0.0, 0.02, 0.06]))
+    com = (0.02, 0.03, 0.1)
+    a = capped(tmp_path, "a.urdf", com, merged=False, cap=placeholder)
+    b = capped(tmp_path, "b.urdf", com, merged=True, cap=moved_on)
+    assert [(d.cause, d.place) for d in compare(a, b).differences] == [("centre of mass", "body cap (on link lower)")]
