@@ -253,7 +253,7 @@ def _of_merged(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
     values = difference.second, difference.first
     wholes = moved(seat.frame, members[1].inertia), moved(inverse(seat.frame), members[0].inertia)
-    for n, (side, other) in enumerate(("AB", "BA")):
+    for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
         head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
         own, more = dict(members[n].parts), dict(members[1 - n].parts)
         if _rehung(sides, seat) and n:
