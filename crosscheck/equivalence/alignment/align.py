@@ -25,6 +25,8 @@ from flexinv.model.mechanism import Placement
 MOST = 6  # poses of a member that are followed
 BASES = 4  # poses of the base that are followed to the tips
 NEAR = 1e-9  # [m], [rad]: poses that are one
+# Of lengths: a thousandth of a digit is no reason to leave the pose in which both machines stand as they are.
+TIE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,9 @@ class Search:
             if c not in self.lengths.partner:
                 continue
             ways = [self.lengths.of_joint(c, pose, there) + sums[c][m] for m, there in enumerate(self.kept[c])]
-            chosen[c, k] = int(np.argmin(ways))
-            total += min(ways)
+            least = min(ways)
+            chosen[c, k] = next(m for m, way in enumerate(ways) if way <= least + TIE)
+            total += ways[chosen[c, k]]
         return total
 
     def _followed(self, a: int, carriers: Iterable[Placement]) -> list[Placement]:
@@ -115,7 +118,7 @@ class Search:
                 if (key := _key(pose)) not in known:
                     known.add(key)
                     found.append((self._seen(a, before, pose) + self.lengths.of_frame(pose), pose))
-        found.sort(key=lambda one: one[0])
+        found.sort(key=lambda one: round(one[0] / TIE))
         return [pose for _, pose in found[:MOST]]
 
     def _seen(self, a: int, before: Placement, pose: Placement) -> float:
