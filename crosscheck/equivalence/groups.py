@@ -49,7 +49,7 @@ def one_body(pair: Pair) -> list[Difference]:
     if len(ours) < max(2, len(pair.one.parts)):
         return []
     if list(ours) != list(theirs):
-        return _one_merged(pair, ours)
+        return _one_merged(pair, ours) if theirs.keys() < ours.keys() else []
     found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
     other = [own for own in found.values() if own]
     return other[0] if len(other) == 1 else []
