@@ -155,7 +155,7 @@ class Sides:
         return (only(one, part[0]), only(two, part[0]), seat) if part[1] else (one, two, seat)
 
     def merged(self, difference: Difference) -> Aligned | None:
-        """Return how members stand, one of whose bodies a difference is about, where only one file states their bodies apart."""
+        """Return the seat of two members where a difference is about one of their bodies, and one file alone states it apart."""
         k = self._number(difference)
         if not difference.place.startswith("body ") or k is None or k not in self.seats:
             return None
