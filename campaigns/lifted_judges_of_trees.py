@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from campaigns.lifted_judges import Judgement, NoJudge, States, find_pose, find_quaternion
+from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import Array, Joint, Mechanism
 
 # Pinocchio
@@ -58,10 +59,8 @@ def judge_by_pinocchio(path: Path, mechanism: Mechanism, states: States) -> Judg
 
 def _rotors(path: Path) -> dict[str, float]:
     """Inertias of rotors, reflected by their gears, as Drake's tags state them, by joint [kg m^2]."""
-    from defusedxml import ElementTree
-
     found: dict[str, float] = {}
-    for transmission in ElementTree.fromstring(path.read_bytes()).iter("transmission"):
+    for transmission in read_xml(path).iter("transmission"):
         joint = transmission.find("joint")
         for actuator in transmission.iter("actuator"):
             numbers = {"rotor_inertia": 0.0, "gear_ratio": 1.0}

@@ -35,6 +35,7 @@ FLOATING = (
     "hextilt_description/urdf/hextilt_flying_arm_5.urdf",
 )  # fmt: skip
 RANDOM = 28  # trees
+SEED = 34
 KINDS = ("revolute", "revolute", "revolute", "continuous", "prismatic", "fixed")
 MORE = ("spherical", "helical", "universal")  # kinds that not every format has a word for
 ROOT = "root_joint"
@@ -45,10 +46,10 @@ def names_of_machines() -> tuple[str, ...]:
     return (*HELD, *FLOATING, *(f"tree {k}" for k in range(RANDOM)))
 
 
-def machine(name: str) -> Mechanism:
-    """Return a machine by its name [m, kg, rad].  Raises FileNotFoundError for a robot that is not installed."""
+def machine(name: str, seed: int = SEED) -> Mechanism:
+    """Return a machine by its name [m, kg, rad]; seed : of random trees.  Raises FileNotFoundError for one not installed."""
     if name.startswith("tree "):
-        return random_tree(int(name.removeprefix("tree ")))
+        return random_tree(int(name.removeprefix("tree ")), seed)
     file = robots_folder() / name
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -68,13 +69,13 @@ def _one_body(link: Link) -> Link:
     return replace(link, bodies=(Body(link.name, body),) if body.mass else ())
 
 
-def random_tree(seed: int) -> Mechanism:
+def random_tree(number: int, seed: int = SEED) -> Mechanism:
     """Return a random tree [m, kg, rad]: held or floating, with links that are round about their joint's axis, and couplings."""
-    dice = np.random.default_rng([34, seed])
-    kinds = (*KINDS, MORE[seed % 3]) if seed % 2 else KINDS
+    dice = np.random.default_rng([seed, number])
+    kinds = (*KINDS, MORE[number % 3]) if number % 2 else KINDS
     links: list[Link] = []
     joints: list[Joint] = []
-    if seed % 4 == 3:
+    if number % 4 == 3:
         start = Placement(dice.uniform(-1, 1, 3), random_turn(dice))
         joints.append(Joint(ROOT, "free", WORLD, "link 0", start, actuated=False))
         links.append(Link("link 0", (Body("link 0", _body(dice)),)))
@@ -83,9 +84,9 @@ def random_tree(seed: int) -> Mechanism:
         parent = _parent(dice, links, joints)
         if kind == "universal" and parent == WORLD:
             kind = "revolute"
-        joints.append(_joint(dice, k, kind, parent, seed))
-        links.append(Link(f"link {k}", tuple(_bodies(dice, k, joints[-1], seed))))
-    return Mechanism("tree", tuple(links), depth_first(joints), closures=tuple(_couplings(dice, joints, seed)))
+        joints.append(_joint(dice, k, kind, parent, number))
+        links.append(Link(f"link {k}", tuple(_bodies(dice, k, joints[-1], number))))
+    return Mechanism("tree", tuple(links), depth_first(joints), closures=tuple(_couplings(dice, joints, number)))
 
 
 def _parent(dice: Dice, links: list[Link], joints: list[Joint]) -> str:

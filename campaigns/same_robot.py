@@ -6,6 +6,7 @@ That a pair really is one machine is checked by `pin.rnea` and `mj_inverse` on w
 python campaigns/same_robot.py                       # all; prints counts, and each failure with how to repeat it
 python campaigns/same_robot.py --only 17             # one pair again, with all that is said of it
 python campaigns/same_robot.py --faults --only 17    # one fault again
+python campaigns/same_robot.py --seed 2026           # all with other random trees, changes and faults
 """
 
 from __future__ import annotations
@@ -89,12 +90,12 @@ class Outcome:
         return [d.words for d in self.found.differences if d.family != "convention" and not fits(self.pair.fault, d)]
 
 
-def pair_of(number: int, folder: Path, faulty: bool = False) -> Pair | None:
+def pair_of(number: int, folder: Path, faulty: bool = False, seed: int = SEED) -> Pair | None:
     """Return a pair by its number, written into a folder; None where a fault cannot be planted or a robot is not there."""
-    dice = np.random.default_rng([SEED, number, int(faulty)])
+    dice = np.random.default_rng([seed, number, int(faulty)])
     names = names_of_machines()
     name = names[number % len(names)]
-    first = told_first(_plain(machine(name)))
+    first = told_first(_plain(machine(name, seed)))
     forms = [form for form in FORMATS if _sayable(first.mechanism, form)]
     count = int(dice.integers(1, MOST + 1))
     chosen = [str(c) for c in dice.choice([*CHANGES, "formats"], count, replace=False)]
@@ -188,23 +189,23 @@ def _counterparts(pair: Pair) -> dict[str, str]:
     return found
 
 
-def outcomes(numbers: Iterable[int], faulty: bool = False) -> Iterator[Outcome]:
+def outcomes(numbers: Iterable[int], faulty: bool = False, seed: int = SEED) -> Iterator[Outcome]:
     """Yield what comes of pairs by their numbers; those of robots that are not installed are left out."""
     for number in numbers:
         with tempfile.TemporaryDirectory() as folder:
             try:
-                pair = pair_of(number, Path(folder), faulty)
+                pair = pair_of(number, Path(folder), faulty, seed)
             except FileNotFoundError:
                 continue
             if pair is not None:
                 yield tried(pair)
 
 
-def faults(count: int) -> Iterator[Outcome]:
+def faults(count: int, seed: int = SEED) -> Iterator[Outcome]:
     """Yield the first pairs in which a fault can be planted."""
     made = 0
     for number in range(10 * count):
-        for one in outcomes([number], faulty=True):
+        for one in outcomes([number], True, seed):
             made += 1
             yield one
         if made == count:
@@ -237,22 +238,25 @@ def main() -> None:
         "--only", type=int, nargs="+", metavar="NUMBER", help="these pairs alone, with all that is said"
     )
     parser.add_argument("--pairs", type=int, default=PAIRS)
+    parser.add_argument("--seed", type=int, default=SEED, help="of random trees, changes and faults")
     given = parser.parse_args()
+    seed = given.seed
+    whole = bool(given.only)
     begun = time.perf_counter()
     if not given.faults:
-        _say_pairs(outcomes(given.only or range(given.pairs)), bool(given.only))
+        _say_pairs(outcomes(given.only or range(given.pairs), False, seed), whole, seed)
     if not given.same:
-        _say_faults(outcomes(given.only, faulty=True) if given.only else faults(FAULTS), bool(given.only))
+        _say_faults(outcomes(given.only, True, seed) if whole else faults(FAULTS, seed), whole, seed)
     say(f"{time.perf_counter() - begun:.0f} s")
 
 
-def _say_pairs(made: Iterable[Outcome], whole: bool) -> None:
+def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
     for one in made:
         every.append(one)
         if whole or not one.same:
             _say_pair(one, whole)
-            say(f"    again: python campaigns/same_robot.py --same --only {one.pair.number}")
+            say(f"    again: python campaigns/same_robot.py --seed {seed} --same --only {one.pair.number}")
     asked = sum(one.asked for one in every)
     say(f"the same machine: {sum(one.same for one in every)} of {len(every)}, joints asked for in {asked}")
     repaired = sum(one.found is not None and one.found.judged.after <= REPAIRED for one in every)
@@ -261,13 +265,13 @@ def _say_pairs(made: Iterable[Outcome], whole: bool) -> None:
     say("  changes:", ", ".join(f"{count} x {change}" for change, count in counted.items()))
 
 
-def _say_faults(made: Iterable[Outcome], whole: bool) -> None:
+def _say_faults(made: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
     for one in made:
         every.append(one)
         if whole or not one.told or one.false:
             _say_pair(one, whole)
-            say(f"    again: python campaigns/same_robot.py --faults --only {one.pair.number}")
+            say(f"    again: python campaigns/same_robot.py --seed {seed} --faults --only {one.pair.number}")
     beside = sum(bool(one.false) for one in every)
     say(f"faults named: {sum(one.told for one in every)} of {len(every)}; with another name beside: {beside}")
     kinds = Counter((one.pair.fault.kind if one.pair.fault else "", one.told) for one in every)

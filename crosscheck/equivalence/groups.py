@@ -44,11 +44,55 @@ def missing_links(pair: Pair) -> Difference | None:
 def one_body(pair: Pair) -> list[Difference]:
     """Return the differences of one body of several that make up a member, where that body is all that differs."""
     ours, theirs = dict(pair.one.parts), {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
-    if len(ours) < max(2, len(pair.one.parts)) or list(ours) != list(theirs):
+    if len(ours) == len(pair.one.parts) == 1:
+        return _one_of_theirs(pair, theirs)
+    if len(ours) < max(2, len(pair.one.parts)):
         return []
+    if list(ours) != list(theirs):
+        return _one_merged(pair, ours) if theirs.keys() < ours.keys() else []
     found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
     other = [own for own in found.values() if own]
     return other[0] if len(other) == 1 else []
+
+
+def _one_merged(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
+    """The differences of one body of A, where B states them merged and that one's are fewer than those of the whole."""
+    whole, there = _named(body_differences(pair)), moved(pair.seat.frame, pair.two.inertia)
+    tried = []
+    for name, body in ours.items():
+        rest = sum_of(other for own, other in ours.items() if own != name)
+        if there.mass - rest.mass > SEEN * there.mass:
+            tried.append(list(_of_part(pair, name, body, _without(there, rest))))
+    best = min(tried, key=lambda own: len(_named(own)), default=[])
+    return best if best and len(_named(best)) < len(whole) else []
+
+
+def _one_of_theirs(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
+    """The difference of one body of B, where A states them merged: one of that body alone instead of two of the whole."""
+    whole, one = list(body_differences(pair)), pair.one.inertia
+    if len(theirs) < max(2, len(pair.two.parts)) or len(_named(whole)) < 2:
+        return []
+    for name, body in theirs.items():
+        rest = sum_of(other for own, other in theirs.items() if own != name)
+        if one.mass - rest.mass <= SEEN * one.mass:
+            continue
+        own = _named(_of_part(pair, name, _without(one, rest), body))
+        if len(own) == 1:
+            return [replace(own[0], changes=tuple(change for d in whole for change in d.changes))]
+    return []
+
+
+def _named(found: Iterable[Difference]) -> list[Difference]:
+    return [d for d in found if d.cause]
+
+
+def _without(whole: Inertia, part: Inertia) -> Inertia:
+    """The rest of a body that a part of it is taken from [kg, m, kg m^2]; tensors by Steiner's theorem."""
+    mass = whole.mass - part.mass
+    com = (whole.mass * whole.com - part.mass * part.com) / mass
+    arms = [(body.mass, body.com - com) for body in (whole, part)]
+    about = [m * (float(d @ d) * np.eye(3) - np.outer(d, d)) for m, d in arms]
+    return Inertia.stated(mass, com, whole.tensor + about[0] - part.tensor - about[1])
 
 
 def _of_part(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:

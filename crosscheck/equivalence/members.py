@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ BOUNDS = ("lower", "upper", "effort", "velocity")
 NOISE = 1e-12  # [m], [-], [kg m^2] as shown: rounding of frames that are turned there and back
 # A limit that large binds no machine [rad], [m], [N m], [N], [1/s]; formats that demand one are given such.
 UNBOUND = 1e8
+TURN = 2 * np.pi  # [rad]
 
 
 @dataclass(frozen=True)
@@ -217,8 +218,12 @@ def _binding(limit: float) -> float:
 def _left_limits(pair: Pair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
     ours, theirs = pair.one.limits, pair.two.limits
-    stated = np.isfinite(ours.lower) and not _close(ours, _mapped(theirs, pair.seat))
-    return (LEFT_LIMITS,) if stated and _close(ours, theirs) else ()
+    if not np.isfinite(ours.lower) or not _close(ours, theirs):
+        return ()
+    seats = [pair.seat]
+    if pair.one.kind == "revolute":  # a whole turn on, a hinge is in the same place
+        seats += [replace(pair.seat, offset=pair.seat.offset + way) for way in (-TURN, TURN)]
+    return () if any(_close(ours, _mapped(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
 
 
 def _mapped(limits: Limits, seat: Aligned) -> Limits:

@@ -15,6 +15,7 @@ import numpy as np
 KINDS = {"mjJNT_FREE": "free", "mjJNT_BALL": "ball", "mjJNT_SLIDE": "slide", "mjJNT_HINGE": "hinge"}
 EQUALITIES = {"mjEQ_CONNECT": "connect", "mjEQ_WELD": "weld", "mjEQ_JOINT": "joint"}
 
+SHORT = 1e-9  # [m]: what is shorter nobody sees, and MuJoCo refuses what is as short as rounding
 FLAGS = {"constraint": mujoco.mjtDisableBit.mjDSBL_CONSTRAINT, "contact": mujoco.mjtDisableBit.mjDSBL_CONTACT}
 
 
@@ -55,7 +56,7 @@ def _picture(model: Any, body: ET.Element, k: int) -> None:
     """Add capsules from a body's frame to those that it carries, and to its centre of mass."""
     ends = [model.body_pos[c] for c in range(k + 1, model.nbody) if model.body_parentid[c] == k]
     for end in [*ends, model.body_ipos[k]]:
-        if np.linalg.norm(end) > 0:
+        if np.linalg.norm(end) > SHORT:
             shape = {"type": "capsule", "fromto": text([0, 0, 0, *end]), "size": text(np.linalg.norm(end) / 20)}
             ET.SubElement(body, "geom", shape | {"mass": "0", "contype": "0", "conaffinity": "0"})
 

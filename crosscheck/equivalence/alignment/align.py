@@ -4,7 +4,7 @@ The frame of a link is a convention, and so is where the machine stands.  Of all
 differences is the shortest and smallest (`lengths`), over poses that the members themselves suggest (`poses`); that nothing
 differs is tried first.  With  T  the pose of B's frame in A's,  X  that of a joint on its carrier, c what a member carries:
 
-    S(T)  =  body(T) + sum over c of min over T_c ( joint(T, T_c) + S(T_c) ),      X' = T X_B T_c^-1  against  X_A
+    S(T)  =  frame(T) + body(T) + sum over c of min over T_c ( joint(T, T_c) + S(T_c) ),      X' = T X_B T_c^-1  against  X_A
 
 which is found from the tips to the base.  The world of B stands in that of A by a pose as well: the motion of the base.
 """
@@ -25,6 +25,8 @@ from flexinv.model.mechanism import Placement
 MOST = 6  # poses of a member that are followed
 BASES = 4  # poses of the base that are followed to the tips
 NEAR = 1e-9  # [m], [rad]: poses that are one
+# Of lengths: a thousandth of a digit is no reason to leave the pose in which both machines stand as they are.
+TIE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float
     search = Search(lengths, Poses(lengths))
     best = search.under(Placement())
     search.doubted = search.left(best)
-    if not search.doubted and lengths.of_base(Placement()) <= lengths.nothing:
+    if not search.doubted and not lengths.of_base(Placement()):
         return best
     for least, motion in ((0.0, Placement()), *search.bases()):
         if least >= best.length:
@@ -94,13 +96,14 @@ class Search:
         self, a: int, k: int, pose: Placement, sums: dict[int, list[float]], chosen: dict[tuple[int, int], int]
     ) -> float:
         """The length of all that a member carries in one of its poses; which pose of each child that takes is kept."""
-        total = self.lengths.of_body(a, pose) if a >= 0 else 0.0
+        total = self.lengths.of_frame(pose) + self.lengths.of_body(a, pose) if a >= 0 else 0.0
         for c in self.lengths.first.children(a):
             if c not in self.lengths.partner:
                 continue
             ways = [self.lengths.of_joint(c, pose, there) + sums[c][m] for m, there in enumerate(self.kept[c])]
-            chosen[c, k] = int(np.argmin(ways))
-            total += min(ways)
+            least = min(ways)
+            chosen[c, k] = next(m for m, way in enumerate(ways) if way <= least + TIE)
+            total += ways[chosen[c, k]]
         return total
 
     def _followed(self, a: int, carriers: Iterable[Placement]) -> list[Placement]:
@@ -109,13 +112,13 @@ class Search:
         known: set[bytes] = set()
         for before in carriers:
             still = self.poses.still(a, before)
-            alone = a not in self.doubted and self._seen(a, before, still) <= self.lengths.nothing
+            alone = a not in self.doubted and not self._seen(a, before, still)
             tried = [still] if alone else [still, *self.poses.others(a, still)]
             for pose in tried:
                 if (key := _key(pose)) not in known:
                     known.add(key)
-                    found.append((self._seen(a, before, pose), pose))
-        found.sort(key=lambda one: one[0])
+                    found.append((self._seen(a, before, pose) + self.lengths.of_frame(pose), pose))
+        found.sort(key=lambda one: round(one[0] / TIE))
         return [pose for _, pose in found[:MOST]]
 
     def _seen(self, a: int, before: Placement, pose: Placement) -> float:
@@ -128,9 +131,7 @@ class Search:
         found: set[int] = set()
         for a, frame in frames.items():
             carrier = lengths.first.members[a].parent if a >= 0 else -1
-            off = (
-                a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > lengths.nothing
-            )
+            off = a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > 0.0
             while off and a >= 0:
                 found.add(a)
                 a = lengths.first.members[a].parent

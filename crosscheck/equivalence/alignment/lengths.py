@@ -4,8 +4,14 @@ A difference of relative size x costs one line, and the digits that are needed t
 
     length(x)  =  0  where  x <= SEEN,      1 + log10(x / SEEN)  else
 
-Conventions are told in half of that, and so are limits: those decide between zeros.  What a member shows of its frame is counted
-and nothing more: a link that is round about its joint's axis adds the same length in every pose.
+A convention is told in HALF of that, and so are limits: of two lists that explain as much, the one is taken in which nothing
+differs that a torque feels.  Limits that move with a zero follow from it and add nothing; limits whose numbers stay while the
+zero moves are one thing more, and no number.
+
+A frame of a link that stands elsewhere is told in FRAME of that, which is a little less than a zero: a link that is round about
+its joint's axis shows no zero, and its frame alone stands elsewhere.  But it is told: that both files state a body by the same
+numbers in the same frame is no accident.  Where a finger's zero moved, its centre of mass stands elsewhere in a frame that did
+not turn with it; both explain every torque, and the first is told without another frame.
 """
 
 from __future__ import annotations
@@ -14,13 +20,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import ROUGH, SAME, SEEN, Aligned, joined
+from crosscheck.equivalence.alignment.seats import SAME, SEEN, Aligned, agree, joined, same_limits
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
 from crosscheck.lifting.rigid import angle, cross, moved, on, size_of
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 HALF = 0.5  # of the length of a difference: how conventions and limits weigh
-FRAME = 0.01  # length of a frame that stands elsewhere: what is said of it in a note
+# The same, of frames.  Less than HALF, as said above; and a centre of mass on the other side of its joint, as far as the machine
+# is large, length(1) = 7, stays shorter than half a turn of frame and zero together: (FRAME + HALF) length(pi) > 7.
+FRAME = 0.45
 HINGES = ("revolute", "helical")
 
 
@@ -50,21 +58,18 @@ class Lengths:
     size: float
     known: dict[int, Content] = field(default_factory=dict)
 
-    @property
-    def nothing(self) -> float:
-        """Return the length up to which nothing but a frame differs [-]."""
-        return 1.5 * FRAME
+    def of_frame(self, frame: Placement) -> float:
+        """Return the length of a frame of B that stands so in A's [m]."""
+        return FRAME * length(max(size_of(frame.position) / self.size, angle(frame.rotation)))
 
     def of_joint(self, a: int, before: Placement, frame: Placement) -> float:
         """Return the length of what differs in a joint, where its carrier and its own frame stand so [m]."""
         one, two = self.first.members[a], self.second.members[self.partner[a]]
-        seat = joined(one, two, (a, self.partner[a]), before, frame)
-        apart = max(float(np.abs(frame.position).max()) / self.size, float(np.abs(frame.rotation - np.eye(3)).max()))
-        total = FRAME if apart > SEEN else 0.0
         if one.kind == "free":
-            return total
+            return 0.0
+        seat = joined(one, two, (a, self.partner[a]), before, frame)
         way = size_of(seat.rest.position) / self.size
-        total += length(way) + length(angle(seat.rest.rotation))
+        total = length(way) + length(angle(seat.rest.rotation))
         if one.kind in SCALARS:
             total += length(size_of(cross(one.axis, frame.rotation @ two.axis))) + float(seat.sign < 0.0)
             total += HALF * length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
@@ -74,10 +79,12 @@ class Lengths:
     def _of_bounds(self, one: Member, two: Member, seat: Aligned) -> float:
         """The length of limits and rests of springs that do not agree in these coordinates."""
         total = 0.0
-        ends = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
-        for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
-            if ours != theirs and not abs(ours - theirs) <= ROUGH * max(abs(ours), 1.0):
-                total += HALF * length(min(abs(ours - theirs), 2 * np.pi))
+        ours = one.limits.lower, one.limits.upper
+        moved_on = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
+        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not agree(a, b)]
+        stayed = (seat.sign < 0.0 or seat.offset) and same_limits(one, two)
+        if ends:
+            total += HALF if stayed else sum(HALF * length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
         if one.stiffness and two.stiffness:
             total += length(abs(seat.sign * two.rest + seat.offset - one.rest))
         return total
@@ -142,5 +149,5 @@ class Lengths:
         changed = length(size_of(theirs - ours) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
         if felt:
-            return length(size) + (felt if changed else FRAME)
+            return length(size) + (felt if changed else 0.0)
         return HALF * length(size)

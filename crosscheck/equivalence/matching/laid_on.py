@@ -80,7 +80,7 @@ class LaidOn:
             return 0.0
         tried = [still, *poses.others(k, still)]
         frames = [lengths.of_joint(k, frame, pose) + lengths.of_content(k, pose) for pose in tried]
-        return max(0.0, min(frames) - lengths.nothing)
+        return min(frames)
 
     def _frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
         one, two, size = self.plain.first, self.plain.second, self.plain.size

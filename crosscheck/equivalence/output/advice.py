@@ -154,6 +154,15 @@ class Sides:
         part = difference.place.partition(" ")[2].partition(" (on link ")
         return (only(one, part[0]), only(two, part[0]), seat) if part[1] else (one, two, seat)
 
+    def merged(self, difference: Difference) -> Aligned | None:
+        """Return the seat of two members where a difference is about one of their bodies, and one file alone states it apart."""
+        k = self._number(difference)
+        if not difference.place.startswith("body ") or k is None or k not in self.seats:
+            return None
+        seat = self.seats[k]
+        one, two = self.trees[0].members[seat.first], self.trees[1].members[seat.second]
+        return seat if dict(one.parts).keys() != dict(two.parts).keys() else None
+
     def _number(self, difference: Difference) -> int | None:
         numbers = {index for index, _, _ in difference.changes}
         if len(numbers) == 1:
@@ -176,9 +185,12 @@ def advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], .
     odd = [_odd(description) for description in sides.descriptions]
     found = []
     for difference in (*judged.causes, *judged.conventions, *judged.limits):
-        both = sides.members(difference) if difference.cause != BASE else None
+        merged = sides.merged(difference)
+        both = sides.members(difference) if difference.cause != BASE and merged is None else None
         if difference.cause == BASE:
             lines = list(_of_base(difference, sides))
+        elif merged is not None:
+            lines = list(_of_merged(difference, sides, merged))
         elif both is None or difference.place.startswith("all "):
             lines = list(_of_many(difference, sides))
         else:
@@ -233,6 +245,27 @@ def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
     if difference.second.endswith("times that of A"):
         yield f"to make A like B, multiply it by {factor} everywhere"
         yield f"to make B like A, divide it by {factor} everywhere"
+
+
+def _of_merged(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
+    """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
+    members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
+    name = difference.place.partition(" ")[2].partition(" (on link ")[0]
+    values = difference.second, difference.first
+    wholes = moved(seat.frame, members[1].inertia), moved(inverse(seat.frame), members[0].inertia)
+    for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
+        head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
+        own, more = dict(members[n].parts), dict(members[1 - n].parts)
+        if _rehung(sides, seat) and n:
+            continue  # the number would be one in frames that B's file has not
+        if len(own) > 1 and name in own:
+            if not n or difference.cause == "mass" or _same_frame(seat):
+                yield f"{head} body {name}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
+        else:
+            whole = wholes[n]
+            tensor = vector_text(whole.tensor[np.triu_indices(3)])
+            numbers = f"mass {whole.mass:.9g}, centre of mass {vector_text(whole.com)}, inertia tensor {tensor}"
+            yield f"{head} link {members[n].name}, of which {other} states {', '.join(list(more)[:6])} apart: {numbers}"
 
 
 def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from arm_texts import arm
 from click.testing import CliRunner
-from description_campaign import Trial, campaign
+from description_campaign import campaign
 from sibling_campaign import PAIRS, folders, outcomes
 
 from crosscheck.cli import main
@@ -87,24 +87,10 @@ def test_readers_take_one_file_that_engines_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def is_told_as_body(trial: Trial) -> bool:
-    """Return True where the zero of one joint was planted and the centre of mass of a link beyond it is named alone."""
-    planted = [fault.quantity for fault in trial.faults]
-    return planted == ["zero of coordinate"] and [w.partition(" of link")[0] for w in trial.others] == [
-        "centre of mass"
-    ]
-
-
 def test_planted_faults_are_named_first(tmp_path: Path) -> None:
-    """Sixteen of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else.
-
-    One of them has two readings: the zero of a finger whose tensor is round about its axis, with limits that stay, is a centre of
-    mass that moved about that axis.  Both give B's efforts; the campaign counts the other reading as a miss.
-    """
+    """Sixteen of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else."""
     pytest.importorskip("pinocchio")
-    every = list(campaign(16, seed=3))
-    trials = [t for t in every if not is_told_as_body(t)]
-    assert len(every) - len(trials) <= 1
+    trials = list(campaign(16, seed=3))
     assert [t.words for t in trials if not t.good] == []
     assert [t.others for t in trials if t.others] == []
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crosscheck.engines.shared.export_files import NotExported
@@ -16,7 +17,7 @@ from crosscheck.engines.shared.urdf_text import unsaid, urdf
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 NAMES = sorted(path.parent.name for path in MODELS.glob("*/mechanism.toml"))
@@ -112,3 +113,12 @@ def test_closures_are_compared_where_they_are(tmp_path: Path) -> None:
     assert "loop that only A closes" in edited("bricard", "mjcf", tmp_path, bent)
     lost = partial(re.sub, "<connect.*/>", "")
     assert edited("bricard", "mjcf", tmp_path, lost) == ["loop that only A closes"]
+
+
+def test_a_centre_of_mass_that_is_rounding_of_zero_can_be_exported(tmp_path: Path) -> None:
+    """MuJoCo refuses capsules that are as short as rounding: they show nothing, and are left out."""
+    pytest.importorskip("mujoco")
+    body = Inertia(1.0, np.array([-3e-18, -2e-17, 7e-18]), np.eye(3) / 100)
+    joint = Joint("swing", "revolute", WORLD, "rod", Placement(), axis=np.array([0.0, 1.0, 0.0]))
+    mechanism = Mechanism("rod", (Link("rod", (Body("rod", body),)),), (joint,))
+    assert compare(mechanism, written(mechanism, "mjcf", tmp_path)).judged.causes == ()

@@ -157,6 +157,14 @@ class TestWithUsd:
         found = crosscheck.compare(*both(tmp_path))
         assert [(d.cause, d.place) for d in found.differences] == [("sign of coordinate", "joint slide")]
 
+    def test_a_stage_is_not_the_source_itself_and_not_proven(self, tmp_path: Path) -> None:
+        """usd-core computes no dynamics: twice the same stage is not proven to be one machine, unless that is asked for."""
+        stage = both(tmp_path)[1]
+        found = crosscheck.compare(stage, stage)
+        assert (found.state, found.code) == ("not proven", 2)
+        assert "usd-core reads the stage and computes no dynamics" in found.sentence
+        assert crosscheck.compare(stage, stage, unproven=True).code == 0
+
     @pytest.mark.parametrize(
         ("before", "after", "cause", "place"),
         [

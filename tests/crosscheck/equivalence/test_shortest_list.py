@@ -1,0 +1,166 @@
+"""Of two lists of differences that explain every torque the shorter is told: zeros of fingers, centres of mass, tilted joints."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.result import REPAIRED
+from crosscheck.equivalence.sources import describe
+from crosscheck.equivalence.tree import sum_of
+from crosscheck.lifting.rigid import moved
+from flexinv.model.mechanism import Inertia, Placement
+
+# A finger at the end of two links; its tensor is round about its joint's axis, and nothing hangs on it.
+LINK = """<link name="{0}"><inertial><origin xyz="0.02 0.03 0.1"/><mass value="{1}"/>
+  <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0.002" izz="0.025"/></inertial></link>"""
+JOINT = """<joint name="to_{0}" type="revolute"><origin xyz="{2}" rpy="{3}"/><parent link="{1}"/><child link="{0}"/>
+  <axis xyz="{4}"/><limit lower="{5!r}" upper="{6!r}" effort="9" velocity="2"/></joint>"""
+FINGER = """<link name="finger"><inertial><origin xyz="{0}"/><mass value="0.2"/>
+  <inertia ixx="2e-5" ixy="0" ixz="0" iyy="2e-5" iyz="0" izz="1e-5"/></inertial></link>"""
+LOWER, UPPER = -0.2, 1.4
+
+
+def hand(
+    folder: Path,
+    name: str,
+    com: str = "0.03 0 0.01",
+    rpy: str = "0 0 0",
+    moved: float = 0.0,
+    elbow: tuple[str, float] = ("0.3 0 0", 0.0),
+) -> Path:
+    """A URDF of two links and a finger; moved : of the finger's limits [rad]; elbow : rpy and how far its limits moved [rad]."""
+    turn, way = elbow
+    parts = [
+        '<robot name="hand"><link name="base"/>',
+        LINK.format("upper", 3.0), JOINT.format("upper", "base", "0 0 0.2", "0 0 0", "0 0 1", -2.0, 2.0),
+        LINK.format("lower", 2.0), JOINT.format("lower", "upper", "0 0.1 0.4", turn, "1 0 0", -1.0 + way, 1.5 + way),
+        FINGER.format(com), JOINT.format("finger", "lower", "0 0.05 0.3", rpy, "0 0 1", LOWER + moved, UPPER + moved),
+        "</robot>",
+    ]  # fmt: skip
+    (folder / name).write_text("".join(parts))
+    return folder / name
+
+
+@pytest.mark.parametrize("angle", [-math.pi / 4, math.pi / 2, 0.1])
+def test_a_finger_whose_zero_moved_did_not_move_its_centre_of_mass(angle: float, tmp_path: Path) -> None:
+    """The joint's frame is turned about its axis, and the limits keep their numbers: one edit, and one thing that is told."""
+    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", rpy=f"0 0 {angle!r}"))
+    ((cause, place, size),) = ((d.cause, d.place, d.size) for d in found.differences)
+    assert (cause, place) == ("zero of coordinate", "joint to_finger")
+    assert size == pytest.approx(abs(angle), rel=1e-9)
+    assert found.judged.after <= REPAIRED
+
+
+@pytest.mark.parametrize("angle", [-math.pi / 4, math.pi / 2, 0.1])
+def test_limits_that_move_with_a_zero_are_no_other_difference(angle: float, tmp_path: Path) -> None:
+    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", rpy=f"0 0 {angle!r}", moved=-angle))
+    assert [(d.cause, d.place) for d in found.differences] == [("zero of coordinate", "joint to_finger")]
+
+
+def test_a_centre_of_mass_on_the_other_side_of_its_joint_turned_no_zero(tmp_path: Path) -> None:
+    """Half a turn of the joint would bring it there, too; but its frame is the same in both files."""
+    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", com="-0.03 0 0.01"))
+    assert [(d.cause, d.place, d.size) for d in found.differences] == [
+        ("centre of mass", "link finger", pytest.approx(0.06, rel=1e-9))
+    ]
+
+
+def test_a_centre_of_mass_that_went_round_the_axis_turned_no_zero(tmp_path: Path) -> None:
+    """By an angle that no limit moved by, in a frame that stayed."""
+    com = f"{0.03 * math.cos(0.3)!r} {0.03 * math.sin(0.3)!r} 0.01"
+    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", com=com))
+    assert [(d.cause, d.place) for d in found.differences] == [("centre of mass", "link finger")]
+
+
+def test_a_tilt_beside_a_small_zero_is_told_apart_where_limits_say_so(tmp_path: Path) -> None:
+    """The elbow is tilted by a degree and its zero moved by five: limits moved by just those five."""
+    zero, tilt = math.radians(5.0), math.radians(1.0)
+    # turned about y in the frame of the joint, whose axis is x:  Rx(0.3) Ry(tilt) Rx(zero)
+    turn = Rotation.from_euler("x", 0.3) * Rotation.from_euler("y", tilt) * Rotation.from_euler("x", zero)
+    roll, pitch, yaw = turn.as_euler("xyz").tolist()
+    b = hand(tmp_path, "b.urdf", elbow=(f"{roll!r} {pitch!r} {yaw!r}", -zero))
+    found = compare(hand(tmp_path, "a.urdf"), b)
+    assert {d.cause: d.size for d in found.differences} == {
+        "orientation of joint": pytest.approx(tilt, rel=1e-6), "zero of coordinate": pytest.approx(zero, rel=1e-6),
+    }  # fmt: skip
+    assert found.judged.after <= REPAIRED
+
+
+def test_a_turn_about_another_axis_is_one_difference(tmp_path: Path) -> None:
+    """Degrees for radians turn a joint anyhow: no part of that is a zero."""
+    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", elbow=("0.3 0.5 0.4", 0.0)))
+    assert [(d.cause, d.place) for d in found.differences] == [("orientation of joint", "joint to_lower")]
+
+
+CAP = Inertia(0.5, np.array([0.0, 0.02, 0.05]), np.diag([4e-4, 3e-4, 2e-4]))
+PLACE = "0.05 0 0.2"
+
+
+def text_of(link: str, body: Inertia) -> str:
+    """A link of a URDF."""
+    com = " ".join(map(repr, body.com.tolist()))
+    rows = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.tensor[np.triu_indices(3)].tolist(), strict=True)
+    tensor = " ".join(f'{name}="{value!r}"' for name, value in rows)
+    place = f'<origin xyz="{com}"/><mass value="{body.mass!r}"/>'
+    return f'<link name="{link}"><inertial>{place}<inertia {tensor}/></inertial></link>'
+
+
+def capped(folder: Path, name: str, com: tuple[float, float, float], merged: bool, cap: Inertia = CAP) -> Path:
+    """The hand with a cap fixed to its lower link, or one body of both; com : of the lower link without it [m]."""
+    tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
+    lower = Inertia(2.0, np.array(com), tensor)
+    seat = Placement(np.array([float(x) for x in PLACE.split()]))
+    parts = [text_of("lower", sum_of([lower, moved(seat, cap)]) if merged else lower)]
+    if not merged:
+        parts += [text_of("cap", cap), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
+        parts += [f'<origin xyz="{PLACE}"/></joint>']
+    text = hand(folder, name).read_text()
+    assert LINK.format("lower", 2.0) in text
+    (folder / name).write_text(text.replace(LINK.format("lower", 2.0), "".join(parts)))
+    return folder / name
+
+
+def test_a_body_that_the_other_file_merged_is_named_alone(tmp_path: Path) -> None:
+    """The centre of mass of one of two bodies has another sign; of both together, centre and tensor differ."""
+    a = capped(tmp_path, "a.urdf", (0.02, 0.03, 0.1), merged=False)
+    b = capped(tmp_path, "b.urdf", (0.02, -0.03, 0.1), merged=True)
+    for found in (compare(a, b), compare(b, a)):
+        assert [(d.cause, d.place, d.size) for d in found.differences] == [
+            ("centre of mass", "body lower (on link lower)", pytest.approx(0.06, rel=1e-9))
+        ]
+        assert found.judged.after <= REPAIRED
+    c = capped(tmp_path, "c.urdf", (0.02, 0.03, 0.1), merged=True)
+    assert not compare(a, c).differences
+    # What to write in B is the whole as A has it, which is C.
+    ((_, (in_a, in_b)),) = compare(a, b).advice
+    assert "in body lower, in the frame of link lower: centre of mass 0.02 -0.03 0.1" in in_a
+    whole = describe(c).mechanism.link_of["lower"].bodies[0].inertia
+    assert f"mass {whole.mass:.9g}, centre of mass {' '.join(f'{x:.9g}' for x in whole.com)}" in in_b
+
+
+def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
+    """An axis is reversed; that a whole turn on the limits were the same is no other zero, and no other places."""
+    a, b = hand(tmp_path, "a.urdf"), tmp_path / "b.urdf"
+    wide = a.read_text().replace(f'lower="{LOWER!r}" upper="{UPPER!r}"', 'lower="0.5" upper="5.783185"')
+    a.write_text(wide)
+    start = wide.index('name="to_finger"')
+    b.write_text(wide[:start] + wide[start:].replace('xyz="0 0 1"', 'xyz="0 0 -1"'))
+    ((cause, hints),) = ((d.cause, d.hints) for d in compare(a, b).differences)
+    assert cause == "sign of coordinate"
+    assert hints == ()
+
+
+def test_one_of_two_bodies_may_have_a_tensor_that_no_body_has(tmp_path: Path) -> None:
+    """Files of others hold such placeholders; what differs beside them is named."""
+    placeholder = CAP.restated(tensor=np.diag([4e-3, 3e-4, 2e-4]))
+    moved_on = placeholder.restated(com=np.array([0.0, 0.02, 0.06]))
+    com = (0.02, 0.03, 0.1)
+    a = capped(tmp_path, "a.urdf", com, merged=False, cap=placeholder)
+    b = capped(tmp_path, "b.urdf", com, merged=True, cap=moved_on)
+    assert [(d.cause, d.place) for d in compare(a, b).differences] == [("centre of mass", "body cap (on link lower)")]
