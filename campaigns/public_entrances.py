@@ -301,6 +301,9 @@ def verbs() -> Iterator[Entrance]:
         "error": slot("flag", False),
     }, 0.3)  # fmt: skip
     solution = flexinv.solve(arm, turn, step=1 / 64)
+    yield Entrance(
+        "find_limits", flexinv.find_limits, {"solution": slot("thing", solution), "motion": slot("thing", turn)}
+    )
     yield Entrance("motor_side", flexinv.motor_side, {"solution": slot("thing", solution)})
     yield Entrance("Solution.factors", solution.factors, {"sample": slot("whole", 2, "below zero")})
     yield Entrance("Mechanism.with_mesh", arm.with_mesh, {"elements": slot("whole", 2), "order": slot("whole", 3)})

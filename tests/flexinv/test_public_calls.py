@@ -17,7 +17,7 @@ from flexinv.errors import InputError
 SHARE, SEED = 250, 1
 # Names that are no calls of their own: results, which verbs make, and errors.
 RESULTS = {
-    "BaseParameters", "Batch", "Following", "LinearModel", "Modes", "Regressor", "SteadyModes", "TorqueDerivatives",
+    "BaseParameters", "Batch", "Following", "LimitUse", "LinearModel", "Modes", "Regressor", "SteadyModes", "TorqueDerivatives",
     "ConvergenceError", "FlexinvError", "InputError", "ModelWarning", "Case", "Load",
 }  # fmt: skip
 
