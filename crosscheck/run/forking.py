@@ -63,16 +63,18 @@ class Forked:
 
 
 def _line(answers: socket.socket, limit: float | None) -> str | None:
-    """Return the next line, "" where nobody writes any more, None after ``limit`` [s]."""
-    answers.settimeout(limit)
+    """Return the next line, "" where nobody writes any more, or ours is closed by an interrupt; None after ``limit`` [s]."""
     read = bytearray()
     try:
+        answers.settimeout(limit)
         while not read.endswith(b"\n"):
             if not (more := answers.recv(1)):
                 return ""
             read += more
     except TimeoutError:
         return None
+    except OSError:
+        return ""
     return read.decode().rstrip("\n")
 
 

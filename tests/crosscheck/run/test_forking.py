@@ -6,6 +6,7 @@ import contextlib
 import math
 import os
 import signal
+import socket
 import subprocess
 import threading
 import time as clock
@@ -268,3 +269,13 @@ def test_a_job_that_is_late_or_lost_says_so() -> None:
     with pytest.raises(Lost):
         job.wait(1.0)
     ours.close()
+
+
+def test_a_job_that_an_interrupt_has_ended_is_lost_and_no_failure_of_the_harness() -> None:
+    """Another thread ends the job and closes its socket before this one begins to wait for it."""
+    ours, theirs = socket.socketpair()
+    job = Forked(os.getpid(), ours)
+    ours.close()
+    with pytest.raises(Lost):
+        job.wait(1.0)
+    theirs.close()
