@@ -221,7 +221,7 @@ def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
         return
     mesh, free = solver.mesh, solver.topology.freedoms
     names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
-    count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)} of its stiffness"
+    count = f"{unstable} independent motion{'s' * (unstable > 1)} of it, alone or swinging, would grow"
     beside = f"write a start beside it for {names}, from which the mechanism sinks to another"
     begins = f"the rest position in which it begins is unstable ({count}), and is not the only one"
     advice = f"{beside if names else 'write a smaller load'}, or initial = 'consistent'"

@@ -5,6 +5,11 @@ y = T (p, eta, d, e):  p'' is given, eta has inertia, d has none and moves by it
     K_ee e = S_e u - K_e. (p, eta, d) - C_ep p' - C_ee' eta'
 
 States are (p, eta, d, p', eta'); d' and eta'' are solved for from the rows of d and eta.
+
+Some of e have terms in C among each other, that act in times too short for all that has inertia (`moved_by_rates`).  To the first
+order in these times e is less by  K_ee^-1 (C_ed d' + C_ee e'),  which adds  - K_.e K_ee^-1 (C_ed d' + C_ee e')  to the rows of d
+and eta.  What is left out is of second order: of a pole s, (|s| times the longest of these times)^2.
+Source: Guyan, *Reduction of stiffness and mass matrices*, AIAA J. 3(2), 1965, here for damping.
 """
 
 from __future__ import annotations
@@ -78,6 +83,10 @@ def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Arr
     known[g + r + d : 2 * g + r + d, n + push.shape[1] :] = np.eye(g)
     by_rates = damping[rows] @ place
     by_rates[:, g + r + d :] += mass[rows, : g + r]
+    if basis.held:
+        first = damping[e, e] @ place[e]
+        first[:, g + r : g + r + d] += damping[e, g + r : g + r + d]
+        by_rates -= stiffness[rows, e] @ np.linalg.solve(stiffness[e, e], first)
     side = np.hstack([-stiffness[rows] @ place, -stiffness[rows] @ direct])
     side[:, n : n + push.shape[1]] += push[rows]
     known[unknown] = np.linalg.solve(by_rates[:, unknown], side - by_rates @ known)

@@ -15,8 +15,9 @@ from campaigns.spectra_reference import Spectrum
 from flexinv.linearized.steady_modes import steady_modes
 
 SEED = 1
-# A closure with beams, a free base, couplings at rates, a massless damper, gyroscopic terms without rotary inertia, springs.
-SHARE = (0, 4, 6, 12, 18, 22, 23, 34, 83)
+# A closure with beams, a free base, couplings at rates, a massless damper, gyroscopic terms without rotary inertia, springs,
+# a massless motion with a damper beside one whose damper is let go (149).
+SHARE = (0, 4, 6, 12, 18, 22, 23, 34, 83, 149)
 
 
 @pytest.mark.parametrize("number", SHARE)
