@@ -270,7 +270,10 @@ def _iterated(
 
 
 def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
-    """Return True if the effect of a size [-] far away is what the columns say: the linear look has looked everywhere."""
+    """Return True if the effect of a size [-] far away is what the columns say: the linear look has looked everywhere.
+
+    Of several numbers each is looked at alone, the products of two are not.
+    """
     cause, target = candidate.cause, candidate.target
     for k, unit in enumerate(np.eye(cause.parameters)):
         told = size * candidate.columns[:, k]

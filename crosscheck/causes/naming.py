@@ -298,7 +298,7 @@ def alike(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
     least = min((f.left for f in known), default=np.inf)
     if not any(asked.fully_explains(f) for f in known):
         # A size that no user means is an answer where it leaves nothing, and what users mean leaves more than it may.
-        far = [f for f in fits if f not in known and not f.cause.linear and asked.fully_explains(f)]
+        far = [f for f in fits if not sensible(f) and not f.cause.linear and asked.fully_explains(f)]
         known += [f for f in far if SIMILAR * f.left < least]
         least = min((f.left for f in known), default=0.0)
     limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), HALF)
