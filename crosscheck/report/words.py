@@ -27,7 +27,7 @@ MEANINGS: dict[str, str] = {
     "within": "compared, and within the stated limit",
     "deviation": "compared, and farther apart than the limit allows, or of another mechanism (its certificate does not hold)",
     "error": "an engine or the harness failed: nothing is shown",
-    "explained": "beyond the limit, by what error bars of both engines cover that refinements have shown: the row says how wide",
+    "explained": "beyond the limit, and the error bars of both engines, shown by refinements, cover it: the row says how wide",
     "unjudged": "compared, but no limit is stated (or it expired), nothing is blessed yet, or the reference is too coarse",
     "skipped": "the engine cannot do this, or says itself why its result differs; nothing is claimed",
 }
