@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from crosscheck.causes.beside import named_beside
 from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import Columns, Fit, amount
 from crosscheck.causes.model import Model, model_of
-from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, name, named_beside
+from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, name
 from crosscheck.causes.quantities import quantities
 from crosscheck.causes.repair import Repair, repair
 from crosscheck.causes.separate import separating
@@ -82,6 +84,22 @@ def diagnose(
         "repaired": None if best is None else best.left,
         "where": "" if best is None else best.where,
     }
+
+
+def diagnose_together(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the diagnoses of several engines in one case: ``answers`` in their order, None where one has failed.
+
+    asked : what `diagnose` is called with, for each engine
+    """
+    columns = Columns()
+    answers: list[dict[str, Any] | None] = []
+    for options in asked:
+        try:
+            answers.append(diagnose(**options, columns=columns))
+        except Exception:  # it is asked again alone, in a process that says what is wrong
+            traceback.print_exc()
+            answers.append(None)
+    return {"answers": answers}
 
 
 def proved(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Repair]:

@@ -28,6 +28,8 @@ AGREES = 0.1  # of what the certificates differ by, or of what the cause would c
 SURE_PART = 1e-5  # of the same: what a step of differences leaves of a size, however small the bars
 LIMITS = 3.0  # times what is allowed in a line of the certificate where nothing is wrong
 PROBE = 1e-4  # of a size that matters: differences of certificates for their derivatives
+# Of the size of a line of the certificate: what a size that matters changes at least, in any direction, where it shows.
+SHOWN = 1e-5
 ROUNDS = 4  # of Gauss-Newton: tensors, masses and mass matrices are of second order in any size
 LINES = {
     "mass": ("total mass", EXACT),
@@ -87,9 +89,20 @@ class Evidence:
         Sizes of several numbers, of which the motion may not show all, are fitted to the certificates before they are
         given up.  explains : whether a fit explains the efforts; sure : part [-] to which they know its size
         """
+        asked = (*fit.key, fit.size.tobytes())
+        if asked not in self._answers:
+            self._answers[asked] = self._hear(fit, explains, sure)
+        return self._answers[asked]
+
+    @cached_property
+    def _answers(self) -> dict[tuple[str, str, bytes], Heard]:
+        """Answers of ``hear`` by cause, target and size: every deeper look asks for most of them again."""
+        return {}
+
+    def _hear(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
         try:
             told = self._against(fit, sure)
-            if told and fit.cause.parameters > 1:
+            if told and fit.cause.parameters > 1 and not self._leaves_no_size(fit):
                 again = self._fitted(fit)
                 if explains(again) and not (other := self._against(again, sure)):
                     fit, told = again, other
@@ -195,17 +208,44 @@ class Evidence:
         """Gauss-Newton from the motion's size to that which explains the certificates best."""
         zero, size = self._column(self.ours), fit.size
         measured = self._column(self.theirs) - zero
-        units, step = np.eye(len(size)), PROBE * fit.cause.scale(self.model, fit.target)
         for _ in range(ROUNDS):
             here = self._column(self._predicted(fit, size))
-            # Central differences: a turn about an axis of symmetry changes nothing to the accuracy of ``SMALL``.
-            ends = [[self._column(self._predicted(fit, size + s * unit)) for s in (step, -step)] for unit in units]
-            slope = np.stack([(up - down) / (2 * step) for up, down in ends], axis=1)
+            slope = self._slope(fit, size)
             step_of = np.linalg.lstsq(slope, measured - (here - zero), rcond=SMALL)[0]
             size = size + step_of
             if np.abs(step_of).max() <= SURE_PART * np.abs(size).max():
                 break
         return np.asarray(size)
+
+    def _slope(self, fit: Fit, size: Array) -> Array:
+        """Return the derivatives of the certificate's column by a size, (lines, parameters) [1 over its unit].
+
+        They are central differences: a turn about an axis of symmetry changes nothing to the accuracy of ``SMALL``.
+        """
+        step = PROBE * fit.cause.scale(self.model, fit.target)
+        ends = [
+            [self._column(self._predicted(fit, size + sign * unit)) for sign in (step, -step)]
+            for unit in np.eye(len(size))
+        ]
+        return np.stack([(up - down) / (2 * step) for up, down in ends], axis=1)
+
+    def _leaves_no_size(self, fit: Fit) -> bool:
+        """Return True if the certificate alone says that a cause has the size zero.
+
+        Nothing fails in it, and every number of the size shows there: whatever the motion says, no other size agrees.
+        """
+        if self.failing:
+            return False
+        if fit.key not in self._seen_whole:
+            slope = self._slope(fit, 0.0 * fit.size) * fit.cause.scale(self.model, fit.target)
+            least = float(np.linalg.svd(slope, compute_uv=False)[-1]) if len(slope) >= len(fit.size) else 0.0
+            self._seen_whole[fit.key] = least > SHOWN
+        return self._seen_whole[fit.key]
+
+    @cached_property
+    def _seen_whole(self) -> dict[tuple[str, str], bool]:
+        """Answers of ``_leaves_no_size`` by cause and target: True where every number of a size shows in the certificate."""
+        return {}
 
     def _with_column(self, fit: Fit) -> Fit:
         """Return a fit whose size was changed with what it explains then."""

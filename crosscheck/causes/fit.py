@@ -66,12 +66,27 @@ class Fit:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A cause at a target with its columns at size zero, (samples nv, parameters), per ``scale`` [unit]."""
+    """A cause at a target with its columns at size zero, (samples nv, parameters), per ``scale`` [unit].
+
+    far : effects (samples nv,) [-] at sizes that no engine's answer has chosen, by their bytes; None where nothing runs
+    """
 
     cause: Cause
     target: str
     scale: float
     columns: Array
+    far: dict[bytes, Array | None] = field(default_factory=dict, compare=False, repr=False)
+
+    def look_far(self, model: Model, place: Array) -> Array | None:
+        """Return the effect of a size of ``place`` times ``scale`` [unit], (samples nv,) [-], None where nothing runs.
+
+        It is computed once for all engines of a case, for it does not depend on what they gave.
+        """
+        key = place.tobytes()
+        if key not in self.far:
+            column = _column(model, self.cause, self.target, place * self.scale)
+            self.far[key] = column if column is not None and np.isfinite(column).all() else None
+        return self.far[key]
 
 
 @dataclass
@@ -274,14 +289,10 @@ def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
 
     Of several numbers each is looked at alone, the products of two are not.
     """
-    cause, target = candidate.cause, candidate.target
-    for k, unit in enumerate(np.eye(cause.parameters)):
+    for k, unit in enumerate(np.eye(candidate.cause.parameters)):
         told = size * candidate.columns[:, k]
-        try:
-            seen = effect(model, cause, target, size * candidate.scale * unit)
-        except IMPOSSIBLE:
-            return False
-        if np.abs(seen - told).max() > PROBED * np.abs(told).max():
+        seen = candidate.look_far(model, size * unit)
+        if seen is None or np.abs(seen - told).max() > PROBED * np.abs(told).max():
             return False
     return True
 
@@ -316,7 +327,8 @@ def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> F
     if _is_proportional(model, candidate, max(sizes)):
         return first
     places = [size * unit for unit in np.eye(cause.parameters) for size in sizes]
-    fits = [f for f in (_at(model, residual, candidate, place, total, np.inf) for place in places) if f is not None]
+    columns = [(place, candidate.look_far(model, place)) for place in places]
+    fits = [_fit(candidate, place, column, residual, total) for place, column in columns if column is not None]
     best = min(fits, key=lambda f: f.left, default=first)
     if best.left > HOPELESS:
         return best

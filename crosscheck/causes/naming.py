@@ -5,23 +5,21 @@ mechanism is what is wrong in the engine's own certificate, line by line.  It ex
 gave.  Causes of which only the amplitude is known (a long step) may leave UNEXPLAINED where the bars are less.  Every cause
 of which all that is true stands beside it, at most MOST names, or MOST pairs: of more, none is printed.  Where no cause alone
 will do, pairs are tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where
-the difference of the efforts is inside the error bars, what other quantities show is named alone (`named_beside`).
+the difference of the efforts is inside the error bars, what other quantities show is named alone (`beside`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause
 from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
 from crosscheck.causes.fit import (
     HOPELESS,
-    IMPOSSIBLE,
     LARGEST,
     Candidate,
     Fit,
@@ -33,7 +31,6 @@ from crosscheck.causes.fit import (
 )
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.pairs import AND, pairs, parts, within
-from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
 
 UNEXPLAINED = 0.1  # of |r|: what a cause may leave of which only the amplitude is fitted, and any other of a march
@@ -54,9 +51,6 @@ LOOK, TURNS, DEEP = range(3)  # the best of a linear look; angles, too; whatever
 DEEPER = {True: 4, False: 2}  # times as many where what explains the efforts is contradicted, or nothing does
 MANY = 600  # columns, of robots with dozens of bodies: there only what looks likely is refined
 ROUNDS = {True: 8, False: 3}
-# Of causes that no effort shows: what leaves more of the differences after a linear look is not refined; so many are.
-DISTANT = 0.7
-REFINED = {True: 12, False: 6}
 TOLD = 40  # causes that are held against all else, those that explain most first
 
 
@@ -100,6 +94,11 @@ class Question:
     residual: Array
     bars: Array
     agreed: float = 0.0
+
+    @cached_property
+    def fits(self) -> dict[tuple[int, str], Fit]:
+        """Fits that were made, by the number of the candidate and how they were made: every deeper look asks for them again."""
+        return {}
 
     @cached_property
     def total(self) -> float:
@@ -236,15 +235,15 @@ def suggested(asked: Question, known: list[Candidate], evidence: Evidence) -> li
 
 def ranked(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fit]:
     """Return a fit of every cause that shows, what explains most first; look : how many of them are refined."""
-    model, residual, noise = asked.model, asked.residual, asked.part
-    quick, rounds = is_tree(model.base), ROUNDS[model.base.mechanism.is_rigid]
-    first = {k: fit(model, residual, one) for k, one in enumerate(known)}
+    model = asked.model
+    quick = is_tree(model.base)
+    first = {k: _made(asked, known, k, "linear") for k in range(len(known))}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
     refined = order[: SHORTLIST[quick] * (DEEPER[quick] if look == DEEP else 1)]
     # A linear look that explains all is only a look; of an angle whose effect begins with its square it says nothing.
     refined += [k for k in order if first[k].left <= asked.enough and k not in refined]
     refined += [k for k in order if look != LOOK and quick and known[k].cause.turns and k not in refined]
-    first |= {k: fit(model, residual, known[k], rounds, noise) for k in refined}
+    first |= {k: _made(asked, known, k, "refined") for k in refined}
     if look == DEEP:  # far away
         far = order if quick else order[: SCANNED[model.base.mechanism.is_rigid]]
         # A linear look at a size that no mechanism can have says nothing of what acts by its inverse.
@@ -253,8 +252,23 @@ def ranked(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fi
             for k in order
             if k not in far and known[k].cause.fraction and first[k].left < HOPELESS and _beyond(first[k])
         ]
-        first |= {k: min(first[k], scan(model, residual, known[k], noise), key=_left) for k in far}
+        first |= {k: min(first[k], _made(asked, known, k, "far"), key=_left) for k in far}
     return sorted((f for f in first.values() if possible(model, f)), key=_left)
+
+
+def _made(asked: Question, known: list[Candidate], k: int, way: str) -> Fit:
+    """Return the fit of a candidate: ``linear``, ``refined`` from there, or near sizes that are ``far``; made once."""
+    if (k, way) not in asked.fits:
+        asked.fits[k, way] = _make(asked, known[k], way)
+    return asked.fits[k, way]
+
+
+def _make(asked: Question, one: Candidate, way: str) -> Fit:
+    if way == "linear":
+        return fit(asked.model, asked.residual, one)
+    if way == "refined":
+        return fit(asked.model, asked.residual, one, ROUNDS[asked.model.base.mechanism.is_rigid], asked.part)
+    return scan(asked.model, asked.residual, one, asked.part)
 
 
 def _beyond(one: Fit) -> bool:
@@ -336,62 +350,3 @@ def _special(fits: list[Fit]) -> list[Fit]:
     """Return the fits without causes of which a special case is among them, and pairs of which a part is."""
     names = {f.cause.name for f in fits}
     return [f for f in fits if not names & set(f.cause.covers) and not any(within(f, one) for one in fits)]
-
-
-def named_beside(evidence: Evidence, before: Naming) -> Naming:
-    """Return the naming of what other quantities than the efforts show; ``before`` where they agree or are not known.
-
-    A base that stands elsewhere, a clamp that is turned, an axis that points the other way: the motor feels none of that, and
-    still the mechanism is another one.  Every cause of the dictionary is fitted to all quantities at once, each over how far
-    the engines may be apart in it, and has to agree with the certificate as well.
-    """
-    beside = evidence.quantities
-    if beside is None or not (apart := beside.apart()):
-        return before
-    difference = beside.difference()
-    asked = Question(evidence.model, difference, np.ones_like(difference))
-    rigid = evidence.model.base.mechanism.is_rigid
-    first = sorted(_looked_at(evidence.model, beside), key=lambda one: one.left)
-    likely = [one for one in first if one.left < DISTANT][: REFINED[rigid]]
-    fits = sorted((_refined(beside, one) for one in likely), key=lambda one: one.left)
-    heard = tuple(Heard(one, _against(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
-    found = chosen(asked, fits, heard, evidence)
-    words = found.words.replace("the efforts", "the efforts and all else") if found.words else ""
-    return replace(found, size=max(apart.values()), noise=before.noise, words=words)
-
-
-def _looked_at(model: Model, beside: Quantities) -> Iterator[Fit]:
-    """Yield a linear fit of every cause that changes more than what is done to efforts."""
-    for cause in all_causes().values():
-        if cause.linear or cause.guess is not None or cause.remeshes:
-            continue
-        for target in cause.targets(model):
-            try:
-                if cause.scale(model, target) and _shows(model, cause, target):
-                    yield beside.look(cause, target)
-            except IMPOSSIBLE:
-                continue
-
-
-def _shows(model: Model, cause: Cause, target: str) -> bool:
-    """Return True if a cause changes the mechanism or its motion."""
-    size = np.full(max(cause.parameters, 1), 1e-3 * cause.scale(model, target))
-    harmed = cause.change(model.base, target, size)
-    return harmed.mechanism is not model.base.mechanism or harmed.case is not model.base.case
-
-
-def _refined(beside: Quantities, one: Fit) -> Fit:
-    if not one.cause.sized:
-        return one
-    try:
-        better = beside.judged(beside.fitted(one))
-    except IMPOSSIBLE:
-        return one
-    return min(one, better, key=lambda fit: fit.left)
-
-
-def _against(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:
-    try:
-        return evidence.contradictions(one, sure)
-    except (*IMPOSSIBLE, RuntimeError, KeyError):
-        return (NOT_RUNNING,)

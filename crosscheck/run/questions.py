@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,34 @@ class Question:
             "function": "diagnose",
             "options": dict(self.options),
         }
+
+
+@dataclass(frozen=True)
+class CaseQuestions:
+    """Deviations of several engines in one case, diagnosed in one process.
+
+    What does not depend on their answers, the effects of all causes, is computed once there.
+    """
+
+    questions: tuple[Question, ...]
+
+    @property
+    def job(self) -> dict[str, Any]:
+        """The job of the child process."""
+        return {
+            "kind": "study",
+            "module": "crosscheck.causes.diagnosis",
+            "function": "diagnose_together",
+            "options": {"asked": [dict(one.options) for one in self.questions]},
+        }
+
+
+def group_by_case(asked: Iterable[Question]) -> list[CaseQuestions]:
+    """Return the questions of each case of which more than one engine deviates."""
+    cases: dict[tuple[str, str], list[Question]] = {}
+    for one in asked:
+        cases.setdefault(one.place[:2], []).append(one)
+    return [CaseQuestions(tuple(several)) for several in cases.values() if len(several) > 1]
 
 
 def questions(results: Results, plan: Plan, out: Path, engines: Mapping[str, Engine] | None = None) -> list[Question]:

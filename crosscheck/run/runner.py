@@ -21,6 +21,7 @@ from crosscheck.run.cluster import far, luggage, workers
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.questions import group_by_case
 from crosscheck.run.result_rows import opening
 from crosscheck.run.run_cache import Attempts
 from crosscheck.run.run_state import SHAKES, Job, State
@@ -90,7 +91,16 @@ def _stages(state: State, under_way: UnderWay) -> None:
         under_way.drain(state, finer)
     under_way.drain(state, state.repeats())
     state.repeated()
-    under_way.drain(state, under_way.unknown(state, state.questions()))
+    _ask_why(state, under_way)
+
+
+def _ask_why(state: State, under_way: UnderWay) -> None:
+    """Have what deviates diagnosed, the engines of a case in one process; what that leaves open is asked alone."""
+    left = under_way.unknown(state, state.questions())
+    together = group_by_case(question for _, question, _ in left)
+    under_way.drain(state, [("why together", several, None) for several in together])
+    answered = {(one.mechanism, one.case, one.engine) for one in state.results.diagnoses}
+    under_way.drain(state, [job for job in left if job[1].place[:3] not in answered])
 
 
 @dataclass
@@ -132,8 +142,9 @@ class UnderWay:
             for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
                 job = self.pending[future]
                 answer = _answer(future, job)
-                self.shelves.keep(job, answer)  # first, so that a run resumes what an interruption finds told
-                state.take_or_fail(job, answer)
+                for part, said in _parts(job, answer):
+                    self.shelves.keep(part, said)  # first, so that a run resumes what an interruption finds told
+                    state.take_or_fail(part, said)
                 del self.pending[future]
 
     def _submit(self, job: Job) -> Future[Any]:
@@ -153,6 +164,18 @@ class UnderWay:
 def _runs_engine(kind: str) -> bool:
     """Return True for the kinds of jobs in which an engine runs."""
     return kind in RUNS or read_kind(kind) is not None
+
+
+def _parts(job: Job, answer: Any) -> list[tuple[Job, Any]]:
+    """Return a job with its answer; of one that asks for several engines those that have an answer, each alone."""
+    kind, what, _ = job
+    if kind != "why together":
+        return [(job, answer)]
+    told, ending = answer
+    answers = told["answers"] if told else []
+    each = replace(ending, elapsed=ending.elapsed / max(len(answers), 1))
+    pairs = zip(what.questions, answers, strict=False)
+    return [(("why", question, None), (one, each)) for question, one in pairs if one is not None]
 
 
 def _answer(future: Future[Any], job: Job) -> Any:
@@ -189,6 +212,8 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
         return ask(question, options.timeout, children)
     if kind == "why":
         return ask(what.job, options.timeout, children)
+    if kind == "why together":
+        return ask(what.job, options.timeout * len(what.questions), children)
     told = dict(options.engine) | ({"certificate": False} if kind != "run" else {})
     told |= {"shake": SHAKES[kind], "error": False} if kind in SHAKES else {}
     told |= finer.options if (finer := read_kind(kind)) is not None else {}

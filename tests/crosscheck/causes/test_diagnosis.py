@@ -13,7 +13,7 @@ import pytest
 import rogue_engines as rogue
 from crosscheck_examples import example_run, write_models
 
-from crosscheck.causes.diagnosis import Answer, diagnose, proved
+from crosscheck.causes.diagnosis import Answer, diagnose, diagnose_together, proved
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fit import Fit
 from crosscheck.causes.model import answered, model_of
@@ -27,7 +27,7 @@ from crosscheck.report import render
 from crosscheck.report.explanations import sheets, uncertified
 from crosscheck.report.markdown import escape
 from crosscheck.run.isolation import Children, ask
-from crosscheck.run.questions import Question, diagnosis, questions
+from crosscheck.run.questions import Question, diagnosis, group_by_case, questions
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
@@ -36,12 +36,15 @@ from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 
+# One mechanism harmed in three ways that the motion tells apart: cause, target, size.
+HARMED = (("mass scale", "", 0.1), ("viscous damping", "hub", 0.01), ("rotor inertia", "hub", 0.01))
 MODELS = Path(__file__).resolve().parents[3] / "models"
 
 
 def harmed_question(folder: Path, place: str, cause: str, target: str, size: float) -> Question:
     """Save what a harmed Pinocchio and flexinv give, and return what is asked of them."""
     mechanism, case = place.split("/")
+    folder.mkdir(exist_ok=True)
     found = load_mechanism(MODELS / mechanism)
     subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
     harmed = DICTIONARY[cause].change(subject, target, np.array([size]))
@@ -121,6 +124,43 @@ def test_the_cause_stands_in_the_matrix_and_in_every_summary(root: Path, tmp_pat
     clean = replace(results, diagnoses=(replace(one, named=(), words="no single cause explains it."),))
     render(clean, tmp_path / "out")  # nothing is named where nothing explains it
     assert 'class="cause"' not in (tmp_path / "out" / "index.html").read_text()
+
+
+@pytest.mark.slow
+def test_engines_of_one_case_are_diagnosed_together_and_told_the_same(tmp_path: Path) -> None:
+    """What is computed once for all of them does not depend on what one of them gave."""
+    asked = [
+        harmed_question(tmp_path / str(k), "rigid_one_link/cycloid", cause, target, size)
+        for k, (cause, target, size) in enumerate(HARMED)
+    ]
+    (together,) = group_by_case([asked[0], *(replace(one, place=(*asked[0].place[:2], "x", "y")) for one in asked[1:])])
+    answer, ending = ask(together.job, 120.0, Children())
+    assert ending.status == "ok", ending.printed
+    alone = [diagnose(**one.options) for one in asked]
+    assert [one["words"] for one in answer["answers"]] == [one["words"] for one in alone]
+    assert len({one["words"] for one in alone}) == len(HARMED)
+
+
+def test_what_fails_beside_others_has_no_answer_and_the_others_have_theirs(tmp_path: Path) -> None:
+    good = harmed_question(tmp_path, "rigid_one_link/cycloid", "mass scale", "", 0.1)
+    lost = {**good.options, "ours": str(tmp_path / "nowhere")}
+    first, second = diagnose_together([lost, good.options])["answers"]
+    assert first is None
+    assert {one["cause"] for one in second["named"]} == {"mass scale", "body mass"}
+
+
+@pytest.mark.slow
+def test_a_run_with_two_engines_that_deviate_diagnoses_both(root: Path, tmp_path: Path) -> None:
+    """One has a damper too many, the other gives efforts of nothing that is known."""
+    write_models(tmp_path / "models", root)
+    engines = {"flexinv": ENGINES["flexinv"], "damped": rogue.engine("damped"), "fine": rogue.engine("fine")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+        results = example_run(tmp_path / "models", tmp_path / "out", engines)
+    words = {one.engine: one.words for one in results.diagnoses}
+    assert list(words) == ["damped", "fine"]
+    assert words["damped"].startswith("the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99%")
+    assert words["fine"].startswith("no single cause explains it")
 
 
 def test_a_diagnosis_that_fails_says_so() -> None:
