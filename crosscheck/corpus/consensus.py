@@ -1,8 +1,8 @@
 """Consensus of a case: by series the interval in which engines of different authors meet, who agrees, who does not and why.
 
 An engine takes part with its error bar.  It does not where its certificate does not hold (another mechanism), where its bar is
-none (its refinement has no order, or it gives none), where the bar is wider than a tenth of the range, or where its own result is
-known to differ; such values are shown beside, inside or outside.
+none (its refinement has no order, or it gives none), where it states the bar by itself, where the bar is wider than a tenth of
+the range, or where its own result is known to differ; such values are shown beside, inside or outside.
 
 Where two formulations of one author agree with the others and not with each other, none of them is preferred: the consensus
 reaches over both intersections.
@@ -31,7 +31,7 @@ from crosscheck.corpus.intervals import (
 )
 from crosscheck.engines import Engine
 from crosscheck.kit.resolved import idle
-from crosscheck.measures.budget import no_order
+from crosscheck.measures.budget import is_checked, no_order
 from crosscheck.measures.limits import REFERENCE, WIDEST_BAR
 from crosscheck.measures.record import Record, Series
 from crosscheck.report.explanations import diagnosed, failing, why
@@ -200,6 +200,8 @@ def _hindrance(task: Task, name: str, record: Record, size: float, panel: Panel)
         return record.message or "its own result, which is known to differ"
     if one.error is None:
         return "" if panel.authors[record.engine].closed_form else "it gives no error bar"
+    if not is_checked(record.budget, name):
+        return "it states its error bar by itself, and no refinement that was asked for shows it"
     if no_order(record.budget.get(name, {})):
         return "its refinement has no order, so that its bar is none"
     widest, span = float(one.error.max()), signal_range([one.values])

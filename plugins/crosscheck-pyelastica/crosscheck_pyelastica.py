@@ -5,7 +5,7 @@
     torque        of the hub: the half element's own inertia, and what element 0 and node 1 need beside the rod's inner forces,
                   which PyElastica has at the middle of a step: the mean of the two beside a sample
     step          of Verlet's scheme: SAFE of what the fastest wave or shear of a section against its rotary inertia allows
-    error bars    from three meshes, each twice as fine; their steps are bound by stability and follow
+    error bars    crosscheck asks for three meshes, each twice as fine; their steps are bound by stability and follow
 
 Source: pyelastica 1.0.0; it has no inverse dynamics, so the torque is read at the root of a march in time.
 """
@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared.prescribed import missing_motion, passive_effort, rotor_effort
 from crosscheck.lifting.rigid import turned
-from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import Record, Series, series, torque_series, vector_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Beam, Joint, Mechanism
@@ -36,6 +35,7 @@ MOST_STEPS = 4_000_000  # of the finest mesh: some minutes
 ACROSS = 1e-9  # cosine of axis and beam: a hub turns the beam about an axis across it
 FAR = 3.0  # lengths of the beam: a rod whose tip is farther off has blown up
 forkable = False  # Numba's threads
+refines = True  # the option "refinement" k takes the mesh MESHES[k], or finer ones
 
 
 class System(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):  # type: ignore[misc]
@@ -79,21 +79,21 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
-    """Return torque [N m], tip, deflection [m] and axial force [N] on the sample times; with error bars unless told otherwise."""
+    """Return torque [N m], tip, deflection [m] and axial force [N] on the sample times, of one march.
+
+    options : "refinement" k: of MESHES[0] times 2^k elements; the finest of MESHES without it
+    """
     start = clock.perf_counter()
-    meshes = MESHES if options.get("error", True) else MESHES[-1:]
-    runs = [marched(mechanism, case, count) for count in meshes]
-    made, budget = with_bars(runs[-1], [Family("mesh and step", runs)]) if len(runs) > 1 else (runs[-1], {})
+    count = MESHES[0] * 2 ** int(options["refinement"]) if "refinement" in options else MESHES[-1]
+    made = marched(mechanism, case, count)
     (link,) = mechanism.beams
     assert link.beam is not None
-    said = {"elements": meshes[-1], "step [s]": longest_step(link.beam, meshes[-1])}
     return Record(
         engine,
         version=version(),
-        settings=said,
+        settings={"elements": count, "step [s]": longest_step(link.beam, count)},
         time=sample_times(case),
         series=made,
-        budget=budget,
         wall_time=clock.perf_counter() - start,
     )
 

@@ -24,7 +24,7 @@ from crosscheck.corpus.intervals import FLOOR, Given, Interval, agreeing, common
 from crosscheck.corpus.notes import CorpusTable, EngineNote, PublishedValue, check_published, read_notes
 from crosscheck.corpus.published import beside
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.measures.budget import UNORDERED
+from crosscheck.measures.budget import UNORDERED, stated
 from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task, discover
@@ -139,6 +139,12 @@ def test_a_bar_that_is_none_takes_no_part(task: Task, bad: Mapping[str, float], 
     case, one = found(task, panel("a", "b"), record(task, "a"), record(task, "b", **bad))  # type: ignore[arg-type]
     assert case.status == SINGLE
     assert words in one.voices[1].reason
+
+
+def test_a_bar_that_an_engine_states_by_itself_takes_no_part(task: Task) -> None:
+    case, one = found(task, panel("a", "b"), record(task, "a"), stated(record(task, "b")))
+    assert case.status == SINGLE
+    assert "no refinement that was asked for shows it" in one.voices[1].reason
 
 
 def test_two_formulations_of_one_author_that_differ_are_both_reached(task: Task) -> None:
