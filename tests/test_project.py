@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
@@ -110,9 +111,31 @@ def test_pages_classifiers_and_wheels_name_the_same_pythons(root: Path) -> None:
         assert stated((root / name).read_text()) == [(minors[0], minors[-1])], name
     named_alike = str([f"3.{minor}" for minor in minors]).replace("'", '"')
     for recipe, count in (("wheels.yml", 1), ("platforms.yml", 3)):  # Linux, macOS, Windows
-        text = (root / "docs" / "release" / recipe).read_text()
+        text = (root / ".github" / "workflows" / recipe).read_text()
         assert re.findall(r"python: (\[.*\])", text) == [named_alike] * count, recipe
     assert stated("Python 3.11 to 3.14") != stated("Python 3.11 to 3.13")  # a difference is seen
+
+
+def unsafe(text: str) -> list[str]:
+    """What is wrong in a workflow: actions that may change under their name, and rights that it does not need."""
+    workflow = yaml.safe_load(text)
+    loose = [
+        line.strip() for line in text.splitlines() if "uses:" in line and not re.search(r"@[0-9a-f]{40} # v\d", line)
+    ]
+    rights = [] if workflow.get("permissions") == {"contents": "read"} else ["permissions"]
+    unbound = [name for name, job in workflow["jobs"].items() if "timeout-minutes" not in job]
+    return [*loose, *rights, *unbound]
+
+
+def test_workflows_pin_their_actions_and_may_only_read(root: Path) -> None:
+    files = sorted([*(root / ".github" / "workflows").glob("*.yml"), *(root / "docs" / "workflows").glob("*.yml")])
+    assert {file.stem for file in files} >= {"tests", "docs", "wheels", "platforms", "nightly", "outside-engines"}
+    assert {file.name: unsafe(file.read_text()) for file in files} == {file.name: [] for file in files}
+
+
+def test_a_workflow_that_takes_what_a_name_means_today_is_found() -> None:
+    text = "permissions: write-all\njobs:\n  a:\n    steps:\n      - uses: actions/checkout@v4\n"
+    assert unsafe(text) == ["- uses: actions/checkout@v4", "permissions", "a"]
 
 
 def test_the_version_has_one_place_and_its_copies_agree(root: Path) -> None:

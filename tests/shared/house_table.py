@@ -36,12 +36,12 @@ SIMPLE = (
 BRANCHES = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.match_case)
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 # Participles that do not end in -ed.
-IRREGULAR = frozenset(
-    "told felt seen kept made said given found known shown taken drawn written read held left met sent built built begun bound "
-    "bent broken brought chosen cut done driven fed fallen forgotten gone got grown heard hidden laid led lent lost meant paid "
-    "put risen run set shut sold spent split spoken stood struck sung swept sworn thought thrown torn understood woken won worn "
-    "wound own".split()
-)
+IRREGULAR = """
+begun bent bound broken brought built chosen cut done drawn driven fallen fed felt forgotten found given gone
+got grown heard held hidden kept known laid led left lent lost made meant met own paid put read risen run said
+seen sent set shown shut sold spent split spoken stood struck sung swept sworn taken thought thrown told torn
+understood woken won worn wound written
+"""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,9 @@ def _functions(path: Path, tree: ast.Module, starts: list[tuple[int, int]]) -> I
 def is_bare_participle(name: str) -> bool:
     """Return True if a name begins with a participle, as ``told`` and ``kept_rows`` do."""
     first = name.strip("_").split("_")[0]
-    return first in IRREGULAR or (first.endswith("ed") and len(first) > 3 and first not in ("need", "feed", "seed", "speed"))
+    return first in IRREGULAR.split() or (
+        first.endswith("ed") and len(first) > 3 and first not in ("need", "feed", "seed", "speed")
+    )
 
 
 def list_modules(package: Path) -> list[Module]:
@@ -189,10 +191,9 @@ HEAD = (
 
 def main(packages: Iterable[str]) -> None:
     """Print the table of packages."""
-    print("| " + " | ".join(HEAD) + " |")
-    print("|" + "---|" * len(HEAD))
-    for package in packages:
-        print(describe(package, list_modules(Path(package))))
+    lines = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
+    lines += [describe(package, list_modules(Path(package))) for package in packages]
+    sys.stdout.write("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
