@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.rigid import inverse, moved, on, turned
+from flexinv.model.links import impossible
 from flexinv.model.mechanism import (
     WORLD,
     Array,
@@ -191,7 +192,12 @@ def split_links(told: Told, dice: Dice) -> Told:
 
 
 def _split(told: Told, link: Link, dice: Dice) -> Told:
-    """Take a share of a body, its centre a little off that of the rest, as far as both stay bodies."""
+    """Take a share of a body, its centre a little off that of the rest, as far as both stay bodies.
+
+    A body whose stated tensor no body can have stays whole: neither can its parts have theirs.
+    """
+    if impossible(link.bodies[0].inertia.tensor):
+        return told
     body, share = link.bodies[0].inertia, float(dice.uniform(0.2, 0.8))
     least = max(0.0, float(np.linalg.eigvalsh(body.tensor)[0]))
     way = dice.uniform(-1.0, 1.0, 3) * 0.3 * np.sqrt(least / body.mass)

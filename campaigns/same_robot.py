@@ -39,6 +39,7 @@ SEED = 34
 PAIRS, FAULTS, MOST = 300, 100, 6
 AGREE = 1e-9  # of the largest effort: what two engines' rounding leaves of two files of one machine
 FORMATS = ("urdf", "mjcf", "memory")
+REFUSED = "the engines that judge refuse this pair"
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,11 @@ class Outcome:
     def same(self) -> bool:
         """Return True where nothing but conventions is named, and efforts agree."""
         return self.found is not None and not self.named and self.found.judged.after <= self.found.tolerance
+
+    @property
+    def refused(self) -> bool:
+        """Return True where the engines that judge do not take the pair."""
+        return self.words.startswith(REFUSED)
 
     @property
     def told(self) -> bool:
@@ -159,7 +165,10 @@ def tried(pair: Pair) -> Outcome:
     """Compare a pair, with the joints told where names and structure leave them open."""
     apart = 0.0
     if pair.fault is None:
-        apart = disagreement(pair.first, pair.second, pair.number)
+        try:
+            apart = disagreement(pair.first, pair.second, pair.number)
+        except Exception as error:  # what an engine that judges raises is its word; the pair counts as refused
+            return Outcome(pair, None, f"{REFUSED}: {' '.join(str(error).split())[:300]}")
         if apart > AGREE:
             return Outcome(pair, None, f"this is no pair: its engines differ by {apart:.1e}", apart)
     asked = False
@@ -175,6 +184,8 @@ def tried(pair: Pair) -> Outcome:
             if "--match" not in str(error) or match is not None:
                 return Outcome(pair, None, " ".join(str(error).split())[:300], apart, asked)
             asked = True
+        except Exception as error:  # a fault of the comparison, which counts as a miss and stops nothing
+            return Outcome(pair, None, f"compare raises {type(error).__name__}: {error}", apart, asked)
     raise AssertionError("unreachable")
 
 
@@ -218,6 +229,15 @@ def say(*words: object) -> None:
     sys.stdout.flush()
 
 
+def followed(made: Iterable[Outcome]) -> Iterator[Outcome]:
+    """Yield outcomes, with a line on the error output for each as it comes."""
+    for one in made:
+        right = one.same if one.pair.fault is None else one.told and not one.false
+        sys.stderr.write(f"{time.strftime('%H:%M:%S')} {'ok' if right else 'MISS'} {one.pair.words}\n")
+        sys.stderr.flush()
+        yield one
+
+
 def _say_pair(one: Outcome, whole: bool) -> None:
     say(one.pair.words, "|", "" if one.pair.fault is None else one.pair.fault.words, "|", one.words)
     for words in one.named if one.pair.fault is None else one.false:
@@ -252,13 +272,14 @@ def main() -> None:
 
 def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
-    for one in made:
+    for one in followed(made):
         every.append(one)
         if whole or not one.same:
             _say_pair(one, whole)
             say(f"    again: python campaigns/same_robot.py --seed {seed} --same --only {one.pair.number}")
     asked = sum(one.asked for one in every)
     say(f"the same machine: {sum(one.same for one in every)} of {len(every)}, joints asked for in {asked}")
+    say(f"  refused by the engines that judge: {sum(one.refused for one in every)}")
     repaired = sum(one.found is not None and one.found.judged.after <= REPAIRED for one in every)
     say(f"  efforts agree to {REPAIRED:g} of their range: {repaired}")
     counted = Counter(change for one in every for change in one.pair.changes)
@@ -267,7 +288,7 @@ def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
 
 def _say_faults(made: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
-    for one in made:
+    for one in followed(made):
         every.append(one)
         if whole or not one.told or one.false:
             _say_pair(one, whole)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -42,21 +42,32 @@ def missing_links(pair: Pair) -> Difference | None:
 
 
 def one_body(pair: Pair) -> list[Difference]:
-    """Return the differences of one body of several that make up a member, where that body is all that differs."""
+    """Return the differences of one body of several that make up a member, where that body is all that differs.
+
+    Bodies have counterparts by their names; or one body of either is what the whole of the other leaves beside its others,
+    however the other merged or split them.
+    """
     ours, theirs = dict(pair.one.parts), {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
-    if len(ours) == len(pair.one.parts) == 1:
-        return _one_of_theirs(pair, theirs)
+    if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
+        found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
+        other = [own for own in found.values() if own]
+        return other[0] if len(other) == 1 else []
+    tried = [own for own in (_one_of_ours(pair, ours), _one_of_theirs(pair, theirs)) if own]
+    return min(tried, key=lambda own: len(_named(own)), default=[])
+
+
+def counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str:
+    """Return the name of the body beside which the others are, together, a rest [kg, m, kg m^2]; "" where none is."""
+    for name in parts:
+        if _same(sum_of(body for own, body in parts.items() if own != name), rest, size):
+            return name
+    return ""
+
+
+def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
+    """The differences of one body of A, where those are fewer than those of the whole."""
     if len(ours) < max(2, len(pair.one.parts)):
         return []
-    if list(ours) != list(theirs):
-        return _one_merged(pair, ours) if theirs.keys() < ours.keys() else []
-    found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
-    other = [own for own in found.values() if own]
-    return other[0] if len(other) == 1 else []
-
-
-def _one_merged(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
-    """The differences of one body of A, where B states them merged and that one's are fewer than those of the whole."""
     whole, there = _named(body_differences(pair)), moved(pair.seat.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
@@ -68,7 +79,7 @@ def _one_merged(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
 
 
 def _one_of_theirs(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
-    """The difference of one body of B, where A states them merged: one of that body alone instead of two of the whole."""
+    """The difference of one body of B, where that body's alone stands for two or more of the whole."""
     whole, one = list(body_differences(pair)), pair.one.inertia
     if len(theirs) < max(2, len(pair.two.parts)) or len(_named(whole)) < 2:
         return []

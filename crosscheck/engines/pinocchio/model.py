@@ -106,7 +106,10 @@ def _to_z(joint: Joint) -> Any:
 
 
 def _inertia(inertia: Inertia) -> Any:
-    return pin.Inertia(inertia.mass, inertia.com, inertia.tensor)
+    """Pinocchio's body.  Its constructor refuses moments below 0, rounding of a thin rod's among them; its parser takes them."""
+    body = pin.Inertia(inertia.mass, inertia.com, np.zeros((3, 3)))
+    body.inertia = inertia.tensor
+    return body
 
 
 def _joint_model(joint: Joint) -> Any:

@@ -14,6 +14,7 @@ from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
 from crosscheck.equivalence.alignment.bases import BASE
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.groups import counterpart
 from crosscheck.equivalence.judge import Judged
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, vector_text
 from crosscheck.equivalence.tree import Member, Tree, sum_of
@@ -250,22 +251,34 @@ def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
 def _of_merged(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
     """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
     members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
-    name = difference.place.partition(" ")[2].partition(" (on link ")[0]
+    names = _names(difference, members, seat)
     values = difference.second, difference.first
     wholes = moved(seat.frame, members[1].inertia), moved(inverse(seat.frame), members[0].inertia)
     for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
         head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
-        own, more = dict(members[n].parts), dict(members[1 - n].parts)
         if _rehung(sides, seat) and n:
             continue  # the number would be one in frames that B's file has not
-        if len(own) > 1 and name in own:
+        if len(members[n].parts) > 1 and names[n]:
             if not n or difference.cause == "mass" or _same_frame(seat):
-                yield f"{head} body {name}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
+                yield f"{head} body {names[n]}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
         else:
-            whole = wholes[n]
+            whole, more = wholes[n], list(dict(members[1 - n].parts))[:6]
+            apart = f", of which {other} states {', '.join(more)} apart" if len(more) > 1 else ""
             tensor = vector_text(whole.tensor[np.triu_indices(3)])
             numbers = f"mass {whole.mass:.9g}, centre of mass {vector_text(whole.com)}, inertia tensor {tensor}"
-            yield f"{head} link {members[n].name}, of which {other} states {', '.join(list(more)[:6])} apart: {numbers}"
+            yield f"{head} link {members[n].name}{apart}: {numbers}"
+
+
+def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned) -> tuple[str, str]:
+    """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
+    name = difference.place.partition(" ")[2].partition(" (on link ")[0]
+    parts = dict(members[0].parts), {own: moved(seat.frame, body) for own, body in members[1].parts}
+    # The difference was found of a body of A where it changes that part, and of one of B where it changes the whole.
+    mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
+    rest = sum_of(body for own, body in parts[mine].items() if own != name)
+    size = max(float(np.linalg.norm(body.com)) for own in parts for body in own.values())
+    other = counterpart(parts[1 - mine], rest, size)
+    return (other, name) if mine else (name, other)
 
 
 def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:

@@ -139,12 +139,23 @@ def test_one_factor_on_everything_is_one_line(tmp_path: Path) -> None:
 
 
 def test_what_is_fixed_together_is_written_together(tmp_path: Path) -> None:
-    """B has no flange of its own: its body is in the lower link, and what the two have to have together is said."""
+    """B has no flange of its own and other bodies there: what those have to have together is said."""
     start = arm(tmp_path).read_text()
     merged = start.replace('<mass value="0.8125"/>', '<mass value="0.9375"/>').replace('"flange"', '"tool_plate"')
-    (tmp_path / "b.urdf").write_text(merged)
+    (tmp_path / "b.urdf").write_text(merged.replace('<mass value="2.375"/>', '<mass value="2.5"/>'))
     said = lines(arm(tmp_path), tmp_path / "b.urdf")
     assert any("together with what is fixed to it (lower, flange)" in line for line in said)
+
+
+def test_a_body_of_another_name_is_written_alone(tmp_path: Path) -> None:
+    """What is fixed to the lower link is a flange here and a tool plate there; nothing else of it differs than its mass."""
+    start = arm(tmp_path).read_text()
+    other = start.replace('<mass value="0.8125"/>', '<mass value="0.9375"/>').replace('"flange"', '"tool_plate"')
+    (tmp_path / "b.urdf").write_text(other)
+    assert lines(arm(tmp_path), tmp_path / "b.urdf") == [
+        "to make A (arm.urdf) like B, in body flange, in the frame of link lower: mass 0.9375",
+        "to make B (b.urdf) like A, in body tool_plate, in the frame of link lower: mass 0.8125",
+    ]
 
 
 def test_every_placeholder_is_what_to_mend_however_many_there_are(tmp_path: Path) -> None:

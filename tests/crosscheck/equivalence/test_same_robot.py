@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
+import same_robot
 from machines import machine
-from retelling import base_moved, move_frames, told_first
+from retelling import base_moved, move_frames, split_links, told_first
 from same_robot import faults, outcomes
 
 from crosscheck.engines.mujoco.export import text_of
@@ -38,6 +39,26 @@ def test_a_fault_on_top_is_named_alone() -> None:
     for one in islice(faults(6), 6):
         assert one.told, one.pair.fault
         assert one.false == []
+
+
+def test_what_the_judge_refuses_is_counted_and_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> float:
+        raise RuntimeError("The 3d inertia should be positive.")
+
+    monkeypatch.setattr(same_robot, "disagreement", refuse)
+    (one,) = outcomes([0])
+    assert one.refused
+    assert not one.same
+    assert one.words.endswith("should be positive.")
+
+
+def test_a_body_that_no_body_can_be_is_not_split() -> None:
+    """A part of it could be one as little; the antennas of this robot are such bodies, its arms are none."""
+    told = told_first(machine("tiago_description/robots/tiago_no_hand.urdf"))
+    tried = [split_links(told, np.random.default_rng(seed)) for seed in range(8)]
+    names = {link.name for one in tried for link in one.mechanism.links}
+    assert {"base_antenna_left_link", "arm_1_link_part"} <= names
+    assert not {"base_antenna_left_link_part", "base_antenna_right_link_part"} & names
 
 
 def ur5(folder: Path, quarters: int, digits: int | None = None) -> tuple[Path, Path]:

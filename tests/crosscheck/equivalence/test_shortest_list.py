@@ -144,6 +144,67 @@ def test_a_body_that_the_other_file_merged_is_named_alone(tmp_path: Path) -> Non
     assert f"mass {whole.mass:.9g}, centre of mass {' '.join(f'{x:.9g}' for x in whole.com)}" in in_b
 
 
+LOWER_LINK = Inertia(
+    2.0, np.array([0.02, 0.03, 0.1]), np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
+)
+
+
+def welded(folder: Path, name: str, bodies: dict[str, Inertia]) -> Path:
+    """The hand with bodies fixed to its lower link, each in the frame of that link; "lower" is the link's own."""
+    parts = [text_of("lower", bodies["lower"])]
+    for own, body in bodies.items():
+        if own != "lower":
+            parts.append(text_of(own, body))
+            parts.append(f'<joint name="to_{own}" type="fixed"><parent link="lower"/><child link="{own}"/></joint>')
+    text = hand(folder, name).read_text()
+    assert LINK.format("lower", 2.0) in text
+    (folder / name).write_text(text.replace(LINK.format("lower", 2.0), "".join(parts)))
+    return folder / name
+
+
+def halves(body: Inertia) -> tuple[Inertia, Inertia]:
+    """A body as two, each with a share of its mass and tensor in the same place."""
+    one, other = (Inertia(share * body.mass, body.com, share * body.tensor) for share in (0.3, 0.7))
+    return one, other
+
+
+def test_a_body_is_named_alone_however_the_other_file_splits_what_is_fixed(tmp_path: Path) -> None:
+    """A has two bodies, B four: each of A's is two of B's, of which one has A's name.  One centre of mass has another sign."""
+    wrong = LOWER_LINK.restated(com=np.array([0.02, -0.03, 0.1]))
+    for body, count in ((LOWER_LINK, 0), (wrong, 1)):
+        lower, lower_part = halves(body)
+        cap, cap_part = halves(CAP)
+        a = welded(tmp_path, "a.urdf", {"lower": LOWER_LINK, "cap": CAP})
+        b = welded(tmp_path, "b.urdf", {"lower": lower, "lower_part": lower_part, "cap": cap, "cap_part": cap_part})
+        for found in (compare(a, b), compare(b, a)):
+            assert [(d.cause, d.place, d.size) for d in found.differences] == [
+                ("centre of mass", "body lower (on link lower)", pytest.approx(0.06, rel=1e-9))
+            ] * count
+            assert found.judged.after <= REPAIRED
+    # B's own "lower" is a part of A's: what to write in B is said of the whole.
+    ((_, (in_a, in_b)),) = compare(a, b).advice
+    assert "in body lower, in the frame of link lower: centre of mass 0.02 -0.03 0.1" in in_a
+    assert "in link lower, of which A states lower, cap apart: mass 2.5" in in_b
+
+
+def test_a_body_is_named_alone_whatever_names_and_order_the_bodies_have(tmp_path: Path) -> None:
+    """Two bodies are fixed to a link, in the other file in another order and under other names; one has another mass."""
+    plate = Inertia(0.4, np.array([0.1, 0.0, 0.3]), np.diag([3e-4, 4e-4, 2e-4]))
+    a = welded(tmp_path, "a.urdf", {"lower": LOWER_LINK, "cap": CAP, "plate": plate})
+    heavy = plate.restated(mass=0.5)
+    for name, bodies in (
+        ("order", {"lower": LOWER_LINK, "plate": heavy, "cap": CAP}),
+        ("names", {"lower": LOWER_LINK, "x": CAP, "y": heavy}),
+        ("exchanged", {"lower": LOWER_LINK, "plate": CAP, "x": heavy}),
+        ("merged", {"lower": sum_of([LOWER_LINK, CAP]), "x": heavy}),
+    ):
+        b = welded(tmp_path, f"{name}.urdf", bodies)
+        ((cause, place, size),) = ((d.cause, d.place, d.size) for d in compare(a, b).differences)
+        # Where all links have counterparts by name they are compared one by one.
+        assert (cause, place) == ("mass", "link plate" if name == "order" else "body plate (on link lower)")
+        assert size == pytest.approx(0.1, rel=1e-9)
+
+
 def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
     """An axis is reversed; that a whole turn on the limits were the same is no other zero, and no other places."""
     a, b = hand(tmp_path, "a.urdf"), tmp_path / "b.urdf"

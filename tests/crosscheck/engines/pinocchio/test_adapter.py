@@ -16,7 +16,7 @@ from crosscheck.engines.pinocchio import model as pinocchio_model
 from crosscheck.measures.record import check
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.files.from_urdf import from_urdf
-from flexinv.model.mechanism import Beam, Mechanism, Section
+from flexinv.model.mechanism import Beam, Body, Inertia, Mechanism, Section
 from flexinv.model.motion import Motion
 
 ROUNDING = 1e-13  # a few hundred roundings of the largest effort
@@ -62,6 +62,18 @@ def test_joints_left_to_the_dynamics_are_refused_by_name() -> None:
     case = trees.case_of(Motion.point_to_point({"j1": 0.0}, {"j1": 1.0}, 1.0), 1.0, 0.1)
     reason = pinocchio.unsupported(loose, case, "pinocchio")
     assert reason == "every joint must be given a motion here; left to the dynamics: j2"
+
+
+@pytest.mark.parametrize("moment", [-1e-22, -1e-4])
+def test_a_body_has_the_moments_that_are_stated(moment: float) -> None:
+    """A rod's moment about itself is rounded below zero, and files state what no body has: Pinocchio's parser takes both."""
+    mechanism, _ = trees.double_pendulum()
+    stated = Inertia.stated(1.0, np.array([0.1, 0.0, 0.0]), np.diag([moment, 2e-3, 2e-3]))
+    link = replace(mechanism.links[1], bodies=(Body("rod", stated),))
+    built = pinocchio_model.build(replace(mechanism, links=(mechanism.links[0], link)))
+    # Pinocchio adds the body to the empty one of its joint: a rounding or two of the largest moment.
+    np.testing.assert_allclose(built.model.inertias[2].inertia, stated.tensor, rtol=0, atol=1e-15 * 2e-3)
+    assert built.model.inertias[2].mass == 1.0
 
 
 # -------------------------------------------------------------------------------------------------------------- URDF
