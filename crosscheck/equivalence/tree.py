@@ -30,6 +30,7 @@ class Member:
     mass [kg], com (3,) [m], tensor (3, 3) [kg m^2] about the centre of mass : of the link, in its frame
     parts : links that make it up, with their own inertia in the member's frame
     rotor_inertia ... rest, limits : as a `Joint` has them; gear : of its actuator [-], 0 without one
+    ground : pose in the world of the link that stands still and carries it, where that was merged into the world [m]
     """
 
     name: str
@@ -50,6 +51,7 @@ class Member:
     rest: float = 0.0
     limits: Limits = field(default_factory=Limits)
     gear: float = 0.0
+    ground: Placement | None = None
 
     def changed(self, name: str, value: Any) -> Member:
         """Return the member with another field [unit of the field].
@@ -195,7 +197,7 @@ def sum_of(parts: Iterable[Inertia]) -> Inertia:
 def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
     """Return the tree with members merged into their carriers where they stand at zero, and new numbers by old ones.
 
-    What is merged into the world is left out: it does not move.
+    What is merged into the world is left out, but for its pose where it carries a member: it does not move.
     """
     still, number, seats, members = set(still), {-1: -1}, {-1: (-1, Placement())}, []  # type: ignore[var-annotated]
     for k, member in enumerate(tree.members):
@@ -208,7 +210,8 @@ def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
             continue
         number[k] = len(members)
         seats[k] = (number[k], Placement())
-        members.append(replace(member, parent=carrier, placement=here))
+        ground = place if carrier < 0 <= member.parent else member.ground
+        members.append(replace(member, parent=carrier, placement=here, ground=ground))
     return replace(tree, members=tuple(members)), number
 
 

@@ -90,7 +90,8 @@ class Search:
             seats.append(
                 joined(first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame)
             )
-        return Alignment(seats, motion, sums[-1][0] + self.lengths.of_base(motion))
+        total = sums[-1][0] + self.lengths.of_base(motion) + self.lengths.of_ground(motion)
+        return Alignment(seats, motion, total)
 
     def _sum(
         self, a: int, k: int, pose: Placement, sums: dict[int, list[float]], chosen: dict[tuple[int, int], int]
@@ -147,7 +148,7 @@ class Search:
             if (key := _key(motion)) in known:
                 continue
             known.add(key)
-            length = lengths.of_base(motion)
+            length = lengths.of_base(motion) + lengths.of_ground(motion)
             for a in roots:
                 still = self.poses.still(a, motion)
                 length += min(lengths.of_joint(a, motion, pose) for pose in (still, Placement()))

@@ -12,17 +12,21 @@ A frame of a link that stands elsewhere is told in FRAME of that, which is a lit
 its joint's axis shows no zero, and its frame alone stands elsewhere.  But it is told: that both files state a body by the same
 numbers in the same frame is no accident.  Where a finger's zero moved, its centre of mass stands elsewhere in a frame that did
 not turn with it; both explain every torque, and the first is told without another frame.
+
+So do links that stand still and carry joints, whatever they are called: where a base turned and the zero on it turned back, the
+joint stands where it stood and its limits seem to have moved; that its carrier stands elsewhere shows that they have not.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME, SEEN, Aligned, agree, joined, same_limits
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
-from crosscheck.lifting.rigid import angle, cross, moved, on, size_of
+from crosscheck.lifting.rigid import angle, between, cross, moved, on, size_of
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 HALF = 0.5  # of the length of a difference: how conventions and limits weigh
@@ -151,3 +155,18 @@ class Lengths:
         if felt:
             return length(size) + (felt if changed else 0.0)
         return HALF * length(size)
+
+    def of_ground(self, motion: Placement) -> float:
+        """Return the length of the frames of links that stand still and carry joints, where B's world stands so in A's [m]."""
+        return sum(self.of_frame(between(one, on(motion, two))) for one, two in self._grounds)
+
+    @cached_property
+    def _grounds(self) -> list[tuple[Placement, Placement]]:
+        """The poses in both worlds of links that stand still and were merged into them, once for each of A [m]."""
+        pairs = [(self.first.members[a].ground, self.second.members[b].ground) for a, b in self.partner.items()]
+        known = {
+            one.position.tobytes() + one.rotation.tobytes(): (one, two)
+            for one, two in pairs
+            if one is not None and two is not None
+        }
+        return list(known.values())

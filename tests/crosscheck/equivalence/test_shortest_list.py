@@ -217,6 +217,47 @@ def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
     assert hints == ()
 
 
+def standing(folder: Path, name: str, base: float, zero: float, way: float) -> Path:
+    """The hand on a plinth; its base turned about the vertical, the zero of its first joint turned, and its limits moved [rad]."""
+    text = hand(folder, name).read_text().replace('"base"', '"plinth"')
+    first = JOINT.format("upper", "plinth", "0 0 0.2", "0 0 0", "0 0 1", -2.0, 2.0)
+    assert first in text
+    turned = JOINT.format("upper", "plinth", "0 0 0.2", f"0 0 {zero!r}", "0 0 1", -2.0 + way, 2.0 + way)
+    stand = '<link name="stand"/><joint name="foot" type="fixed"><parent link="stand"/><child link="plinth"/>'
+    stand += f'<origin rpy="0 0 {base!r}"/></joint>'
+    (folder / name).write_text(text.replace(first, stand + turned))
+    return folder / name
+
+
+@pytest.mark.parametrize("angle", [-math.pi, math.pi / 2, 0.3])
+def test_a_base_that_turned_against_the_zero_on_it_moved_no_limits(angle: float, tmp_path: Path) -> None:
+    """The first joint stands where it stood; that base and zero moved, and not its limits, shows the link that carries it."""
+    a, b = hand(tmp_path, "a.urdf"), standing(tmp_path, "b.urdf", -angle, angle, -angle)
+    for found in (compare(a, b), compare(b, a)):
+        assert {(d.cause, d.place): d.size for d in found.differences} == {
+            ("pose of base", "the machine"): pytest.approx(abs(angle), rel=1e-9),
+            ("zero of coordinate", "joint to_upper"): pytest.approx(abs(angle), rel=1e-9),
+        }
+        assert found.judged.after <= REPAIRED
+
+
+@pytest.mark.parametrize("way", [-math.pi, 0.3])
+def test_limits_of_a_first_joint_that_moved_turned_no_base(way: float, tmp_path: Path) -> None:
+    a, b = hand(tmp_path, "a.urdf"), standing(tmp_path, "b.urdf", 0.0, 0.0, way)
+    for found in (compare(a, b), compare(b, a)):
+        assert [(d.cause, d.place) for d in found.differences] == [
+            ("lower limit", "joint to_upper"), ("upper limit", "joint to_upper"),
+        ]  # fmt: skip
+
+
+@pytest.mark.parametrize("turn", [math.pi, 0.3])
+def test_a_plinth_with_another_frame_is_no_difference(turn: float, tmp_path: Path) -> None:
+    """Its frame alone is turned, and the joint on it back: nothing that moves stands elsewhere or counts otherwise."""
+    a, b = hand(tmp_path, "a.urdf"), standing(tmp_path, "b.urdf", -turn, turn, 0.0)
+    for found in (compare(a, b), compare(b, a)):
+        assert not found.differences
+
+
 def test_one_of_two_bodies_may_have_a_tensor_that_no_body_has(tmp_path: Path) -> None:
     """Files of others hold such placeholders; what differs beside them is named."""
     placeholder = CAP.restated(tensor=np.diag([4e-3, 3e-4, 2e-4]))
