@@ -263,7 +263,7 @@ def reorder(told: Told, dice: Dice) -> Told:
 
 def reverse_axes(told: Told, dice: Dice) -> Told:
     """Let half of the coordinates count the other way, their limits, springs and couplings with them."""
-    return _recounted(told, {n: (-1.0, 0.0) for n in _scalars(told) if dice.random() < 0.5})
+    return recounted(told, {n: (-1.0, 0.0) for n in _scalars(told) if dice.random() < 0.5})
 
 
 def move_zeros(told: Told, dice: Dice) -> Told:
@@ -275,15 +275,15 @@ def move_zeros(told: Told, dice: Dice) -> Told:
             quarter = np.pi / 2 if reach == np.pi else 0.05
             step = float(quarter * dice.integers(-2, 3)) if dice.random() < 0.5 else float(dice.uniform(-reach, reach))
             moves[name] = (1.0, step)
-    return _recounted(told, moves)
+    return recounted(told, moves)
 
 
 def _scalars(told: Told) -> list[str]:
     return [joint.name for joint in told.mechanism.joints if joint.kind in SCALARS]
 
 
-def _recounted(told: Told, moves: Mapping[str, tuple[float, float]]) -> Told:
-    """Count joints by  q = sign q' + offset."""
+def recounted(told: Told, moves: Mapping[str, tuple[float, float]]) -> Told:
+    """Count joints by  q = sign q' + offset; moves : signs [-] and offsets [rad], [m] by joint."""
     old = told.mechanism
     joints = tuple(_counted(j, *moves[j.name]) if j.name in moves else j for j in old.joints)
     closures = []

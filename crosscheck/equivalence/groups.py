@@ -50,8 +50,9 @@ def one_body(pair: Pair) -> list[Difference]:
     ours, theirs = dict(pair.one.parts), {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
     if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
         found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
-        other = [own for own in found.values() if own]
-        return other[0] if len(other) == 1 else []
+        # What is no more than rounding of turned frames is put right with it.
+        off = [own for own in found.values() if _named(own)]
+        return [d for own in found.values() for d in own] if len(off) == 1 else []
     tried = [own for own in (_one_of_ours(pair, ours), _one_of_theirs(pair, theirs)) if own]
     return min(tried, key=lambda own: len(_named(own)), default=[])
 

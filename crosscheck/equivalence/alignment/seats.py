@@ -60,12 +60,30 @@ def _coordinate(one: Member, two: Member, frame: Placement, shift: Placement) ->
         left = size_of(rest.position)
     else:
         offset = angle_about(shift.rotation, axis)
+        if one.kind == "helical":
+            offset = _by_pitch(one, offset, float(axis @ shift.position))
         way = one.pitch * offset / (2 * np.pi) * axis if one.kind == "helical" else np.zeros(3)
         rest = on(shift, inverse(Placement(way, turned(axis, offset))))
         left = angle(rest.rotation)
         offset = _by_turns(one, two, sign, offset)
     told = left <= max(ROUGH, APART * abs(offset)) or _moved_with(one, two, sign, offset)
     return (sign, offset, rest) if told else (sign, 0.0, shift)
+
+
+def _by_pitch(one: Member, offset: float, along: float) -> float:
+    """The offset [rad] of a screw with the whole turns that its way along the axis says [m].
+
+    Where that way is no whole number of pitches, the screw itself stands elsewhere: no turns are told by it, but that half a turn
+    is one to the side that leaves less.
+    """
+    if not one.pitch:
+        return offset
+    turns = along / one.pitch - offset / (2 * np.pi)
+    half = abs(abs(offset) - np.pi) <= ROUGH
+    if abs(turns - round(turns)) <= ROUGH:
+        return offset + 2 * np.pi * round(turns)
+    other = -float(np.sign(offset))
+    return offset + 2 * np.pi * other if half and abs(turns - other) < abs(turns) else offset
 
 
 def _moved_with(one: Member, two: Member, sign: float, offset: float) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -14,7 +15,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 import same_robot
 from machines import machine
-from retelling import base_moved, move_frames, split_links, told_first
+from retelling import base_moved, move_frames, recounted, split_links, told_first
 from same_robot import faults, outcomes
 
 from crosscheck.engines.mujoco.export import text_of
@@ -59,6 +60,32 @@ def test_a_body_that_no_body_can_be_is_not_split() -> None:
     names = {link.name for one in tried for link in one.mechanism.links}
     assert {"base_antenna_left_link", "arm_1_link_part"} <= names
     assert not {"base_antenna_left_link_part", "base_antenna_right_link_part"} & names
+
+
+@pytest.mark.parametrize("offset", [np.pi, -np.pi, 1.0, 3 * np.pi, -4.0, 2 * np.pi])
+def test_the_zero_of_a_screw_is_told_with_its_turns(offset: float) -> None:
+    """Half a turn to either side is one frame's turn, but the nut stands half a pitch up or down."""
+    first = machine("tree 1")
+    screw = next(joint for joint in first.joints if joint.kind == "helical")
+    second = recounted(told_first(first), {screw.name: (1.0, offset)}).mechanism
+    found = compare(first, second)
+    assert {(d.cause, d.place): d.size for d in found.differences} == {
+        ("zero of coordinate", f"joint {screw.name}"): pytest.approx(abs(offset), rel=1e-9)
+    }
+    assert found.judged.after <= REPAIRED
+
+
+def test_a_screw_that_stands_elsewhere_has_no_other_zero() -> None:
+    first = machine("tree 1")
+    screw = next(joint for joint in first.joints if joint.kind == "helical")
+    for way in (0.05, 0.45):
+        at = screw.placement.position + way * screw.pitch * screw.placement.rotation @ np.cross(
+            screw.axis, [0.6, 0, 0.8]
+        )
+        moved = replace(screw, placement=replace(screw.placement, position=at))
+        joints = tuple(moved if joint is screw else joint for joint in first.joints)
+        ((cause, place),) = ((d.cause, d.place) for d in compare(first, replace(first, joints=joints)).differences)
+        assert (cause, place) == ("position of joint", f"joint {screw.name}")
 
 
 def ur5(folder: Path, quarters: int, digits: int | None = None) -> tuple[Path, Path]:

@@ -218,7 +218,7 @@ def test_limits_that_stayed_say_no_whole_turn(tmp_path: Path) -> None:
 
 
 def standing(folder: Path, name: str, base: float, zero: float, way: float) -> Path:
-    """The hand on a plinth; its base turned about the vertical, the zero of its first joint turned, and its limits moved [rad]."""
+    """The hand on a plinth; base and zero of the first joint turned about the vertical, its limits moved [rad]."""
     text = hand(folder, name).read_text().replace('"base"', '"plinth"')
     first = JOINT.format("upper", "plinth", "0 0 0.2", "0 0 0", "0 0 1", -2.0, 2.0)
     assert first in text
