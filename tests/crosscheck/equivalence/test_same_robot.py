@@ -42,6 +42,21 @@ def test_a_fault_on_top_is_named_alone() -> None:
         assert one.false == []
 
 
+@pytest.mark.parametrize(("seed", "number"), [(4711, 75), (90210, 74)])
+def test_pairs_of_other_seeds_are_the_same_machine(seed: int, number: int) -> None:
+    """Pairs that once were refused, or had limits named: a body that is none is not split, a base turned against a zero on it."""
+    (one,) = outcomes([number], seed=seed)
+    assert one.same, one.named
+
+
+@pytest.mark.parametrize(("seed", "number"), [(4711, 50), (90210, 16), (90210, 93)])
+def test_faults_of_other_seeds_are_named_alone(seed: int, number: int) -> None:
+    """Bodies that are split otherwise, bodies of the same names in turned frames, the zero of a screw: each once named more."""
+    (one,) = outcomes([number], True, seed)
+    assert one.told, one.words
+    assert one.false == []
+
+
 def test_what_the_judge_refuses_is_counted_and_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> float:
         raise RuntimeError("The 3d inertia should be positive.")
