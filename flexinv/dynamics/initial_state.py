@@ -13,9 +13,9 @@ from flexinv.dynamics.generalized_alpha import ACCELERATIONS, RESOLVED, STATICS,
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
-from flexinv.errors import ModelWarning
+from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion, relative_motion, rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, relative_motion, rigid_motion, slides
 from flexinv.kinematics.tree import Joints, carry_samples
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
@@ -161,26 +161,49 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     energy that is short where h is short, and leads to a rest position where h is long.  A step that would climb, f(x) d < 0, is
     made shorter.  So a mechanism comes to rest below where it starts, and passes by what it would fall from (proximal point
     method; Rockafellar, *Monotone operators and the proximal point algorithm*, SIAM J. Control Optim. 14, 1976). Where nothing
-    holds a joint and nothing moves it (a vertical axis), it stays where it is. Raises ConvergenceError where no step succeeds.
+    holds a joint and nothing moves it (a vertical axis), it stays where it is. Raises ConvergenceError where no step succeeds, or
+    where the mechanism moves on and on: nothing holds it, or a force that turns along drives it.
     """
     solver.loads.level[0] = 1.0
     gravity = float(np.linalg.norm(solver.topology.gravity))
     longest = FIRST_STEP * (np.sqrt(2 * solver.mesh.length / gravity) if gravity > 0.0 else 1.0)
     step, shortest = longest, longest / STEP_FACTOR**MOST_SHORTER
+    begin = solver.state.place.copy()
+    last = np.zeros(len(begin))
     for _ in range(MOST_STEPS):
+        before = solver.state.place.copy()
         moved, failed = _moved(solver, joints, generalized_alpha(step, 0.0), LONGEST_MOVE)
         if moved is None:
             step /= STEP_FACTOR
             if step < shortest:
                 raise solver.complain(*failed, f"{when}, on the way down to a rest position")
             continue
+        last = solver.state.place - before
         # Close by Newton's method may find the rest position; where a motion is free of forces, standing still will do.
         if moved < NEAR_REST and _moved(solver, joints, STATICS, STEP_FACTOR * NEAR_REST)[0] is not None:
             return
         if step >= longest and moved < STILL:
             return
         step *= STEP_FACTOR if moved < LONGEST_MOVE / 2 else 1.0
-    raise solver.complain(NOT_CONVERGED, MOST_STEPS, moved or 0.0, f"{when}, on the way down to a rest position")
+    raise _explain_motion(solver, solver.state.place - begin, last, when)
+
+
+def _explain_motion(solver: Solver, way: Array, last: Array, when: str) -> ConvergenceError:
+    """Return the error of a mechanism that moves on and on, with the joint that moves most.
+
+    way, last : (unknowns,) what the unknowns have moved by in all, and in the last step that was kept [rad], [m]
+    """
+    mechanism = solver.mesh.mechanism
+    of_joints = by_unknown(solver.mesh, solver.topology)
+    most = int(np.abs(of_joints @ (last / solver.topology.scale)).argmax())
+    name = next(name for name, own in mechanism.v_slices.items() if own.start <= most < own.stop)
+    unit = "m" if slides(mechanism)[most] else "rad"
+    moved = f"has moved by {abs(of_joints[most] @ way):.3g} {unit} in {MOST_STEPS} steps"
+    moves = f"moves on, by {abs(of_joints[most] @ last):.2g} {unit} in the last one"
+    return ConvergenceError(
+        f"mechanism '{mechanism.name}', {when}, on the way down to a rest position: joint '{name}' {moved} and {moves}: "
+        "nothing holds it, or a force that turns along drives it; give it a stiffness, hold it, or write other loads"
+    )
 
 
 def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> tuple[float | None, Failure]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,10 @@ from kernels import Array
 from scipy.sparse import csc_array
 
 import flexinv
+from campaigns.spectra_closed_forms import ziegler
 from flexinv.analysis.controller import Controller
 from flexinv.linearized.eigenvalues import negative
+from flexinv.model.mechanism import Attachment, Body, Force, Inertia, Joint, Link, Placement
 
 HALVES = """
 title = "Two beams on a hinge and a slide"
@@ -65,6 +69,8 @@ STEP, DURATION = 0.002, 0.3
 SAME = 1e-9
 # What the beams, as they sag, turn by about an axis that nothing holds: the square of some 1e-4 rad.
 SAGGING = 1e-7
+TIP = np.array([0.3, 0.0, 0.0])
+ROUNDED = 1.1  # numbers of two digits
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +128,73 @@ def test_an_unstable_rest_position_is_told(pendulum: flexinv.Mechanism) -> None:
         warnings.simplefilter("error")
         falls = flexinv.solve(pendulum, motion, STEP, start={"j1": -np.pi / 2 + 1e-6}, initial="static")
     assert abs(hinge(falls) - np.pi / 2) < SAME
+
+
+def upright(count: int) -> flexinv.Mechanism:
+    """Rods that stand on each other on passive hinges, gravity down."""
+    links = tuple(Link(f"rod {k}", (Body("ball", Inertia(1.0, TIP)),), tip=TIP) for k in range(count))
+    parents = ("world", *(link.name for link in links))
+    joints = tuple(
+        Joint(f"hinge {k}", "revolute", parents[k], f"rod {k}", Placement(TIP if k else np.zeros(3)), actuated=False)
+        for k in range(count)
+    )
+    return flexinv.Mechanism("upright", links, joints, np.array([-9.81, 0.0, 0.0]))
+
+
+def begin_at_rest(mechanism: flexinv.Mechanism) -> flexinv.Solution:
+    """A march of a few steps that begins at rest, nothing prescribed."""
+    time = np.array([0.0, DURATION])
+    return flexinv.simulate(mechanism, time, np.zeros((2, 0)), 0.1, initial="static")
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "words"),
+    [
+        (upright(1), r"\(1 independent motion of it, alone or swinging, would grow\).*start beside it for hinge 0,"),
+        (
+            upright(2),
+            r"\(2 independent motions of it, alone or swinging, would grow\).*beside it for hinge 0, hinge 1,",
+        ),
+        # flutter: no eigenvalue of the stiffness is negative, and yet a pair of motions grows
+        (ziegler(2.5, (0.0, 0.0)), r"\(2 independent motions of it, alone or swinging, would grow\)"),
+    ],
+)
+def test_the_warning_counts_the_motions_that_would_grow(mechanism: flexinv.Mechanism, words: str) -> None:
+    passive = replace(mechanism, joints=tuple(replace(joint, actuated=False) for joint in mechanism.joints))
+    with pytest.warns(flexinv.ModelWarning, match=words):
+        begin_at_rest(passive)
+
+
+def test_ziegler_below_its_flutter_load_begins_without_a_word() -> None:
+    mechanism = ziegler(2.0, (0.0, 0.0))
+    passive = replace(mechanism, joints=tuple(replace(joint, actuated=False) for joint in mechanism.joints))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        begin_at_rest(passive)
+
+
+def test_a_slide_that_nothing_holds_is_named_with_its_way() -> None:
+    """It falls on and on: step after step by the same way, which the error has, and not an increment of 0."""
+    slope = Joint("slide", "prismatic", "world", "rod", axis=np.array([0.0, 0.6, 0.8]), actuated=False)
+    rod = Link("rod", (Body("ball", Inertia(1.0, TIP)),), tip=TIP)
+    mechanism = flexinv.Mechanism("slope", (rod,), (slope,), np.array([0.0, 0.0, -9.81]))
+    with pytest.raises(flexinv.ConvergenceError, match=r"joint 'slide' has moved by .* m in 500 steps.*hold") as error:
+        begin_at_rest(mechanism)
+    found = re.search(r"moved by (\S+) m in .*, by (\S+) m in the last one", str(error.value))
+    assert found is not None
+    way, last = (float(number) for number in found.groups())
+    assert 0.0 < last < way  # 500 steps of that at most, and fewer, as every other is too long
+    assert way < 500 * last * ROUNDED
+
+
+def test_a_force_that_turns_along_drives_the_joint_that_is_named() -> None:
+    """Nothing is at rest where a force across a rod's tip turns with it."""
+    mechanism = upright(1)
+    push = Force("jet", Attachment("rod 0", Placement(TIP)), np.array([[0.0, 50.0, 0.0, 0.0, 0.0, 0.0]]), follower=True)
+    with pytest.raises(
+        flexinv.ConvergenceError, match=r"joint 'hinge 0' has moved by .* rad in 500 steps and moves on"
+    ):
+        begin_at_rest(replace(mechanism, forces=(push,)))
 
 
 def test_what_nothing_moves_stays(pendulum: flexinv.Mechanism, tmp_path: Path) -> None:
