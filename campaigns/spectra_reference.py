@@ -156,11 +156,17 @@ def pencil_of(residual: Residual) -> Pencil:
             gradient[:, k] += weight * (ahead[1] - behind[1]) / STEP
     heavy = np.abs(_slopes(residual, scale, 1.0, 2)).max(initial=0.0)
     held = np.abs(np.concatenate([residual.at(nothing, nothing, nothing)[0], residual.forces])).max(initial=0.0)
-    largest = max(FORCE * held, np.abs(stiffness).max(initial=0.0))
+    largest = max(FORCE * held, FORCE * _carried(residual.solver), np.abs(stiffness).max(initial=0.0))
     fast = np.sqrt(largest / heavy) if heavy > 0.0 and largest > 0.0 else 1.0
     damping, mass = _slopes(residual, scale, fast, 1), _slopes(residual, scale, fast**2, 2)
     basis = np.diag(scale) @ _null_space(gradient)
     return Pencil(*(basis.T @ part @ np.diag(1 / scale) @ basis for part in (mass, damping, stiffness)), basis, largest)
+
+
+def _carried(solver: Solver) -> float:
+    """The largest moment of the wrenches on nodes [N m]: what turns holds its own mass, though no unknown may have that force."""
+    wrench = np.abs(solver.work.wrench)
+    return float(max(solver.mesh.length * wrench[:, :3].max(initial=0.0), wrench[:, 3:].max(initial=0.0)))
 
 
 def _slopes(residual: Residual, scale: Array, step: float, order: int) -> Array:

@@ -121,8 +121,8 @@ def solve_held(stiffness: Sparse, sides: Array) -> Array:
 def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     """Return omega^2 (modes,) [1/s^2], rising, and shapes (freedoms, modes) with unit modal mass, of a symmetric K.
 
-    1 / omega^2 are eigenvalues of M by K where K is positive definite: so the low frequencies are the exact ones.  Freedoms
-    without inertia follow the others.  What moves without stiffness, or falls, is taken out of K first.
+    Freedoms without inertia follow the others.  What moves without stiffness, or falls, is taken out of K first.  What is left
+    is positive definite, and found from both ends.
     """
     moves = without_massless(stiffness, split_by_inertia(mass))
     k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
@@ -133,18 +133,28 @@ def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     inner, inertia = (rest.T @ part @ rest for part in (k, m))
     squared, shapes = _soft_squares(k, m, soft)
     if rest.shape[1]:
-        values, vectors = scipy.linalg.eigh((inertia + inertia.T) / 2, (inner + inner.T) / 2)
-        use = values > 0.0
-        stiff = rest @ vectors[:, use][:, ::-1]
-        # Of slow motions the eigenvalue, of fast ones Rayleigh's quotient: rounding is 1e-16 of 1 / omega^2 of the slowest, but
-        # of K of the fastest, and each is the better one on its side of their mean.
-        along = (np.einsum("km,kl,lm->m", stiff, part, stiff) for part in (k, m))
-        inverse, quotient = 1.0 / values[use][::-1], np.divide(*along)
-        slow = inverse <= np.sqrt(inverse.min() * inverse.max())
-        squared, shapes = np.concatenate([squared, np.where(slow, inverse, quotient)]), np.hstack([shapes, stiff])
+        others, stiff = _from_both_ends((inner + inner.T) / 2, (inertia + inertia.T) / 2)
+        squared, shapes = np.concatenate([squared, others]), np.hstack([shapes, rest @ stiff])
     order = np.argsort(squared, kind="stable")
     masses = np.einsum("km,kl,lm->m", shapes, m, shapes)  # (mode,)
     return squared[order], np.asarray(moves @ (shapes / np.sqrt(masses)))[:, order]
+
+
+def _from_both_ends(k: Array, m: Array) -> tuple[Array, Array]:
+    """Return all omega^2 (modes,) [1/s^2], rising, and shapes (freedoms, modes) of a positive definite K [N m].
+
+    Slow ones by 1 / omega^2 of M by K, which is known to 1e-16 of that of the slowest.  They are taken out of K, by Q with
+    x^T M Q = 0, and fast ones found by omega^2 of K by M, known to 1e-16 of the fastest.  They part at the mean of both ends:
+    each loses the root of what one end alone would lose of the other, and as many are found as there are freedoms.
+    """
+    values, vectors = scipy.linalg.eigh(m, k)
+    fastest = float(np.divide(*(np.einsum("km,kl,lm->m", vectors, part, vectors) for part in (k, m))).max())
+    slow = values >= np.sqrt(values[-1] / fastest)
+    found = vectors[:, slow][:, ::-1]
+    rest = scipy.linalg.qr(m @ found)[0][:, found.shape[1] :]
+    inner, inertia = (rest.T @ part @ rest for part in (k, m))
+    squared, fast = scipy.linalg.eigh((inner + inner.T) / 2, (inertia + inertia.T) / 2)
+    return np.concatenate([1.0 / values[slow][::-1], squared]), np.hstack([found, rest @ fast])
 
 
 def near_slowest(squared: NDArray[Any], shift: float) -> float:
