@@ -120,7 +120,7 @@ def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[
             raise
         yield from _stable(one)
         return
-    yield "linear_model", compared(model.poles, linear.poles_of(model.A)[1], exact)
+    yield "linear_model", compared(model.poles, linear.poles_of(model.A, model.left_out)[1], exact)
     few = linear_model(one.mechanism, None, one.rates, found.free, modes=FEW)
     if few.notes:
         slow = found.root[:FEW]

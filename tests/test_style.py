@@ -61,7 +61,6 @@ ALONE = {
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
-    "flexinv.linearized.state_space": "algebra that knows no mechanism",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",

@@ -11,7 +11,11 @@ whose roots are all finite: none is thrown away.  Fast roots are found as eigenv
 
     s <- s - y^H P(s) x / (y^H P'(s) x)     P = s^2 M + s C + K
 
-whose error is of second order, and known to a part of |y|^T (|s|^2 |M| + |s| |C| + |K|) |x| over |y^H P'(s) x|.
+whose error is of second order, and known to a part of |y|^T (|s|^2 |M| + |s| |C| + |K|) |x| over |y^H P'(s) x|.  Of roots that
+are not slow for what follows, as |s| times its time (C_ee over K_ee) is no rounding, x and y are of P(s) itself, by Newton:
+
+    x <- P(s)^-1 P'(s) x     y <- P(s)^-H P'(s)^H y
+
 Source: Tisseur, Meerbergen, *The quadratic eigenvalue problem*, SIAM Review 43(2), 2001, section 4.
 """
 
@@ -34,7 +38,7 @@ from flexinv.linearized.eigenvalues import (
     without_massless,
     without_rounded_parts,
 )
-from flexinv.typing import Array, Complex, Sparse
+from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
 NO_DAMPER = 1e-12
@@ -49,6 +53,10 @@ CORRECTIONS = 2
 SMALLEST_SLOPE = 1e-200
 # Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
 SMALLEST_PIVOT = 1e-13
+# |s| times the longest time of what follows: below this its square, which vectors without it leave of a root, is rounding.
+SLOW_ENOUGH = 1e-8
+# Newton's method with both vectors triples the digits: from one, in so many steps, a change below this part of the root is left.
+MOST_NEWTON_STEPS, NEWTON_CONVERGED = 8, 1e-14
 # Of the fastest motion with inertia: a shift whose square is what rounding of K leaves of a motion without stiffness.
 SMALLEST_SHIFT = 1e-6
 
@@ -72,7 +80,7 @@ class Pencil:
 
     basis : (freedoms, own) motions with inertia, those that C moves, those that follow; massive, moved : how many
     a, b : (2 massive + moved, all) rows of what moves by itself; follow : z by its other part; held : K_ee
-    smallest : shift [1/s]
+    smallest : shift [1/s]; lag : longest time in which motions follow, C_ee over K_ee [s]
     """
 
     basis: Array
@@ -83,6 +91,7 @@ class Pencil:
     follow: Array
     held: Sparse
     smallest: float
+    lag: float
 
 
 def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
@@ -98,7 +107,10 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     (root, z, w), shift = _merged(own.a @ own.follow, own.b @ own.follow, own.smallest)
     x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
     y = own.basis @ _left(own, root, w)
-    return in_pairs(*correct_roots(parts, root, x, y, shift))
+    late = np.abs(root) * own.lag > SLOW_ENOUGH
+    root, x, y, lost = _refined(parts, root, x, y, late)
+    root, x, y, bar = correct_roots(parts, root, x, y, shift)
+    return in_pairs(root, x, y, bar + lost)
 
 
 def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
@@ -143,10 +155,12 @@ def _pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
     follow = np.zeros((size + r, len(rest)))
     follow[rest, np.arange(len(rest))] = 1.0
     inner = scipy.sparse.csc_array(held.T @ stiffness @ held)
+    lag = 0.0
     if held.shape[1]:
         follow[first:size] = solve_held(inner, a[r + first :][:, rest])
+        lag = float(np.abs(scipy.linalg.eigvals(solve_held(inner, c[first:, first:]))).max())
     smallest = SMALLEST_SHIFT * (float(np.sqrt(np.abs(k[:r, :r]).max(initial=0.0))) or 1.0)
-    return Pencil(basis.toarray(), r, moved.shape[1], a[: r + first], b[: r + first], follow, inner, smallest)
+    return Pencil(basis.toarray(), r, moved.shape[1], a[: r + first], b[: r + first], follow, inner, smallest, lag)
 
 
 def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sparse, Sparse]:
@@ -246,6 +260,51 @@ def _slow(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, 
 
 
 # ------------------------------------------------------------------------------------------- corrections and bars
+
+
+def _refined(
+    parts: list[Sparse], root: Complex, x: Complex, y: Complex, late: Mask
+) -> tuple[Complex, Complex, Complex, Array]:
+    """Return roots [1/s] with vectors of P(s) itself where they are ``late``, and how far they may be off where that fails [1/s].
+
+    It fails where roots lie so close that it would lead to another one: such a root is not known.
+    """
+    out, right, left = root.copy(), x.copy(), y.copy()
+    lost = np.zeros(len(root))
+    m, c, k = (part.toarray() for part in parts)
+    for i in np.flatnonzero(late):
+        s = root[i]
+        near = NEAR_NEXT * np.abs(np.delete(root, i) - s).min(initial=np.inf)
+        lost[i] = np.abs(s)
+        for _ in range(MOST_NEWTON_STEPS):
+            slope = 2 * s * m + c
+            factors = _factors(s * s * m + s * c + k)
+            right[:, i] = _unit(scipy.linalg.lu_solve(factors, slope @ right[:, i]))
+            left[:, i] = _unit(scipy.linalg.lu_solve(factors, slope.conj().T @ left[:, i], trans=2))
+            change = _change(parts, np.array([s]), right[:, [i]], left[:, [i]])[0]
+            s = s - change
+            if not np.abs(s - root[i]) < near:
+                break
+            if np.abs(change) <= NEWTON_CONVERGED * np.abs(s):
+                out[i] = s
+                lost[i] = 0.0
+                break
+        if lost[i]:
+            right[:, i], left[:, i] = x[:, i], y[:, i]
+    return out, right, left, lost
+
+
+def _factors(matrix: Complex) -> tuple[Complex, NDArray[Any]]:
+    """LU of a matrix that may be singular: a pivot of nothing is rounding, and what it belongs to is as large as that."""
+    factors, swaps, _ = scipy.linalg.lapack.zgetrf(matrix)
+    pivots = np.diag(factors)
+    nothing = np.flatnonzero(pivots == 0.0)
+    factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=np.finfo(float).tiny)
+    return factors, swaps
+
+
+def _unit(vector: Complex) -> Complex:
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def correct_roots(

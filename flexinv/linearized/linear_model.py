@@ -10,7 +10,7 @@ Source of the split: Craig, Bampton, *Coupling of substructures for dynamic anal
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from flexinv.linearized.closed_motions import allowed_motions
 from flexinv.linearized.complex_roots import moved_by_rates, roots
 from flexinv.linearized.eigenvalues import SOFT, is_symmetric, split_by_inertia, undamped
 from flexinv.linearized.natural_modes import SAFETY, chosen, nodal_shapes, numbers_of_rates, tip_moves
-from flexinv.linearized.state_space import Basis, StateSpace, state_space
+from flexinv.linearized.state_space import Basis, LeftOut, StateSpace, state_space
 from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
@@ -41,6 +41,15 @@ SAME_SPAN = 1e-7
 # right ones then.
 WORST_PAIR = 1e8
 AXIS_NAMES = ("x", "y", "z")
+CIRCULATORY_NOTE = (
+    "shapes are the real and imaginary parts of the {} slowest complex modes under loads that turn along or moments, and rows "
+    "those of their left vectors: the poles of these, and what efforts do in them, are those of the mechanism, others are not "
+    "(steady_modes has all)"
+)
+GYROSCOPIC_NOTE = (
+    "shapes are the real and imaginary parts of the {} slowest complex modes, gyroscopic terms and damping included: the poles "
+    "of these are those of the mechanism, others are not (steady_modes has all)"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +72,7 @@ class LinearModel(ByValue):
     bias : (inputs,) what the inputs are in the steady motion itself [N m], [N], [rad/s^2]
     notes : what a reader must know, as which poles are exact where few modes of a gyroscopic mechanism are kept
     origin : what it was made of
+    left_out : what A leaves out of motions without inertia that follow the others; None where nothing
     """
 
     A: Array
@@ -78,6 +88,7 @@ class LinearModel(ByValue):
     bias: Array
     notes: tuple[str, ...] = ()
     origin: Origin | None = None
+    left_out: LeftOut | None = None
 
     @property
     def poles(self) -> Complex:
@@ -86,12 +97,12 @@ class LinearModel(ByValue):
 
     @property
     def pole_error(self) -> Array:
-        """(states,) error bars of the poles [1/s], of mesh and of rounding of A as a whole.
+        """(states,) error bars of the poles [1/s], of mesh, of rounding of A as a whole and of what A leaves out (`LeftOut`).
 
         Twice the distance to the pole of the same number of a finer mesh, two elements of the next order for one: it is solved
         when this is asked for first.  `steady_modes` knows slow roots better: A has lost what is below 1e-16 of its largest.
         """
-        poles, rounding = poles_of(self.A)
+        poles, rounding = poles_of(self.A, self.left_out)
         if self.origin is None or self.origin.mechanism.is_rigid:
             return rounding
         finer = refined_model(self).poles[: len(poles)]
@@ -111,16 +122,22 @@ def refined_model(model: LinearModel) -> LinearModel:
     return linear_model(of.mechanism.refined(2, 1), of.q, of.rates, of.free, of.accelerated, of.modes)
 
 
-def poles_of(a: Array) -> tuple[Complex, Array]:
-    """Return eigenvalues of A (states,) [1/s] by size, and what a rounding of A leaves of each: eps |A| |y| |x| / |y^H x|."""
+def poles_of(a: Array, left_out: LeftOut | None = None) -> tuple[Complex, Array]:
+    """Return eigenvalues of A (states,) [1/s] by size, and how well they are known, but for the mesh.
+
+    A rounding of A leaves  eps |A| |y| |x| / |y^H x|  of each, and what A leaves out moves it by  |s|^2 |y^H L x| / |y^H x|.
+    """
     if not len(a):
         return np.zeros(0, dtype=complex), np.zeros(0)
-    balanced = scipy.linalg.matrix_balance(a, permute=False)[0]
+    balanced, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     root, left, right = scipy.linalg.eig(balanced, left=True, right=True)
-    angle = np.abs(np.einsum("km,km->m", left.conj(), right))  # of unit vectors
+    angle = np.maximum(np.abs(np.einsum("km,km->m", left.conj(), right)), np.finfo(float).tiny)  # of unit vectors
     unit = np.finfo(float).eps * len(a) * np.linalg.norm(balanced)
     # of a double root, whose vectors are one, the root of it
-    bar = np.minimum(unit / np.maximum(angle, np.finfo(float).tiny), np.sqrt(unit * np.linalg.norm(balanced)))
+    bar = np.minimum(unit / angle, np.sqrt(unit * np.linalg.norm(balanced)))
+    if left_out is not None:
+        along = np.einsum("km,kl,lm->m", left.conj(), left_out.matrix * scale / scale[:, None], right)
+        bar = bar + left_out.move(root, np.abs(along) / angle)
     order = np.lexsort((-root.imag, np.round(np.abs(root), 300)))
     return root[order], bar[order]
 
@@ -172,40 +189,65 @@ def linear_model(
     basis = _basis(motion, coordinates[joints], modes)
     driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
     found = state_space(basis, motion.matrices, coordinates[driven].T)
-    c, d, labels, units = _outputs(motion.solver, coordinates, basis, found)
-    turns, velocity = ~slides(mechanism), mechanism.velocity_names
-    own = [*accelerated, *(f"mode {k + 1}" for k in range(basis.massive))]
-    follows = [f"massless {k + 1}" for k in range(basis.moved)]
-    unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated] + basis.massive * ["kg^0.5 m"]
-    origin = Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes)
+    c, d, outputs, output_units = _outputs(motion.solver, coordinates, basis, found)
+    states, state_units = _states(mechanism, accelerated, basis)
+    inputs, input_units = _inputs(mechanism, driven, accelerated)
+    held = coordinates[driven] @ motion.residual
     return LinearModel(
-        found.a, found.b, c, d,
-        (*own, *follows, *(f"{name} rate" for name in own)),
-        (*(f"{velocity[v]} effort" for v in driven), *(f"{name} acceleration" for name in accelerated)),
-        labels,
-        (*unit, *(basis.moved * ["-"]), *(f"{u}/s" for u in unit)),
-        (*("N m" if turns[v] else "N" for v in driven), *(f"{u}/s^2" for u in unit[:basis.given])),
-        units,
-        np.concatenate([coordinates[driven] @ motion.residual, np.zeros(basis.given)]),
-        _notes(motion, basis, modes),
-        origin,
-    )  # fmt: skip
+        A=found.a,
+        B=found.b,
+        C=c,
+        D=d,
+        states=states,
+        inputs=inputs,
+        outputs=outputs,
+        state_units=state_units,
+        input_units=input_units,
+        output_units=output_units,
+        bias=np.concatenate([held, np.zeros(len(accelerated))]),
+        notes=_notes(motion, basis, modes),
+        origin=Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes),
+        left_out=found.left_out,
+    )
+
+
+def _coordinate_units(mechanism: Mechanism, accelerated: Collection[str]) -> list[str]:
+    """Units of the coordinates of joints whose acceleration is given."""
+    return [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated]
+
+
+def _states(
+    mechanism: Mechanism, accelerated: Collection[str], basis: Basis
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the states (p, eta, d, p', eta') of `state_space`."""
+    moving = [*accelerated, *(f"mode {k + 1}" for k in range(basis.massive))]
+    following = [f"massless {k + 1}" for k in range(basis.moved)]
+    rates = [f"{name} rate" for name in moving]
+    units = [*_coordinate_units(mechanism, accelerated), *(basis.massive * ["kg^0.5 m"])]
+    return (*moving, *following, *rates), (*units, *(basis.moved * ["-"]), *(f"{unit}/s" for unit in units))
+
+
+def _inputs(
+    mechanism: Mechanism, driven: Sequence[int], accelerated: Collection[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the inputs: efforts of the driven velocity coordinates, then given accelerations."""
+    translation = slides(mechanism)
+    efforts = [f"{mechanism.velocity_names[v]} effort" for v in driven]
+    accelerations = [f"{name} acceleration" for name in accelerated]
+    effort_units = ["N" if translation[v] else "N m" for v in driven]
+    acceleration_units = [f"{unit}/s^2" for unit in _coordinate_units(mechanism, accelerated)]
+    return (*efforts, *accelerations), (*effort_units, *acceleration_units)
 
 
 def _notes(motion: Steady, basis: Basis, modes: int | None) -> tuple[str, ...]:
     """Name what few modes leave out."""
     if modes is None:
         return ()
+    if basis.left is not basis.right:
+        return (CIRCULATORY_NOTE.format(modes),)
     n = allowed_motions(motion.solver)
     damping = (n.T @ motion.matrices.damping @ n).toarray()
-    if basis.left is not basis.right:
-        return (f"shapes are the real and imaginary parts of the {modes} slowest complex modes under loads that turn along or "
-                "moments, and rows those of their left vectors: the poles of these, and what efforts do in them, are those of "
-                "the mechanism, others are not (steady_modes has all)",)  # fmt: skip
-    if not _is_gyroscopic(damping):
-        return ()
-    return (f"shapes are the real and imaginary parts of the {modes} slowest complex modes, gyroscopic terms and damping "
-            "included: the poles of these are those of the mechanism, others are not (steady_modes has all)",)  # fmt: skip
+    return (GYROSCOPIC_NOTE.format(modes),) if _is_gyroscopic(damping) else ()
 
 
 def _is_gyroscopic(damping: Array) -> bool:
@@ -214,20 +256,22 @@ def _is_gyroscopic(damping: Array) -> bool:
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
     """T and W of `state_space`: given joints with what follows them at rest, and shapes with these held."""
-    m, _, k = motion.matrices
+    m = motion.matrices.mass
+    k = motion.matrices.stiffness
     own = accelerated.any(axis=0)
     if not own.any():
         return _shapes(allowed_motions(motion.solver), motion, modes)
     rest = scipy.sparse.csc_array(np.diag(motion.solver.topology.scale)[:, ~own])
-    held, inertia = ((rest.T @ part @ rest).toarray() for part in (k, m))
+    held = (rest.T @ k @ rest).toarray()
+    inertia = (rest.T @ m @ rest).toarray()
     # where other joints are free K_ff is singular: any Psi is exact, this one is near the slow one
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
     follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
     inner = _shapes(rest, motion, modes)
-    right, left = (np.hstack([follow, part]) for part in (inner.right, inner.left))
-    one = inner.left is inner.right
-    return replace(inner, right=right, left=right if one else left, given=len(accelerated))
+    right = np.hstack([follow, inner.right])
+    left = right if inner.left is inner.right else np.hstack([follow, inner.left])
+    return replace(inner, right=right, left=left, given=len(accelerated))
 
 
 def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
@@ -240,14 +284,7 @@ def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
     mass, damping, stiffness = ((allowed.T @ part @ allowed).toarray() for part in motion.matrices)
     symmetric = is_symmetric(scipy.sparse.csc_array(stiffness))
     if modes is None or (symmetric and not _is_gyroscopic(damping)):
-        k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
-        shapes = allowed @ undamped(k, m)[1][:, :modes]
-        if modes is not None:
-            return _same(shapes)
-        massless = moved_by_rates(split_by_inertia(m), damping, k)
-        moved, held = (np.asarray((allowed @ part).toarray()) for part in massless)
-        every = np.hstack([shapes, moved, held])
-        return Basis(every, every, 0, shapes.shape[1], moved.shape[1], held.shape[1])
+        return _undamped_shapes(allowed, (mass, damping, stiffness), modes)
     found = roots(mass, damping, stiffness)
     right = _spanned(found.shapes[:, :modes], mass)
     if symmetric:
@@ -256,6 +293,21 @@ def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
     if left.shape != right.shape or np.linalg.cond(left.T @ mass @ right) > WORST_PAIR:
         return _same(allowed @ right)
     return Basis(allowed @ right, allowed @ left, 0, right.shape[1])
+
+
+def _undamped_shapes(allowed: Sparse, matrices: tuple[Array, Array, Array], modes: int | None) -> Basis:
+    """Shapes of M and the symmetric part of K, and all motions without inertia; or the slowest of these shapes."""
+    mass, damping, stiffness = matrices
+    k = scipy.sparse.csc_array((stiffness + stiffness.T) / 2)
+    m = scipy.sparse.csc_array((mass + mass.T) / 2)
+    shapes = allowed @ undamped(k, m)[1][:, :modes]
+    if modes is not None:
+        return _same(shapes)
+    by_rates, following = moved_by_rates(split_by_inertia(m), damping, k)
+    moved = np.asarray((allowed @ by_rates).toarray())
+    held = np.asarray((allowed @ following).toarray())
+    every = np.hstack([shapes, moved, held])
+    return Basis(every, every, 0, shapes.shape[1], moved.shape[1], held.shape[1])
 
 
 def _same(shapes: Array) -> Basis:
@@ -280,12 +332,16 @@ def _outputs(
     """C, D, names and units: joints, their rates, tips."""
     mechanism = solver.mesh.mechanism
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
-    joints, translation = coordinates[moved] @ basis.right, slides(mechanism)
-    joined = [mechanism.velocity_names[v] for v in moved]
-    units = ["m" if translation[v] else "rad" for v in moved]
+    joints = coordinates[moved] @ basis.right
     tips = tip_moves(solver.mesh, nodal_shapes(solver, basis.right), solver.frames.r)
     places = [part.T for part in tips.values()]
     c = np.vstack([joints @ found.place, joints @ found.rate, *(part @ found.place for part in places)])
     d = np.vstack([joints @ found.direct, joints @ found.direct_rate, *(part @ found.direct for part in places)])
-    labels = [*joined, *(f"{name} rate" for name in joined), *(f"{link} tip {x}" for link in tips for x in AXIS_NAMES)]
-    return c, d, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))
+    names_of_joints = [mechanism.velocity_names[v] for v in moved]
+    names_of_rates = [f"{name} rate" for name in names_of_joints]
+    names_of_tips = [f"{link} tip {axis}" for link in tips for axis in AXIS_NAMES]
+    translation = slides(mechanism)
+    units = ["m" if translation[v] else "rad" for v in moved]
+    unit_rates = [f"{unit}/s" for unit in units]
+    labels = (*names_of_joints, *names_of_rates, *names_of_tips)
+    return c, d, labels, (*units, *unit_rates, *(len(names_of_tips) * ["m"]))

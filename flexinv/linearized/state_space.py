@@ -7,8 +7,11 @@ y = T (p, eta, d, e):  p'' is given, eta has inertia, d has none and moves by it
 States are (p, eta, d, p', eta'); d' and eta'' are solved for from the rows of d and eta.
 
 Some of e have terms in C among each other, that act in times too short for all that has inertia (`moved_by_rates`).  To the first
-order in these times e is less by  K_ee^-1 (C_ed d' + C_ee e'),  which adds  - K_.e K_ee^-1 (C_ed d' + C_ee e')  to the rows of d
-and eta.  What is left out is of second order: of a pole s, (|s| times the longest of these times)^2.
+order in these times e is less by  K_ee^-1 F x',  F x' = C_ed d' + C_ee e',  which adds  - K_.e K_ee^-1 F x'  to the rows of d
+and eta.  Of a motion x exp(s t) these rows are without the rest of  e = e_0 - s (K_ee + s C_ee)^-1 F x,
+
+    s^2 (K_.e K_ee^-1 C_ee - C_.e) (K_ee + s C_ee)^-1 F x        (`LeftOut`: with K_ee^-1, and a bound of what C_ee adds to it)
+
 Source: Guyan, *Reduction of stiffness and mass matrices*, AIAA J. 3(2), 1965, here for damping.
 """
 
@@ -19,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.errors import InputError
-from flexinv.typing import Array
+from flexinv.model.by_value import ByValue
+from flexinv.typing import Array, Complex
 
 # Of the largest entry of C, what rounding leaves of one that couples what follows.
 ROUNDED_COUPLING = 1e-12
@@ -42,9 +46,33 @@ class Basis:
         return 2 * (self.given + self.massive) + self.moved
 
 
+@dataclass(frozen=True, eq=False)
+class LeftOut(ByValue):
+    """The terms that A lacks of motions without inertia that follow at once: x' = A x + matrix x'' + ..., of third order in times.
+
+    matrix : (states, states) [s], in units of the states; lag : longest of the times in which they follow [s]
+    """
+
+    matrix: Array
+    lag: float
+
+    def move(self, root: Complex, along: Array) -> Array:
+        """Return by how much poles (poles,) [1/s] move at most: |s|^2 |y^H matrix x| / |y^H x|, and 1 + |s| lag + ... of that.
+
+        along : (poles,) |y^H matrix x| / |y^H x| [s].  What is as fast as what follows at once is not known at all.
+        """
+        size = np.abs(root)
+        ahead = size * self.lag
+        orders = 1.0 / np.maximum(1.0 - ahead, np.finfo(float).eps)
+        return np.asarray(np.minimum(size * size * along * orders, size))
+
+
 @dataclass(frozen=True)
 class StateSpace:
-    """x' = A x + B u; all of y = T (place x + direct u) and of its rates, T (rate x + direct_rate u) [m], [rad], [s]."""
+    """x' = A x + B u; all of y = T (place x + direct u) and of its rates, T (rate x + direct_rate u) [m], [rad], [s].
+
+    left_out : of second order in the times of what follows without inertia; None where nothing is
+    """
 
     a: Array
     b: Array
@@ -52,6 +80,7 @@ class StateSpace:
     direct: Array
     rate: Array
     direct_rate: Array
+    left_out: LeftOut | None = None
 
 
 def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Array) -> StateSpace:
@@ -62,16 +91,18 @@ def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Arr
     """
     mass, damping, stiffness = (basis.left.T @ part @ basis.right for part in matrices)
     push = basis.left.T @ efforts
-    g, r, d, n = basis.given, basis.massive, basis.moved, basis.states
-    at = _places(basis)
-    own, inputs = len(mass), push.shape[1] + g
+    g, r, d = basis.given, basis.massive, basis.moved
+    n = basis.states
+    own = len(mass)
+    inputs = push.shape[1] + g
     # each of y and of its rates by states x, by x' (rates of d and eta are among these) and by inputs u
-    place, direct = np.zeros((own, n)), np.zeros((own, inputs))
+    place = np.zeros((own, n))
+    direct = np.zeros((own, inputs))
     place[: g + r + d, : g + r + d] = np.eye(g + r + d)
     velocity = np.zeros((g + r, n))
     velocity[:, g + r + d :] = np.eye(g + r)
+    e = slice(g + r + d, own)
     if basis.held:
-        e = at["held"]
         by_state = stiffness[e, : g + r + d] @ place[: g + r + d] + damping[e, : g + r] @ velocity
         place[e] = -np.linalg.solve(stiffness[e, e], by_state)
         direct[e, : push.shape[1]] = np.linalg.solve(stiffness[e, e], push[e])
@@ -86,17 +117,19 @@ def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Arr
     if basis.held:
         first = damping[e, e] @ place[e]
         first[:, g + r : g + r + d] += damping[e, g + r : g + r + d]
-        by_rates -= stiffness[rows, e] @ np.linalg.solve(stiffness[e, e], first)
+        later = np.linalg.solve(stiffness[e, e], first)
+        by_rates -= stiffness[rows, e] @ later
     side = np.hstack([-stiffness[rows] @ place, -stiffness[rows] @ direct])
     side[:, n : n + push.shape[1]] += push[rows]
     known[unknown] = np.linalg.solve(by_rates[:, unknown], side - by_rates @ known)
+    left_out = None
+    if basis.held and later.any():
+        times = np.linalg.solve(stiffness[e, e], damping[e, e])
+        second = stiffness[rows, e] @ times @ later - damping[rows, e] @ later
+        left_out = LeftOut(np.zeros((n, n)), float(np.abs(np.linalg.eigvals(times)).max()))
+        left_out.matrix[unknown] = -np.linalg.solve(by_rates[:, unknown], second)
     rate = place @ known
-    return StateSpace(known[:, :n], known[:, n:], place, direct, rate[:, :n], rate[:, n:])
-
-
-def _places(basis: Basis) -> dict[str, slice]:
-    first = basis.given + basis.massive + basis.moved
-    return {"held": slice(first, first + basis.held)}
+    return StateSpace(known[:, :n], known[:, n:], place, direct, rate[:, :n], rate[:, n:], left_out)
 
 
 def _refuse_rates(direct: Array, across: Array, largest: float) -> None:

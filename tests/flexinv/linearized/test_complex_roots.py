@@ -11,15 +11,28 @@ import scipy
 from vibrating_beams import bar
 
 import flexinv
+from campaigns.spectra_reference import Pencil, spectrum_of
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized import slowest_modes, slowest_roots
 from flexinv.linearized import steady_modes as steady
 from flexinv.linearized.complex_roots import roots
-from flexinv.linearized.linear_model import linear_model
+from flexinv.linearized.linear_model import linear_model, poles_of
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.root_counts import missed_within
+from flexinv.linearized.state_space import LeftOut
 from flexinv.linearized.steady_modes import steady_modes
-from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, with_retardation
+from flexinv.model.mechanism import (
+    WORLD,
+    Attachment,
+    Body,
+    Inertia,
+    Joint,
+    Link,
+    Mechanism,
+    Placement,
+    Spring,
+    with_retardation,
+)
 from flexinv.typing import Array, Sparse
 
 # Roundings of a few unknowns.
@@ -103,6 +116,84 @@ def test_bars_of_poles_hold() -> None:
     assert (off <= model.pole_error + right.pole_error).all()
     assert model.pole_error.max() > 0.5 * off.max() > 0.0
     assert copy.deepcopy(model) == model
+
+
+# ------------------------------------------------------------------- what follows, and what is nearly as fast as that
+
+
+FOLLOWS = 6e-8  # [s]: below 1e-7 of the period of the motion with inertia
+
+
+def slides(time: float) -> Mechanism:
+    """Three slides in a row, each on a spring of 1 N/m, and one on all: 1 kg, then two without mass, damped with times [s]."""
+    along = np.array([1.0, 0.0, 0.0])
+    damping = (0.0, time, FOLLOWS)
+    links = tuple(Link(f"link {k}", (Body("weight", Inertia(1.0)),) if k == 0 else ()) for k in range(3))
+    joints = tuple(
+        Joint(
+            f"slide {k}", "prismatic", f"link {k - 1}" if k else WORLD, f"link {k}", axis=along, stiffness=1.0,
+            damping=damping[k], actuated=k == 0,
+        )
+        for k in range(3)
+    )  # fmt: skip
+    behind = Attachment(WORLD, Placement(-along))
+    return Mechanism(
+        "slides", links, joints, np.zeros(3), springs=(Spring("all", behind, Attachment("link 2"), 1.0, 1.0),)
+    )
+
+
+def fast_root(time: float) -> float:
+    """The root of det (s^2 M + s C + K) that the second slide has without the damper of the third, -3 / (2 time), or near it."""
+    mass = np.diag([1.0, 0.0, 0.0])
+    damping = np.diag([0.0, time, FOLLOWS])
+
+    def determinant(s: float) -> float:
+        return float(np.linalg.det(mass + damping / s + (np.eye(3) + 1.0) / s**2))
+
+    return float(scipy.optimize.brentq(determinant, -1.8 / time, -1.2 / time, xtol=1e-300, rtol=1e-15))
+
+
+@pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
+def test_a_root_that_is_nearly_as_fast_as_what_follows_is_exact(time: float) -> None:
+    """It was off by (|s| FOLLOWS)^2, 2e-4 to 2e-2 of it, with an error bar of rounding."""
+    found = steady_modes(slides(time), free=["slide 0", "slide 1", "slide 2"])
+    off = abs(found.root[-1] - fast_root(time))
+    assert off < ROUNDING * abs(found.root[-1])
+    assert off <= found.rounding[-1]
+
+
+@pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
+def test_the_bar_of_a_pole_covers_what_follows_it_not_quite_at_once(time: float) -> None:
+    """A has no state for what follows: the pole is off by (|s| FOLLOWS)^2, and its bar was rounding."""
+    model = linear_model(slides(time))
+    off = abs(model.poles[-1] - fast_root(time))
+    assert off > 1e3 * poles_of(model.A)[1][-1]  # of rounding alone
+    assert off <= model.pole_error[-1] < 1.5 * off  # |s| FOLLOWS is a fifth at most: so much are the higher orders
+    assert copy.deepcopy(model) == model
+
+
+def test_a_pole_as_fast_as_what_follows_is_not_known() -> None:
+    left_out = LeftOut(np.array([[1e-9]]), 1.0)
+    np.testing.assert_allclose(left_out.move(np.array([-0.1, -2.0]), np.array([1e-9, 1e-9])), [1e-11 / 0.9, 2.0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_roots_of_several_dampers_are_those_of_the_whole_pencil(seed: int) -> None:
+    """Two motions with inertia, three with dampers of 1e-6 s, three that follow: as QZ of all of it finds them."""
+    dice = np.random.default_rng(seed)
+    part = dice.normal(size=(8, 8))
+    stiffness = part @ part.T + 4 * np.eye(8)
+    damping = np.zeros((8, 8))
+    damping[2:5, 2:5] = 1e-5 * np.diag(dice.uniform(1.0, 3.0, 3))
+    damping[5:, 5:] = FOLLOWS * np.diag(dice.uniform(0.5, 2.0, 3))
+    mass = np.diag([1.0, 2.0, *np.zeros(6)])
+    found = roots(sparse(mass), sparse(damping), sparse(stiffness))
+    exact = spectrum_of(Pencil(mass, damping, stiffness, np.eye(8), float(np.abs(stiffness).max())))
+    apart = np.abs(found.root[:, None] - exact.root[None])
+    assert len(found.root) == 2 + 3  # of each pair one, and those of what follows are beyond all
+    bars = exact.bars(ROUNDING)[apart.argmin(axis=1)]
+    assert (apart.min(axis=1) <= found.bar + bars).all()
+    assert (found.bar < 1e-9 * np.abs(found.root)).all()
 
 
 # ------------------------------------------------------------------------------------------------- damped columns
