@@ -216,7 +216,7 @@ class Crank:
         """Return a random motion to the angle ``most`` from at most ``reach`` below it [rad]."""
         case = str(random.choice(["crosses", "touches", "misses"]))
         time, values, best = hill(random)
-        over = {"crosses": 1.0, "touches": 0.0, "misses": -1.0}[case] * 10 ** random.uniform(-5, -1.5)
+        over = {"crosses": 1.0, "touches": 0.0, "misses": -1.0}[case] * 10 ** random.uniform(-8, -1.5)
         samples = most + over + random.uniform(0.5, 1.0) * reach * values
         angle = scipy.interpolate.make_interp_spline(time, samples, k=5)
         expected = {"crosses": None, "touches": best, "misses": None}[case]

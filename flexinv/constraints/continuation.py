@@ -18,7 +18,7 @@ from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
 from flexinv.constraints.continuation_kernel import Chain, Continuation, continue_branch
 from flexinv.constraints.open_loops import explain_open
-from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular
+from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular, find_within
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import for_kernels
 from flexinv.kernels.sparse_qr import FrontFactors
@@ -90,9 +90,15 @@ def closed_motion(
     qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
     condition, k = np.empty(len(time)), 1
     while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
-        q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
+        try:
+            q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
+        except ConvergenceError:  # Newton may go a little beyond the end, or not quite up to it
+            found = find_within(follower.branch(history, knots), time, q, problem.change, k - 1)
+            if found is None:
+                raise
+            raise follower.end_of_branch(found, f"above {WORST_CONDITION:.0e}") from None
         k += 1
-    follower.check_between((history, knots), time, (q, qd), condition, problem.change)
+    follower.check_between((history, knots), time, (q, qd, qdd), condition, problem.change)
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
         one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
@@ -207,12 +213,11 @@ class Follower:
         )
 
     def check_between(
-        self, given: tuple[JointHistory, tuple[float, ...]], time: Array, joints: tuple[Array, Array], condition: Array,
-        change: Array,
+        self, given: tuple[JointHistory, tuple[float, ...]], time: Array, joints: Triple, condition: Array, change: Array,
     ) -> None:  # fmt: skip
         """Raise ConvergenceError with the instant where the motion passes a singular configuration between two samples.
 
-        given : the motion and its knots [s]; joints : q (samples, nq), qd (samples, nv) at the samples [rad or m, s]
+        given : the motion and its knots [s]; joints : q (samples, nq), qd, qdd (samples, nv) at the samples [rad or m, s]
         condition, change : as in `find_singular`
         """
         if len(time) < 2 or not self.unknown.any():
@@ -220,17 +225,24 @@ class Follower:
         turning = self.rows.pattern[(self.rows.a >= 0) | (self.rows.b >= 0)].any(
             axis=0
         )  # G does not change with other joints
-        rates = (np.abs(joints[1]) / measures(self.mesh))[:, turning].sum(axis=1)
-        way = np.diff(time) * np.maximum(rates[1:], rates[:-1])
+        q, qd, qdd = joints
+        rates, accelerations = ((np.abs(part) / measures(self.mesh))[:, turning].sum(axis=1) for part in (qd, qdd))
+        step = np.diff(time)
+        way = step * np.maximum(rates[1:], rates[:-1])
+        back = step**2 * np.maximum(accelerations[1:], accelerations[:-1])
         history, knots = given
-        branch = Branch(
+        branch = self.branch(history, knots)
+        if (found := find_singular(branch, time, q, condition, change, (way, back))) is not None:
+            raise self._singular(found, f"above {WORST_CONDITION:.0e}")
+
+    def branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
+        """Return the branch on which a motion with knots at some times [s] moves, for the search between samples."""
+        return Branch(
             lambda times, start: self._followed(history, times, start),
             self._passive_columns,
             knots,
             self._one_given(history),
         )
-        if (found := find_singular(branch, time, joints[0], condition, change, way)) is not None:
-            raise self._singular(found, f"above {WORST_CONDITION:.0e}")
 
     def _one_given(self, history: JointHistory) -> Callable[[Array], Array] | None:
         """The one coordinate that the motion gives, as a function of time; None where it gives several, or no plain number."""
@@ -341,12 +353,16 @@ class Follower:
             if part * (after - before) < END_OF_BRANCH:
                 rest = self.closures(q)[1][:, self.unknown]
                 condition = np.linalg.cond(rest) if rest.size else np.inf
-                raise ConvergenceError(
-                    f"mechanism '{self.mesh.mechanism.name}', t = {now:.10g} s: the branch of the closures cannot be followed "
-                    f"(condition number {condition:.1e}): a dead point, or the motion asks for a position that the loops cannot "
-                    "reach; drive another joint or shorten the motion"
-                )
+                raise self.end_of_branch(now, f"{condition:.1e}")
         return q
+
+    def end_of_branch(self, time: float, condition: str) -> ConvergenceError:
+        """Return the error of a branch that ends at a time [s]."""
+        return ConvergenceError(
+            f"mechanism '{self.mesh.mechanism.name}', t = {time:.10g} s: the branch of the closures cannot be followed "
+            f"(condition number {condition}): a dead point, or the motion asks for a position that the loops cannot "
+            "reach; drive another joint or shorten the motion"
+        )
 
     def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
         sizes, given, (_, g) = measures(self.mesh), history(np.array([after]))[0][0], self.closures(q)

@@ -58,6 +58,9 @@ SHORT = 0.02
 # Nodes of a part at which d is computed, and the degree of the polynomial through them: over a part in which G changes by SHORT
 # the next term is SHORT^6, 6e-11, and twice as many nodes as coefficients divide the rounding of the places among them.
 NODES, DEGREE = 12, 5
+# Over two parts, of which the second begins where the first ends, d falls by a factor of 25: a polynomial of seventh degree
+# enlarges rounding by T_7(1.08) = 8.
+WIDE_DEGREE = 7
 # Where d begins below this the zero of g(d) is known: d^6 of the next term is rounding, 1e-14, and so is what places have lost,
 # 1e-16 / d, by a factor of 60 where a polynomial of fifth degree over (0.2, 1) is extrapolated to 0.  Both are below
 # EXTRAPOLATED.
@@ -76,41 +79,70 @@ AT_ONCE = 1024  # intervals whose matrices are in memory
 CLOSE = 1e-6  # d below which rounding of the places, 1e-16 / d, spoils what is extrapolated
 # Bend of G between two samples over the square of the joints' way [-].  G leaves its chord by h^2 |G''| / 8 at most.  Its columns
 # are arms turned by joints: |G''| is below |G| times the square of the sum of the rates for each of n columns, sqrt(n) in the
-# norm: sqrt(n) / 8 of the way's square, and as much again for accelerations as large as the rates' squares.  Four passive joints
-# have 0.5; in longer loops several joints share the way.
+# norm: sqrt(n) / 8 of the way's square, on both sides of a singular position.  Four passive joints have 0.5; in longer loops
+# several joints share the way.
 OFF_LINE = 0.5
+# And of accelerations, which are all that moves where joints turn back: h^2 q'' / 8 on both sides.
+TURNING_BACK = 0.25
 
 
-def find_singular(branch: Branch, time: Array, q: Array, condition: Array, change: Array, way: Array) -> float | None:
+def find_singular(
+    branch: Branch, time: Array, q: Array, condition: Array, change: Array, way: tuple[Array, Array]
+) -> float | None:
     """Return the first instant [s] at which G is singular, at a sample or between two, None if there is none.
 
     time : (samples,) [s]; q : (samples, nq) [rad], [m] on the branch; condition : (samples,) not less than the condition number
     of G [-]; change : (samples,) of G since the sample before, over its largest singular value, or more [-]
-    way : (samples - 1,) of all joints between two samples [rad], slides over the mechanism's length
+    way : (samples - 1,) of all joints between two samples [rad], slides over the mechanism's length, by their rates, and by
+        their accelerations, h^2 q''
     """
     least = np.divide(1.0, condition, out=np.zeros_like(condition), where=np.isfinite(condition) & (condition > 0.0))
-    bend = OFF_LINE * way**2
-    intervals = np.flatnonzero(least[1:] + least[:-1] <= change[1:] + bend)
+    by_rates, by_accelerations = way
+    bend = OFF_LINE * by_rates**2 + TURNING_BACK * by_accelerations
+    reach = _largest_nearby(change[1:])
+    intervals = np.flatnonzero(least[1:] + least[:-1] <= reach + bend)
     if len(intervals) == 0:
         return None
     done = np.cumsum(change)
-    for k in intervals[_left(branch, q, intervals, bend)].tolist():
-        earlier = max(int(np.searchsorted(done, done[k] - REGULAR, side="right")) - 1, 0)
-        found = _search(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
+    for k in intervals[_left(branch, q, intervals, reach + bend)].tolist():
+        found = _within(branch, time, q, done, k)
         if found is not None:
             return found
     return None
 
 
-def _left(branch: Branch, q: Array, intervals: NDArray[np.int64], bend: Array) -> Mask:
-    """Mask of the intervals that singular values themselves do not exclude, a thousand at a time."""
+def find_within(branch: Branch, time: Array, q: Array, change: Array, k: int) -> float | None:
+    """Return the first instant [s] between samples k and k + 1 at which G is singular, None if there is none.
+
+    Where the branch ends there, k is the last sample that it reaches.  Arguments as in `find_singular`.
+    """
+    return _within(branch, time, q, np.cumsum(change[: k + 1]), k)
+
+
+def _within(branch: Branch, time: Array, q: Array, done: Array, k: int) -> float | None:
+    """As `find_within`, with the change of G up to each sample (samples,) [-]."""
+    earlier = max(int(np.searchsorted(done, done[k] - REGULAR, side="right")) - 1, 0)
+    return _search(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
+
+
+def _largest_nearby(change: Array) -> Array:
+    """The largest change (intervals,) of G in each interval and in those beside it.
+
+    A branch may come to a singular position and leave it again as it came, so that nothing of that is left between two samples:
+    what comes before and after is as fast.
+    """
+    wide = np.concatenate([change[:1], change, change[-1:]])
+    return np.asarray(np.maximum(np.maximum(wide[:-2], wide[2:]), change))
+
+
+def _left(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) -> Mask:
+    """Mask of the intervals that singular values themselves do not exclude, a thousand at a time; reach : of all intervals."""
     out = np.ones(len(intervals), dtype=bool)
     for first in range(0, len(intervals), AT_ONCE):
         own = intervals[first : first + AT_ONCE]
         before, after = branch.matrices(q[own]), branch.matrices(q[own + 1])
         values, others = (np.linalg.svd(part, compute_uv=False) for part in (before, after))
-        change = np.linalg.norm(after - before, ord=2, axis=(1, 2))
-        out[first : first + AT_ONCE] = values[:, -1] + others[:, -1] <= change + bend[own] * values[:, 0]
+        out[first : first + AT_ONCE] = values[:, -1] + others[:, -1] <= reach[own] * values[:, 0]
     return out
 
 
@@ -123,7 +155,7 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
     values = np.linalg.svd(matrices, compute_uv=False)
     least, size = values[:, -1] / values[:, 0], values[:-1, 0]
     change = np.linalg.norm(np.diff(matrices, axis=0), ord=2, axis=(1, 2)) / size
-    held = least[1:] + least[:-1] > change + _bend(matrices) / size
+    held = least[1:] + least[:-1] > _largest_nearby(change) + _bend(matrices) / size
     for k in range(len(times) - 1):
         if k < len(held) and held[k]:
             continue
@@ -155,10 +187,14 @@ def _locate_by_coordinate(
 
     g is a smooth function of d, at dead points, where d = k (g - g*), as at ends of branches, where d^2 = k (g - g*): what is
     extrapolated to d = 0 is g, which no knot of the motion and no turn of it disturbs.  When g is there the motion says alone.
+    What goes beyond g* by more than EXTRAPOLATED is there when it passes it; what goes less far, or comes as near as
+    WORST_CONDITION, when it turns back.
     """
     start, limit, last = span
-    end, star, slope = limit, None, 0.0
+    end = limit
     first = q
+    star, slope = None, 0.0
+    before: tuple[Array, Array] | None = None  # times and matrices of the part before
     for _ in range(MOST_ZOOMS):
         times = np.linspace(start, end, 2 * NODES)
         places, matrices = branch.through(times, first)
@@ -171,21 +207,34 @@ def _locate_by_coordinate(
             if d[0] < CLOSE or end - start < SAME_ESTIMATE:
                 break
             continue
-        fitted = Polynomial.fit(d[:kept], coordinate(times[:kept]), DEGREE)
-        star, slope = float(fitted(0.0)), float(fitted.deriv()(0.0))
-        if d[0] < ZOOMED or kept == len(times):
+        times, matrices = times[:kept], matrices[:kept]
+        star, slope = _extrapolated(coordinate, before, (times, matrices))
+        if d[0] < ZOOMED or (kept == len(d) and end == last):
             break
-        start, first, end = float(times[kept - 1]), places[kept - 1], limit
+        before = times, matrices
+        start, first, end = float(times[-1]), places[kept - 1], last
     if star is None:
         return None
     inside = [knot for knot in branch.knots if span[0] < knot < last]
     ahead = 1.0 if star > float(coordinate(np.array([span[0]]))[0]) else -1.0
     pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, last])
     most, when = pieces.largest(0)
+    if most > ahead * star + EXTRAPOLATED:
+        return pieces.reach(0, ahead * star)
     near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
-    if most < ahead * star - near:
-        return None
-    return when if most <= ahead * star + near else pieces.reach(0, ahead * star)
+    goes_on = when == last and most < ahead * star - EXTRAPOLATED  # what follows says more
+    return None if goes_on or most < ahead * star - near else when
+
+
+def _extrapolated(
+    coordinate: Callable[[Array], Array], before: tuple[Array, Array] | None, now: tuple[Array, Array]
+) -> tuple[float, float]:
+    """The coordinate at which d is zero, and its slope there, from times [s] and matrices of a part and of the one before it."""
+    times, matrices = now if before is None else (np.concatenate(both) for both in zip(before, now, strict=True))
+    d = _smooth_values(matrices)
+    degree = DEGREE if before is None else WIDE_DEGREE
+    fitted = Polynomial.fit(d, coordinate(times), degree, w=d)  # places are known to 1e-16 / d
+    return float(fitted(0.0)), float(fitted.deriv()(0.0))
 
 
 def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | None:

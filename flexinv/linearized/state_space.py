@@ -48,7 +48,7 @@ class Basis:
 
 @dataclass(frozen=True, eq=False)
 class LeftOut(ByValue):
-    """The terms that A lacks of motions without inertia that follow at once: x' = A x + matrix x'' + ..., of third order in times.
+    """The terms that A lacks of motions without inertia that follow at once: x' = A x + matrix x'', and more of third order.
 
     matrix : (states, states) [s], in units of the states; lag : longest of the times in which they follow [s]
     """

@@ -54,6 +54,30 @@ def test_a_change_point_that_is_touched_is_found(step: float) -> None:
     flexinv.solve(mechanism, missing, step=step, start={"B": -0.26, "D": 0.26})  # condition numbers of 1e4: it passes
 
 
+# A motion that turns back at this instant [s]; beyond a singular position by so little it crosses it at a rate of 1e-4 1/s.
+TURNS, BEYOND = 0.5173, 1e-8
+
+
+@pytest.mark.parametrize("step", [0.25, 0.04, 7e-3, 3.3e-4])
+def test_a_change_point_that_is_passed_by_little_is_found(step: float) -> None:
+    """Forth and back between two samples: what changes from one to the other is less than what lies between."""
+    mechanism, time = four_bar(0.2, 0.45, 0.2, 0.45), np.linspace(0.0, 1.0, 41)
+    motion = flexinv.Motion.from_samples(time, {"A": (time - TURNS) ** 2 - BEYOND})
+    found = instant(mechanism, motion, step, {"B": -0.26, "D": 0.26})
+    assert found == pytest.approx(TURNS - np.sqrt(BEYOND), abs=TIME_BAR)
+
+
+@pytest.mark.parametrize("step", [0.25, 0.04, 7e-3, 3.3e-4])
+def test_the_end_of_a_branch_that_is_passed_by_little_is_found(step: float) -> None:
+    """Extrapolated from as near as the motion comes, and not from where a part of an interval ends."""
+    crank, coupler, rocker, base = 0.4, 0.3, 0.4, 0.45
+    mechanism, time = four_bar(crank, coupler, rocker, base), np.linspace(0.0, 1.0, 41)
+    most = np.arccos((crank**2 + base**2 - (coupler + rocker) ** 2) / (2 * crank * base))
+    motion = flexinv.Motion.from_samples(time, {"A": most + BEYOND - (time - TURNS) ** 2})
+    found = instant(mechanism, motion, step, {"B": -1.0, "D": 1.5})
+    assert found == pytest.approx(TURNS - np.sqrt(BEYOND), abs=TIME_BAR)
+
+
 @pytest.mark.parametrize("step", [0.1, 1e-2])
 def test_the_end_of_a_branch_is_found(step: float) -> None:
     """A crank that is too long rocks: coupler and rocker are one straight line where it must turn back."""
@@ -82,7 +106,7 @@ def test_the_search_alone(touches: float) -> None:
     time = np.linspace(0.0, 1.0, 8)
     change = np.concatenate([[0.0], np.abs(np.diff(values(time))) / 2.0 * 3**0.5])
     condition = 2.0 / values(time)
-    found = find_singular(branch, time, time[:, None], condition, change, np.diff(time))
+    found = find_singular(branch, time, time[:, None], condition, change, (np.diff(time), np.zeros(7)))
     if touches:
         assert found is None
     else:
