@@ -207,12 +207,12 @@ def _locate_by_coordinate(
             if d[0] < CLOSE or end - start < SAME_ESTIMATE:
                 break
             continue
-        times, matrices = times[:kept], matrices[:kept]
-        star, slope = _extrapolated(coordinate, before, (times, matrices))
-        if d[0] < ZOOMED or (kept == len(d) and end == last):
+        now = times[:kept], matrices[:kept]
+        star, slope = _extrapolated(coordinate, before, now)
+        if d[0] < ZOOMED or (kept == len(times) and end == last):
             break
-        before = times, matrices
-        start, first, end = float(times[-1]), places[kept - 1], last
+        before = now if KEPT * d[0] < ZOOMED else None
+        start, first, end = float(times[kept - 1]), places[kept - 1], last
     if star is None:
         return None
     inside = [knot for knot in branch.knots if span[0] < knot < last]

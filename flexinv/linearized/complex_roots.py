@@ -232,14 +232,14 @@ PART_OF_MEAN = 0.2
 
 def _direct(a: Array, b: Array) -> tuple[Complex, Complex, Complex]:
     """Roots of B^-1 A; of its left vectors u those of the pencil are B^-H u."""
-    factors = scipy.linalg.lu_factor(b)
+    factors = _factors(b)
     root, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, a), left=True, right=True)
     return root, right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
 def _inverse(a: Array, b: Array, shift: float) -> tuple[Complex, Complex, Complex]:
     """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
-    factors = scipy.linalg.lu_factor(a - shift * b)
+    factors = _factors(a - shift * b)
     values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
     safe = np.where(values == 0.0, np.finfo(float).tiny, values)
     return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
@@ -294,9 +294,10 @@ def _refined(
     return out, right, left, lost
 
 
-def _factors(matrix: Complex) -> tuple[Complex, NDArray[Any]]:
+def _factors(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """LU of a matrix that may be singular: a pivot of nothing is rounding, and what it belongs to is as large as that."""
-    factors, swaps, _ = scipy.linalg.lapack.zgetrf(matrix)
+    factorise = scipy.linalg.get_lapack_funcs("getrf", (matrix,))
+    factors, swaps, _ = factorise(matrix)
     pivots = np.diag(factors)
     nothing = np.flatnonzero(pivots == 0.0)
     factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=np.finfo(float).tiny)
