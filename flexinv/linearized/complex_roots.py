@@ -214,6 +214,8 @@ def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex
     middle = (level[0] + level[-1]) / 2
     best, chosen = -np.inf, fast
     for k in range(1, count):
+        if level[k] - level[k - 1] < NO_GAP:
+            continue
         place = np.exp((level[k - 1] + level[k]) / 2)
         below, above = np.abs(slow[0]) <= place, np.abs(fast[0]) > place
         worth = (level[k] - level[k - 1]) - abs(np.log(place) - middle) * PART_OF_MEAN
@@ -226,6 +228,8 @@ def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex
     return chosen, shift
 
 
+# Roots whose sizes differ by less, such as +w and -w, are on the same side: each end may find another one of them below the place.
+NO_GAP = 1e-3
 # A gap one e-fold wider is worth as much as one so many e-folds nearer to the mean of the slowest and the fastest.
 PART_OF_MEAN = 0.2
 

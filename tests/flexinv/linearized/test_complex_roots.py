@@ -66,6 +66,13 @@ def test_gyroscopic_terms_move_what_follows() -> None:
     np.testing.assert_allclose(found.root, [1j / np.sqrt(2.0)], rtol=ROUNDING)
 
 
+@pytest.mark.parametrize("squared", [2.0, 3.0, 7.0, 11.0, 13.0, 156.9276888, 1e6 / 7.0])
+def test_both_roots_of_what_falls_are_found(squared: float) -> None:
+    """Of +w and -w, equal in size but for rounding, one end had one below the place where they part, and the other end the same."""
+    found = roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
+    np.testing.assert_allclose(np.sort(found.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
+
+
 def test_light_damping_is_no_rounding() -> None:
     """A part of critical damping of 1e-9 was taken for rounding."""
     found = roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
