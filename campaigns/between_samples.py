@@ -303,6 +303,14 @@ def distance_of_cranks(lengths: tuple[float, float, float], angles: tuple[Event,
     return np.asarray(np.abs(left * np.exp(1j * angles[0](t)) - base - right * np.exp(1j * angles[1](t))))
 
 
+def slope_of_distance(lengths: tuple[float, float, float], angles: tuple[Event, Event], t: float) -> float:
+    """Return half the rate of the square of `distance_of_cranks` [m^2/s] at a time [s]; angles : splines [rad]."""
+    left, right, base = lengths
+    one, two = left * np.exp(1j * angles[0](t)), right * np.exp(1j * angles[1](t))
+    rate = 1j * (one * angles[0].derivative()(t) - two * angles[1].derivative()(t))
+    return float((np.conj(one - base - two) * rate).real)
+
+
 def five_bar_case(random: Random, number: int) -> Outcome:
     """Two cranks; the first goes so far that both couplers come in line, the second moves as well."""
     while True:
@@ -316,15 +324,24 @@ def five_bar_case(random: Random, number: int) -> Outcome:
         gap = partial(distance_of_cranks, (left, right, base), (first, other_spline))
 
         dense = gap(np.linspace(0.0, 1.0, 2001))
-        case = str(random.choice(["crosses", "misses"]))
+        case = str(random.choice(["crosses", "touches", "misses"]))
         reach = one + two
-        peak = float(dense.max())
-        wanted = peak - 10 ** random.uniform(-4, -1) if case == "crosses" else peak + 10 ** random.uniform(-4, -1)
+        k = int(np.argmax(dense))
+        turn, peak = k / 2000, float(dense[k])
+        if 0 < k < 2000:  # to the root of rounding by the gap itself, to rounding by its slope
+            slope = partial(slope_of_distance, (left, right, base), (first, other_spline))
+            turn = float(scipy.optimize.brentq(slope, (k - 1) / 2000, (k + 1) / 2000, xtol=1e-15))
+            peak = float(gap(np.array([turn]))[0])
+        wanted = peak - {"crosses": 1.0, "touches": 0.0, "misses": -1.0}[case] * 10 ** random.uniform(-4, -1)
+        if case == "touches" and not 0.01 < turn < 0.99:
+            continue
         scale = wanted / reach
         one, two = one * scale, two * scale
         if dense.min() > abs(one - two) + 0.02 and dense[0] < one + two - 0.02 and wanted > 0.1:
             break
-    expected = first_event(gap, one + two) if case == "crosses" else None
+    expected = {"crosses": None, "touches": turn, "misses": None}[case]
+    if case == "crosses":
+        expected = first_event(gap, one + two)
     angles = float(first(0.0)), float(other_spline(0.0))
     a, b = left * np.exp(1j * angles[0]), base + right * np.exp(1j * angles[1])
     distance = abs(b - a)

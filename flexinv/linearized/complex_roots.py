@@ -228,7 +228,7 @@ def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex
     return chosen, shift
 
 
-# Roots whose sizes differ by less, such as +w and -w, are on the same side: each end may find another one of them below the place.
+# Roots whose sizes differ by less, as +w and -w, are on the same side: each end may find another one of them below the place.
 NO_GAP = 1e-3
 # A gap one e-fold wider is worth as much as one so many e-folds nearer to the mean of the slowest and the fastest.
 PART_OF_MEAN = 0.2

@@ -68,7 +68,7 @@ def test_gyroscopic_terms_move_what_follows() -> None:
 
 @pytest.mark.parametrize("squared", [2.0, 3.0, 7.0, 11.0, 13.0, 156.9276888, 1e6 / 7.0])
 def test_both_roots_of_what_falls_are_found(squared: float) -> None:
-    """Of +w and -w, equal in size but for rounding, one end had one below the place where they part, and the other end the same."""
+    """Of +w and -w, equal in size but for rounding, both ends had the same one on their side of the place where they part."""
     found = roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
     np.testing.assert_allclose(np.sort(found.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
 
