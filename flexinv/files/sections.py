@@ -27,7 +27,7 @@ RETARDATION = key(
 class StationTable(Table):
     """Section of a beam at a fraction of its length."""
 
-    at: Fraction = key("the fraction 0..1 of the length [-]", "0.5")
+    at: Fraction = key("the fraction 0..1 of the length [-]; two stations at the same one are a step", "0.5")
     section: Name = key("the name of a table [sections.NAME]", '"tube"')
 
 
