@@ -189,7 +189,10 @@ class CurvatureTable(Table):
 class MeshTable(Table):
     """Mesh and section of a beam: the keys that native and overlaid beams share."""
 
-    section: Any = key('the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...]', '"tube"')
+    section: Any = key(
+        'the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...], two at the same place at a step',
+        '"tube"',
+    )
     elements: Annotated[int, Field(ge=1, le=1000)] = key("the number of elements, 1..1000 [-]", "1", 1)
     order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "4", 4)
 

@@ -180,10 +180,18 @@ def without_rounded_parts(
 
 
 def in_order(squared: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the order of omega^2 (modes,) [1/s^2]: rising where all are real, by size where some are not."""
-    if squared.imag.any():
-        return np.argsort(np.abs(squared), kind="stable")
-    return np.lexsort((-squared.imag, squared.real))
+    """Return the order of omega^2 (modes,) [1/s^2]: rising where all are real, by size where some are not.
+
+    Of a pair the one comes first whose motion grows with a positive imaginary part, omega^2 = a - i b.
+    """
+    if not squared.imag.any():
+        return np.argsort(squared.real, kind="stable")
+    order = np.argsort(np.abs(squared), kind="stable")
+    for k in range(len(order) - 1):
+        one, other = squared[order[k]], squared[order[k + 1]]
+        if one.imag > 0.0 and abs(one - np.conj(other)) < SYMMETRIC * abs(one):
+            order[k], order[k + 1] = order[k + 1], order[k]
+    return order
 
 
 def is_symmetric(stiffness: Sparse) -> bool:

@@ -287,12 +287,37 @@ def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
         return _undamped_shapes(allowed, (mass, damping, stiffness), modes)
     found = roots(mass, damping, stiffness)
     right = _spanned(found.shapes[:, :modes], mass)
-    if symmetric:
-        return _same(allowed @ right)
-    left = _spanned(found.left[:, :modes], mass)
-    if left.shape != right.shape or np.linalg.cond(left.T @ mass @ right) > WORST_PAIR:
-        return _same(allowed @ right)
-    return Basis(allowed @ right, allowed @ left, 0, right.shape[1])
+    if not symmetric:
+        left = _spanned(found.left[:, :modes], mass)
+        if left.is_pair_of(right, mass, damping):
+            return _spanning(allowed, right, left)
+    if not right.is_pair_of(right, mass, damping):  # what has no inertia has no damper among these shapes
+        right = replace(right, massless=right.massless[:, :0])
+    return _spanning(allowed, right, right)
+
+
+@dataclass(frozen=True)
+class Span:
+    """Real shapes that span complex ones: (freedoms, some) of unit modal mass, and of unit length those without inertia."""
+
+    massive: Array
+    massless: Array
+
+    def is_pair_of(self, right: Span, mass: Array, damping: Array) -> bool:
+        """Return True if rows of these shapes tell the columns of the ``right`` ones apart: M and C between them are regular."""
+        one = self.massive.T @ mass @ right.massive
+        other = self.massless.T @ damping @ right.massless
+        return all(part.shape[0] == part.shape[1] and _condition(part) <= WORST_PAIR for part in (one, other))
+
+
+def _condition(matrix: Array) -> float:
+    return float(np.linalg.cond(matrix)) if matrix.size else 1.0
+
+
+def _spanning(allowed: Sparse, right: Span, left: Span) -> Basis:
+    columns = allowed @ np.hstack([right.massive, right.massless])
+    rows = columns if left is right else allowed @ np.hstack([left.massive, left.massless])
+    return Basis(columns, rows, 0, right.massive.shape[1], right.massless.shape[1])
 
 
 def _undamped_shapes(allowed: Sparse, matrices: tuple[Array, Array, Array], modes: int | None) -> Basis:
@@ -314,16 +339,23 @@ def _same(shapes: Array) -> Basis:
     return Basis(shapes, shapes, 0, shapes.shape[1])
 
 
-def _spanned(shapes: Complex, mass: Array) -> Array:
-    """Real shapes (freedoms, some) of unit modal mass that span complex ones."""
+def _spanned(shapes: Complex, mass: Array) -> Span:
+    """Real shapes that span complex ones (freedoms, some)."""
     both = np.hstack([shapes.real, shapes.imag])
+    length = np.linalg.norm(both, axis=0)
+    use = length > SAME_SPAN * np.tile(np.linalg.norm(shapes, axis=0), 2)
+    unit = both[:, use] / length[use]
     squared, vectors = scipy.linalg.eigh((mass + mass.T) / 2)
-    weighed = np.sqrt(np.clip(squared, 0.0, None))[:, None] * (vectors.T @ both)
+    weighed = np.sqrt(np.clip(squared, 0.0, None))[:, None] * (vectors.T @ unit)
     size = np.linalg.norm(weighed, axis=0)
-    use = size > SAME_SPAN * size.max(initial=0.0)
-    _, independent, right = scipy.linalg.svd(weighed[:, use] / size[use], full_matrices=False)
+    heavy = size > SAME_SPAN * size.max(initial=0.0)
+    columns = unit / np.where(heavy, size, 1.0)
+    _, independent, turn = scipy.linalg.svd(weighed / np.where(heavy, size, 1.0))
     last = int((independent > SAME_SPAN).sum())
-    return np.asarray((both[:, use] / size[use]) @ right[:last].T / independent[:last])
+    massive = columns @ turn[:last].T / independent[:last]
+    # what has no inertia, or is rounding of shapes that the others represent
+    rest, lengths, _ = scipy.linalg.svd(columns @ turn[last:].T, full_matrices=False)
+    return Span(massive, rest[:, lengths > SAME_SPAN * np.linalg.norm(columns, axis=0).max(initial=0.0)])
 
 
 def _outputs(
