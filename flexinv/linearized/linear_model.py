@@ -187,7 +187,8 @@ def linear_model(
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
     basis = _basis(motion, coordinates[joints], modes)
-    driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
+    moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
+    driven = [v for v in moved if v not in joints]
     found = state_space(basis, motion.matrices, coordinates[driven].T)
     c, d, outputs, output_units = _outputs(motion.solver, coordinates, basis, found)
     states, state_units = _states(mechanism, accelerated, basis)
@@ -304,7 +305,7 @@ class Span:
     massless: Array
 
     def is_pair_of(self, right: Span, mass: Array, damping: Array) -> bool:
-        """Return True if rows of these shapes tell the columns of the ``right`` ones apart: M and C between them are regular."""
+        """Return True if rows of these tell columns of the ``right`` ones apart: M [kg m^2], C [N m s] between them are regular."""
         one = self.massive.T @ mass @ right.massive
         other = self.massless.T @ damping @ right.massless
         return all(part.shape[0] == part.shape[1] and _condition(part) <= WORST_PAIR for part in (one, other))
