@@ -110,7 +110,7 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     late = np.abs(root) * own.lag > SLOW_ENOUGH
     root, x, y, lost = _refined(parts, root, x, y, late)
     root, x, y, bar = correct_roots(parts, root, x, y, shift)
-    return in_pairs(root, x, y, bar + lost)
+    return in_pairs(root, x, y, bar, lost)
 
 
 def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
@@ -358,8 +358,11 @@ def _between(y: Complex, part: Sparse, x: Complex) -> Complex:
     return np.asarray(np.einsum("km,km->m", y.conj(), part @ x))
 
 
-def in_pairs(root: Complex, x: Complex, y: Complex, bar: Array) -> Roots:
-    """Return roots [1/s] without parts that are rounding, of each pair one, slowest first; of a double real root both shapes."""
+def in_pairs(root: Complex, x: Complex, y: Complex, bar: Array, lost: Array | None = None) -> Roots:
+    """Return roots [1/s] without parts that are rounding, of each pair one, slowest first; of a double real root both shapes.
+
+    bar : rounding of each root [1/s]; lost : what else is not known of it, which makes no root zero or real [1/s]
+    """
     out = np.where(np.abs(root) <= bar, 0.0, root)
     out = np.where(np.abs(out.real) <= bar, 1j * out.imag, out)
     real = np.abs(out.imag) <= bar
@@ -368,4 +371,5 @@ def in_pairs(root: Complex, x: Complex, y: Complex, bar: Array) -> Roots:
     right, left = (np.where(real, np.where(twin, part.imag, part.real), part) for part in (x, y))
     use = out.imag >= 0.0
     order = np.flatnonzero(use)[np.argsort(np.abs(out[use]), kind="stable")]
-    return Roots(out[order], right[:, order], left[:, order], bar[order])
+    whole = bar if lost is None else bar + lost
+    return Roots(out[order], right[:, order], left[:, order], whole[order])

@@ -305,7 +305,7 @@ class Span:
     massless: Array
 
     def is_pair_of(self, right: Span, mass: Array, damping: Array) -> bool:
-        """Return True if rows of these tell columns of the ``right`` ones apart: M [kg m^2], C [N m s] between them are regular."""
+        """Return True if rows of these tell columns of the ``right`` ones apart: M [kg m^2], C [N m s] are regular there."""
         one = self.massive.T @ mass @ right.massive
         other = self.massless.T @ damping @ right.massless
         return all(part.shape[0] == part.shape[1] and _condition(part) <= WORST_PAIR for part in (one, other))
