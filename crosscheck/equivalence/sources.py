@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,7 +24,8 @@ from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
-from flexinv.files.toml_tables import complaint
+from flexinv.files.regular_files import NotRegular, describe_kind, read_regular
+from flexinv.files.toml_tables import LONGEST_PATH, complaint
 from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
 
@@ -36,6 +38,7 @@ INSTALL = {
 }
 ROOTS = {"robot": "urdf", "mujoco": "mjcf", "sdf": "sdf"}
 USD = (b"PXR-USDC", b"#usda", b"PK\x03\x04")
+LARGEST_USD = 256 << 20  # [byte]: stages of robots with their shapes have some tens of megabytes
 WRITE = "a URDF, MJCF, SDF or mechanism.toml, a folder with mechanism.toml or case.json, or FILE@ENGINE"
 
 
@@ -120,18 +123,15 @@ def _split(text: str) -> tuple[str, str]:
 
 
 def _folder(path: Path) -> Description:
-    if (path / "case.json").is_file():
+    if os.path.lexists(path / "case.json"):
         return lift_kit(path / "case.json")
-    if (path / "mechanism.toml").is_file():
+    if os.path.lexists(path / "mechanism.toml"):
         return lift_toml(path)
     raise complaint(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
 
 
 def _file(path: Path, base: str) -> Description:
-    if not path.exists():
-        raise InputError(
-            f"{path}\n  given:    no such file\n  expected: a description of a machine\n  write:    {WRITE}"
-        )
+    _check_regular(path)
     tables = {".toml": lift_toml, ".json": lift_kit}
     if path.suffix in tables and not is_xml(path):
         return tables[path.suffix](path)
@@ -143,22 +143,36 @@ def _file(path: Path, base: str) -> Description:
     return replace(found, label=path.name, dropped=(*_suffix(path, kind), *found.dropped))
 
 
+def _check_regular(path: Path) -> None:
+    """Raise InputError for what is no file whose bytes can be read: a pipe, a device, nothing."""
+    if words := describe_kind(path):
+        raise complaint(str(path)[:LONGEST_PATH], words, "a description of a machine, as a regular file", WRITE)
+
+
+def _read_start(path: Path) -> bytes:
+    """The first bytes of a regular file.  Raises InputError."""
+    try:
+        return read_regular(path, 4095)
+    except NotRegular as error:
+        expected = "a description of a machine, as a regular file"
+        raise complaint(str(path)[:LONGEST_PATH], str(error), expected, WRITE) from None
+
+
 def is_xml(path: Path) -> bool:
     """Return True if a file begins as XML does, whatever its name says."""
-    with path.open("rb") as stream:
-        start = stream.read(4096)
+    start = _read_start(path)
     return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") or start[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 def kind_of(path: Path) -> str:
     """Return the format of a file by what it holds: urdf, mjcf, sdf or usd.  Raises InputError."""
-    with path.open("rb") as stream:
-        start = stream.read(4096)
+    start = _read_start(path)
     if not start.strip():
-        raise InputError(
-            f"{path}\n  given:    an empty file\n  expected: a description of a machine\n  write:    {WRITE}"
-        )
+        raise complaint(str(path), "an empty file", "a description of a machine", WRITE)
     if start.startswith(USD):
+        if (size := path.stat().st_size) > LARGEST_USD:
+            write = "the stage without pictures and shapes, which no torque feels; payloads of their own for these"
+            raise complaint(str(path), f"{size} bytes", f"at most {LARGEST_USD} bytes", write)
         return "usd"
     root = None if path.suffix == ".xacro" else read_xml(path)
     if root is None or any(str(part.tag).partition("}")[0].endswith("/xacro") for part in root.iter()):
@@ -243,10 +257,6 @@ def _by_engine(path: Path, name: str) -> Description:
     if lift is None:
         raise InputError(
             f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(readers('urdf'))}"
-        )
-    if not path.is_file():
-        raise InputError(
-            f"{path}\n  given:    no such file\n  expected: a description of a machine\n  write:    {WRITE}"
         )
     kind_of(path)
     found: Description = lift(path)

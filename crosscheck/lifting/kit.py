@@ -22,7 +22,7 @@ from crosscheck.kit.tables import (
 from crosscheck.lifting.attached import attached_features
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
-from flexinv.files.toml_tables import complaint
+from flexinv.files.toml_tables import complaint, read_bytes
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement, Section
 
 LARGEST = 64 << 20  # [byte]
@@ -30,14 +30,13 @@ LARGEST = 64 << 20  # [byte]
 
 def lift_kit(path: Path) -> Description:
     """Return the mechanism of a kit's ``case.json`` [m, kg, rad].  Raises InputError."""
-    if path.stat().st_size > LARGEST:
-        raise InputError(f"{path}: more than {LARGEST} bytes; expected the case.json of a case kit")
+    advice = "crosscheck kit NAME --case CASE, which writes one"
+    data = read_bytes(path, LARGEST, "the case.json of a case kit", advice, advice)
     try:
-        said = CaseFile.model_validate_json(path.read_bytes()).mechanism
+        said = CaseFile.model_validate_json(data).mechanism
     except ValidationError as error:
         first = next((one for one in error.errors() if one["loc"] == ("format",)), error.errors()[0])
         where = ".".join(map(str, first["loc"])) or "the top of the file"
-        advice = "crosscheck kit NAME --case CASE, which writes one"
         if where == "format" and str(first["input"]).startswith("crosscheck-case/"):
             given, known = f'format "{first["input"]}"', f'"{FORMAT}": this crosscheck knows no other'
             raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None

@@ -1,22 +1,20 @@
 """Findings in the shapes of links: units, centres of mass outside, moments that nothing within them has.
 
 About its centre of mass no body has more than  m r_max^2,  r_max the distance of the farthest point of its shapes.  Meshes are
-looked at where they are there and trimesh is installed; a link is judged if all of its shapes are read, and if they can hold its
+looked at where they are read (`mesh_files`); a link is judged if all of its shapes are read, and if they can hold its
 mass: a sphere of 1 mm is a mark.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from crosscheck.linting.bodies import Stated
 from crosscheck.linting.finding import Finding, warning
+from crosscheck.linting.mesh_files import MeshFile
 from flexinv.files.joints import rotation_from_rpy
 from flexinv.model.mechanism import Array
 
@@ -25,47 +23,27 @@ OUTSIDE = 0.25  # of the diagonal of a link's shapes: how far beyond their box a
 BEYOND = 1.5  # largest moment over m r_max^2
 DENSEST = 23e3  # [kg/m^3]: osmium; shapes in which a link would be denser are marks
 LIGHT = 1e-4  # of the machine's mass: lighter links are sensors and marks, whose numbers nothing feels
-LARGEST = 64 << 20  # [byte] of a mesh file that is read
-READ = (".stl", ".obj", ".ply", ".off")
 ROUND = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 
 
-def reads_meshes() -> bool:
-    """Return True if trimesh is installed."""
-    return importlib.util.find_spec("trimesh") is not None
-
-
-def mesh_path(name: str, path: Path) -> Path | None:
-    """Return the file of a mesh: beside the URDF, or in the package whose folder is above it; None where it is not."""
-    plain = name.removeprefix("file://")
-    if "://" not in plain:
-        found = path.parent / plain
-        return found if found.is_file() else None
-    inside = plain.partition("://")[2].lstrip("/")
-    package, _, rest = inside.partition("/")
-    for above in path.resolve().parents:
-        for found in (above / inside, *([above / rest] if above.name == package else [])):
-            if found.is_file():
-                return found
-    return None
-
-
-def mesh_findings(robot: Element, path: Path, links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
-    """Yield findings of links whose shapes are all there [m, kg m^2]; size : of the machine [m]."""
+def mesh_findings(
+    robot: Element, meshes: Mapping[str, MeshFile], links: Mapping[str, Stated], size: float
+) -> Iterator[Finding]:
+    """Yield findings of links whose shapes are all there [m, kg m^2]; meshes : by name; size : of the machine [m]."""
     total = sum(link.inertia.mass for link in links.values() if link.written and link.inertia.mass > 0)
     for element in robot.findall("link"):
         link = links.get(element.get("name", ""))
-        points = _shape(element, path)
+        points = _shape(element, meshes)
         if link is not None and points is not None and link.inertia.mass >= LIGHT * total:
             yield from _of_link(link, points, size)
 
 
-def _shape(element: Element, path: Path) -> Array | None:
+def _shape(element: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     """All points of what is drawn of a link and of what collides (n, 3) [m]; of the one of them that is all there.
 
     Boxes, cylinders and spheres that collide cover what may be hit, not the whole link: alone they do not stand for a drawn mesh.
     """
-    drawn, colliding = (_all_points(element.findall(kind), path) for kind in ("visual", "collision"))
+    drawn, colliding = (_all_points(element.findall(kind), meshes) for kind in ("visual", "collision"))
     solid = any(part.find("geometry/mesh") is None for part in element.findall("collision"))
     if drawn is None and element.find("visual") is not None and solid:
         return None
@@ -73,8 +51,8 @@ def _shape(element: Element, path: Path) -> Array | None:
     return np.vstack(found) if found else None
 
 
-def _all_points(parts: list[Element], path: Path) -> Array | None:
-    found = [_points(part, path) for part in parts]
+def _all_points(parts: list[Element], meshes: Mapping[str, MeshFile]) -> Array | None:
+    found = [_points(part, meshes) for part in parts]
     there = [points for points in found if points is not None]
     return np.vstack(there) if there and len(there) == len(parts) else None
 
@@ -110,13 +88,13 @@ def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
         yield warning("moments of shape", place, given, why, hint)
 
 
-def _points(part: Element, path: Path) -> Array | None:
+def _points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     """Points of a shape in the link's frame (n, 3) [m]; None for one that is not there or not read."""
     shape = next(iter(part.find("geometry") or ()), None)
     if shape is None:
         return None
     try:
-        found = _mesh(shape, path) if shape.tag == "mesh" else _solid(shape)
+        found = _mesh(shape, meshes) if shape.tag == "mesh" else _solid(shape)
         origin = part.find("origin")
         xyz, rpy = (_numbers(origin, key, "0 0 0") for key in ("xyz", "rpy"))
     except ValueError:
@@ -143,15 +121,9 @@ def _solid(shape: Element) -> Array | None:
     return None
 
 
-def _mesh(shape: Element, path: Path) -> Array | None:
-    file = mesh_path(shape.get("filename", ""), path)
-    if not reads_meshes() or file is None or file.suffix.lower() not in READ or file.stat().st_size > LARGEST:
+def _mesh(shape: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
+    file = meshes.get(shape.get("filename", ""))
+    if file is None or file.points is None:
         return None
-    import trimesh
-
-    try:
-        loaded: Any = trimesh.load(file, force="mesh", process=False)
-        points = np.asarray(loaded.vertices, dtype=float)
-    except Exception:  # whatever a mesh's parser says: no finding without a shape
-        return None
-    return points * _numbers(shape, "scale", "1 1 1") if len(points) else None
+    scale = _numbers(shape, "scale", "1 1 1")
+    return file.points * scale if np.isfinite(scale).all() else None

@@ -12,7 +12,8 @@ import numpy as np
 
 from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
-from crosscheck.linting.meshes import mesh_findings, mesh_path
+from crosscheck.linting.mesh_files import file_findings, mesh_path, read_meshes
+from crosscheck.linting.meshes import mesh_findings
 from crosscheck.linting.shapes import shape_findings
 from flexinv.files.joints import rotation_from_rpy
 from flexinv.model.mechanism import Array, Inertia
@@ -40,7 +41,9 @@ def urdf_findings(robot: Element, path: Path, meshes: bool = True) -> Iterator[F
     yield from _transmissions(robot)
     yield from _meshes(robot, path)
     if meshes:
-        yield from mesh_findings(robot, path, links, _size(robot))
+        read = read_meshes(robot, path)
+        yield from file_findings(read)
+        yield from mesh_findings(robot, read, links, _size(robot))
 
 
 def values(element: Element | None, key: str, default: tuple[float, ...]) -> Array | None:
@@ -354,6 +357,11 @@ def _transmissions(robot: Element) -> Iterator[Finding]:
 
 
 def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
+    for mesh in robot.iter("mesh"):
+        if values(mesh, "scale", (1.0, 1.0, 1.0)) is None:
+            given = f'scale="{mesh.get("scale", "")}"'[:80]
+            place = f"mesh {mesh.get('filename', '')[:100]}"
+            yield error("number", place, given, "three finite numbers are expected", 'scale="1 1 1"')
     lost = sorted(
         {name for mesh in robot.iter("mesh") if (name := mesh.get("filename", "")) and mesh_path(name, path) is None}
     )

@@ -13,9 +13,9 @@ from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.bounded_xml import Unbounded, parse_bounded
 from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
 from flexinv.files.lenient_xml import repaired_xml
 from flexinv.files.schema import UrdfTable
@@ -258,7 +258,10 @@ def read_robot(path: Path) -> Element:
 
 
 def read_xml(path: Path) -> Element:
-    """Parse a file of XML, at most ``LARGEST_FILE`` [byte] and without entities; InputError says what is wrong."""
+    """Parse a file of XML: at most ``LARGEST_FILE`` [byte], `bounded_xml`'s levels and elements, no entities.
+
+    InputError says what is wrong.
+    """
     near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
     existing = near or "the path of a file that exists"
     data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
@@ -267,6 +270,8 @@ def read_xml(path: Path) -> Element:
     except DefusedXmlException:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
         raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
+    except Unbounded as error:
+        raise complaint(str(path), error.given, error.expected, error.write) from None
     except (ParseError, ValueError, LookupError) as error:
         given, write = f"XML that does not parse: {error}", "each tag closed"
         if b"<" not in data[:256]:
@@ -279,9 +284,9 @@ def read_xml(path: Path) -> Element:
 
 def xml_repairs(path: Path) -> list[str]:
     """Return the repairs of `read_xml` in a file [-], a line each: the standard forbids it as it is, and others read it."""
-    data = path.read_bytes()
+    data = read_bytes(path, LARGEST_FILE, "a URDF", "the path of a file that exists", "meshes as files of their own")
     try:
-        fromstring(data, forbid_dtd=True)
+        parse_bounded(data)
     except (ParseError, ValueError, LookupError):
         return repaired_xml(data)[1]
     return []
@@ -290,15 +295,13 @@ def xml_repairs(path: Path) -> list[str]:
 def _parsed(data: bytes) -> Element:
     """The root of a text; of one that the standard forbids and others read, as they do.  Raises ParseError."""
     try:
-        strict: Element = fromstring(data, forbid_dtd=True)
-        return strict
+        return parse_bounded(data)
     except ParseError as error:
         text, repairs = repaired_xml(data)
         if not repairs:
             raise
         try:
-            lenient: Element = fromstring(text, forbid_dtd=True)
-            return lenient
+            return parse_bounded(text)
         except ParseError:
             raise error from None
 

@@ -9,13 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-COMMENT = re.compile(rb"<!\[CDATA\[.*?\]\]>|<!--(.*?)-->", re.DOTALL)
+OPENING = re.compile(rb"<!\[CDATA\[|<!--")
+CLOSING = {b"<!--": b"-->", b"<![CDATA[": b"]]>"}
 TAG = re.compile(rb"<[A-Za-z_][^<>]*>")
+DECLARED = re.compile(rb"xmlns:([A-Za-z_][\w.-]*)")
 PREFIX = re.compile(rb"(?:</?|\s)([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*")
 QUOTED = re.compile(rb"\"[^\"]*\"|'[^']*'")
 # Where documents of this field declare prefixes, what they declare.
 NAMESPACES = {"drake": "http://drake.mit.edu", "xacro": "http://www.ros.org/wiki/xacro"}
 BOUND = (b"xml", b"xmlns")
+MOST_PREFIXES = 100  # that are put right: no document of this field has ten
 
 
 def repaired_xml(data: bytes) -> tuple[bytes, list[str]]:
@@ -24,35 +27,61 @@ def repaired_xml(data: bytes) -> tuple[bytes, list[str]]:
     return _with_namespaces(text, comments)
 
 
+def _find_sections(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Yield comments and CDATA: how each opens, where its inside begins, and where it ends; in one way through the text."""
+    at = 0
+    while found := OPENING.search(data, at):
+        mark = found[0]
+        end = data.find(CLOSING[mark], found.end())
+        if end < 0:
+            return  # a parser ends here, too
+        yield mark, found.end(), end
+        at = end + len(CLOSING[mark])
+
+
 def _without_hyphens(data: bytes) -> tuple[bytes, list[str]]:
     """The text with spaces for hyphens that a comment must not hold; lines stay where they are."""
     words: list[str] = []
     parts: list[bytes] = []
-    end = 0
-    for found in COMMENT.finditer(data):
-        inside = found[1]
-        if inside is None or (b"--" not in inside and not inside.endswith(b"-")):
+    copied = 0
+    line, counted = 1, 0
+    for mark, start, end in _find_sections(data):
+        inside = data[start:end]
+        if mark != b"<!--" or (b"--" not in inside and not inside.endswith(b"-")):
             continue
-        line = data.count(b"\n", 0, found.start()) + 1
+        line += data.count(b"\n", counted, start)
+        counted = start
         words.append(f"line {line}: -- within a comment")
-        parts += [data[end : found.start(1)], re.sub(rb"-{2,}|-$", _blank, inside)]
-        end = found.end(1)
-    return b"".join([*parts, data[end:]]), words
+        parts += [data[copied:start], re.sub(rb"-{2,}|-$", _blank, inside)]
+        copied = end
+    return b"".join([*parts, data[copied:]]), words
 
 
 def _blank(found: re.Match[bytes]) -> bytes:
     return b" " * len(found[0])
 
 
+def _without_sections(text: bytes) -> bytes:
+    """The text with spaces for comments and CDATA."""
+    parts: list[bytes] = []
+    copied = 0
+    for mark, start, end in _find_sections(text):
+        first, last = start - len(mark), end + len(CLOSING[mark])
+        parts += [text[copied:first], b" " * (last - first)]
+        copied = last
+    return b"".join([*parts, text[copied:]])
+
+
 def _with_namespaces(text: bytes, words: list[str]) -> tuple[bytes, list[str]]:
     """The text whose root declares the prefixes that nothing declares."""
-    plain = COMMENT.sub(lambda found: b" " * len(found[0]), text)
+    plain = _without_sections(text)
     root = TAG.search(plain)
     if root is None:
         return text, words
-    missing = [name for name in _prefixes(plain) if b"xmlns:" + name not in plain and name not in BOUND]
+    known = {*BOUND, *DECLARED.findall(plain)}
+    missing = [name for name in dict.fromkeys(_prefixes(plain)) if name not in known][:MOST_PREFIXES]
     declared = b""
-    for name in dict.fromkeys(missing):
+    for name in missing:
         prefix = name.decode("ascii", "replace")
         address = NAMESPACES.get(prefix, f"undeclared:{prefix}")
         declared += f' xmlns:{prefix}="{address}"'.encode()

@@ -15,9 +15,13 @@ from pydantic.fields import FieldInfo
 
 from flexinv import validation as arguments
 from flexinv.errors import InputError
+from flexinv.files.regular_files import NotRegular, read_regular
 from flexinv.files.values import FORMAT, clean_name, correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
+LONGEST_PATH = 4096  # [characters]: the longest that Linux takes
+# Keys of fifty parts and more, which the parser takes a time for that grows with their square; a mechanism has three.
+LONG_KEY = re.compile(rb"""(?:^|[\[{,])[ \t]*(?:[\w"'-]+[ \t]*\.[ \t]*){50}""", re.MULTILINE)
 # Examples that are a whole line: the head of a table, or a key and its value.
 COMPLETE = re.compile(r"\[+[a-z][^\s,\]]*\]+|[\w.]+ = ")
 
@@ -60,11 +64,11 @@ def one_of(data: Any, where: Location, name: str, known: Collection[str], expect
 
 
 def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str) -> bytes:
-    """Read a file of at most ``largest`` [byte]; InputError names a file that exists, or says how to make this one smaller."""
-    if not path.is_file():
-        raise complaint(str(path), "no such file", kind, existing)
-    with path.open("rb") as stream:
-        data = stream.read(largest + 1)
+    """Read a regular file of at most ``largest`` [byte]; InputError says what else it is, or how to make it smaller."""
+    try:
+        data = read_regular(path, largest)
+    except NotRegular as error:
+        raise complaint(str(path)[:LONGEST_PATH], str(error), kind, existing) from None
     if len(data) > largest:
         raise complaint(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)
     return data
@@ -139,6 +143,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     near = arguments.nearest(path.parent.name, names)
     existing = f"{folder / near}" if near else f"the path of a folder that has a {path.name}"
     data = read_bytes(path, LARGEST_FILE, "a TOML file", existing, smaller)
+    if LONG_KEY.search(data):
+        raise complaint(str(path), "a key of more than 50 parts", advice, "tables at most a few levels deep")
     try:
         tables = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:

@@ -25,7 +25,7 @@ FILES = {
     "a reference of 5 MB": ("arm.urdf", ARM.replace('child link="lower"', f'child link="{"x" * 5_000_000}"'), "a word of 5"),
     "a name of 200 characters": ("arm.urdf", ARM.replace('"lower"', f'"{"x" * 200}"'), "1 to 100 printable characters"),
     "more than the largest file": ("arm.urdf", f"<robot><!--{'x' * (17 << 20)}--></robot>", "at most"),
-    "depth": ("arm.urdf", "<robot>" + "<a>" * DEEP + "</a>" * DEEP + "</robot>", "a robot without links"),
+    "depth": ("arm.urdf", "<robot>" + "<a>" * DEEP + "</a>" * DEEP + "</robot>", "more than 500 levels"),
     "an infinite number": ("arm.urdf", ARM.replace('value="2.375"', 'value="inf"'), "lower.*mass"),
     "a loop of joints": ("arm.urdf", ARM.replace('child link="finger"', 'child link="upper"'), "2 links that no joint carries"),
     "only loops": ("arm.urdf", "<robot><link name='a'><inertial><mass value='1'/></inertial></link><joint name='j' type='fixed'>"

@@ -157,7 +157,7 @@ def test_meshes_are_read_and_their_units_seen(tmp_path: Path) -> None:
     assert shaped(tmp_path, OTHER_SIGN, '<mesh filename="upper.stl"/>') == ["centre outside"]
     assert shaped(tmp_path, ROD, '<mesh filename="upper.stl" scale="1000 1000 1000"/>') == ["mesh"]
     (tmp_path / "upper.stl").write_bytes(b"no mesh at all")
-    assert shaped(tmp_path, OTHER_SIGN, '<mesh filename="upper.stl"/>') == []  # what is not read is not judged
+    assert shaped(tmp_path, OTHER_SIGN, '<mesh filename="upper.stl"/>') == ["mesh"]  # that it is none, and no more
 
 
 def test_a_table_of_findings_over_many_files(tmp_path: Path) -> None:
