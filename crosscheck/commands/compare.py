@@ -6,12 +6,13 @@ import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.markup import escape
 from rich.table import Table
 
-from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
+from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FOR_FILE, Console, Failure
 from crosscheck.equivalence.compare import TOLERANCE, compare
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.output.files import write
@@ -19,7 +20,9 @@ from crosscheck.equivalence.output.readers import markdown_table, sentence, writ
 from crosscheck.equivalence.output.text import GROUPS, markdown, repaired, rounding
 from crosscheck.equivalence.readers import Loaded, Measure, by_readers
 from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.equivalence.sources import try_reading
 from crosscheck.report.words import short
+from crosscheck.run.guarded import Guard, Unread
 from flexinv.errors import InputError
 
 
@@ -39,6 +42,8 @@ from flexinv.errors import InputError
 )
 @click.option("--unproven", is_flag=True, help="Exit 0 also where no reader's own model could be asked.")
 @click.option("--readers", help="'all', or engines by comma: what their own readers make of A.")
+@TIME_FOR_FILE
+@MEMORY_FOR_FILE
 @click.option("--out", type=FOLDER, help="Folder for a page, results.json, junit.xml and summary.md.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--markdown", "as_markdown", is_flag=True, help="Print the result as Markdown.")
@@ -52,6 +57,8 @@ def command(
     ignored: tuple[str, ...],
     unproven: bool,
     readers: str | None,
+    timeout: float,
+    memory: float,
     out: Path | None,
     as_json: bool,
     as_markdown: bool,
@@ -67,19 +74,23 @@ def command(
       crosscheck compare old/arm.urdf arm.urdf --out same
       crosscheck compare arm.urdf --readers all
 
+    Files are read in a process of their own, within --timeout and --memory; what is no regular file is refused.
+
     \b
     Exit codes: 0 the same, 1 different, 2 cannot be compared, not comparable in what is named, or not proven
     """
+    families = _families(judge)
+    guard = Guard(timeout, memory)
     try:
         if readers is not None:
             if b is not None or stated:
                 raise Failure("--readers compares the readers of one file: leave out B and --match")
-            rows = by_readers(a, readers, Measure(tolerance, _families(judge), strict, ignored, unproven))
+            rows = by_readers(a, readers, Measure(tolerance, families, strict, ignored, unproven), guard.call)
             _tell_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
             sys.exit(_code(rows))
         if b is None:
             raise Failure("one description is given: write a second one, or --readers all")
-        found = compare(a, b, tolerance, _matches(stated), _families(judge), strict, ignored, unproven)
+        found = _found(guard, a, b, (tolerance, _matches(stated), families, strict, ignored, unproven))
         if out is not None:
             write(found, out)
     except InputError as error:
@@ -92,6 +103,16 @@ def command(
     else:
         _show(Console(), found, out)
     sys.exit(found.code)
+
+
+def _found(guard: Guard, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
+    """The comparison, made in a process of its own; where that comes to no end, the words say which file it is."""
+    try:
+        return guard.call(compare, a, b, *rest)
+    except Unread:
+        for source in (a, b):
+            guard.call(try_reading, source)
+        raise
 
 
 def _matches(stated: tuple[str, ...]) -> dict[str, str]:

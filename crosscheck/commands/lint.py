@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 
 import click
 from rich.markup import escape
 from rich.table import Table
 
-from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
-from crosscheck.linting.lint import Linted, lint_each
+from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FOR_FILE, Console, Failure
+from crosscheck.linting.lint import Linted, lint, lint_each
 from crosscheck.linting.output import junit as written_junit
 from crosscheck.linting.output import write
+from crosscheck.run.guarded import Guard
 
 
 @click.command("lint", short_help="Say what is suspicious in one description.")
@@ -22,11 +24,20 @@ from crosscheck.linting.output import write
 @click.option(
     "--meshes/--no-meshes", default=True, show_default=True, help="Look at shapes, too; at meshes with trimesh."
 )
+@TIME_FOR_FILE
+@MEMORY_FOR_FILE
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 @click.option("--out", type=FOLDER, help="Folder for a page, results.json, junit.xml and summary.md.")
 @click.option("--junit", type=click.Path(dir_okay=False), help="Write the findings as JUnit XML.")
 def command(
-    files: tuple[str, ...], strict: bool, meshes: bool, as_json: bool, out: Path | None, junit: str | None
+    files: tuple[str, ...],
+    strict: bool,
+    meshes: bool,
+    timeout: float,
+    memory: float,
+    as_json: bool,
+    out: Path | None,
+    junit: str | None,
 ) -> None:
     """Say what in a description no machine can have, or what its readers make different things of.
 
@@ -34,11 +45,13 @@ def command(
       crosscheck lint arm.urdf
       crosscheck lint robots/*.urdf --strict --junit lint.xml
 
+    Each file is read in a process of its own, within --timeout and --memory; what is no regular file is refused.
+
     \b
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
     """
     try:
-        found = lint_each(files, strict, meshes)
+        found = lint_each(files, strict, meshes, partial(Guard(timeout, memory).call, lint))
         if out is not None:
             write(found, out)
         if junit is not None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from crosscheck.equivalence.compare import TOLERANCE, checked, compared
 from crosscheck.equivalence.result import JUDGED, Comparison
@@ -14,6 +16,7 @@ from flexinv.errors import InputError
 
 # By format the reader that the others are compared with: the format's own compiler, where there is one; else the first that
 # reads the file.
+T = TypeVar("T")
 REFERENCE = {"urdf": "flexinv", "mjcf": "mujoco", "sdf": "drake"}
 
 
@@ -60,13 +63,34 @@ class Measure:
     unproven: bool = False
 
 
-def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -> list[Loaded]:
+def call_here(function: Callable[..., T], file: str, *arguments: Any) -> T:
+    """Return what a function gives for a file, called in this process."""
+    return function(file, *arguments)
+
+
+def by_readers(
+    file: str, wanted: str = "all", measure: Measure | None = None, way: Callable[..., Any] = call_here
+) -> list[Loaded]:
     """Return a row for every reader of a file, first that which the others are held against; what one refuses is in its row.
 
-    wanted : "all", or engines by comma.  Raises InputError for a file that nobody has a reader for.
+    wanted : "all", or engines by comma; way : to call a function for a file, such as in a process of its own
+    Raises InputError for a file that nobody has a reader for.
     """
-    path, measure = Path(file), measure or Measure()
+    measure = measure or Measure()
     checked(measure.tolerance, measure.families)
+    kind, known = way(_kind_and_readers, file)
+    names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
+    if not names and wanted != "all":
+        raise InputError(
+            f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
+        )
+    first = _reference(file, list(dict.fromkeys([*_preferred(kind, known), *known])), way)
+    return [_guarded_row(file, first, name, measure, way) for name in (first, *(n for n in names if n != first))]
+
+
+def _kind_and_readers(file: str) -> tuple[str, list[str]]:
+    """The format of a file, and the engines that have a reader of their own for it.  Raises InputError where there is none."""
+    path = Path(file)
     if not path.is_file():
         describe(file)  # says what is wrong
     if path.is_dir() or not (is_xml(path) or path.suffix.lower() in USD_SUFFIXES):
@@ -80,13 +104,7 @@ def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -
         raise InputError(
             f"{path}: {kind.upper()} has one reader here, which is no engine's; there is nothing to compare it with"
         )
-    names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
-    if not names and wanted != "all":
-        raise InputError(
-            f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
-        )
-    first = _reference(file, list(dict.fromkeys([*_preferred(kind, known), *known])))
-    return [_row(file, first, name, measure) for name in (first, *(n for n in names if n != first))]
+    return kind, known
 
 
 def _preferred(kind: str, known: list[str]) -> list[str]:
@@ -95,9 +113,22 @@ def _preferred(kind: str, known: list[str]) -> list[str]:
     return [best] if best == "flexinv" or best in known else []
 
 
-def _reference(file: str, names: list[str]) -> str:
+def _reference(file: str, names: list[str], way: Callable[..., Any]) -> str:
     """The first reader that reads the file; the first of all where none does."""
-    return next((name for name in names if not _refusal(file, name)), names[0])
+    for name in names:
+        with contextlib.suppress(InputError):
+            if not way(_refusal, file, name):
+                return name
+    return names[0]
+
+
+def _guarded_row(file: str, first: str, name: str, measure: Measure, way: Callable[..., Any]) -> Loaded:
+    """The row of a reader; one that dies or comes to no end is its row alone."""
+    try:
+        row: Loaded = way(_row, file, first, name, measure)
+    except InputError as error:
+        return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
+    return row
 
 
 def _refusal(file: str, name: str) -> str:

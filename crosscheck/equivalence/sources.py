@@ -65,6 +65,11 @@ def describe(source: Any, base: str = "fixed") -> Description:
     return found
 
 
+def try_reading(source: str) -> None:
+    """Read a description and forget it.  Raises InputError."""
+    describe(source)
+
+
 def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
     """Return two descriptions; where one says that its root is free and the other says nothing, that is taken to be free, too.
 

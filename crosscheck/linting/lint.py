@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -72,15 +72,17 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
     return Linted(description.label, _sorted([*written, *machine_findings(description)]), strict)
 
 
-def lint_each(sources: Iterable[Any], strict: bool = False, meshes: bool = True) -> list[Linted]:
+def lint_each(
+    sources: Iterable[Any], strict: bool = False, meshes: bool = True, way: Callable[[Any, bool, bool], Linted] = lint
+) -> list[Linted]:
     """List the findings of several descriptions; one that cannot be read is a finding of its own, and keeps none back.
 
-    strict, meshes : of `lint`
+    strict, meshes : of `lint`; way : to lint one of them, such as in a process of its own
     """
     found = []
     for source in sources:
         try:
-            found.append(lint(source, strict, meshes))
+            found.append(way(source, strict, meshes))
         except InputError as problem:
             words, name = str(problem), Path(str(source)).name
             finding = error("file", name, " ".join(words.split()), "it cannot be read", "as it says")

@@ -44,7 +44,7 @@ class MeshFile:
 
 
 def mesh_path(name: str, path: Path) -> Path | None:
-    """Return what a mesh's name stands for: beside the URDF, or in the package whose folder is above it; None for nothing."""
+    """Return the place of a mesh: beside the URDF, or in the package whose folder is above it; None where nothing is there."""
     plain = name.removeprefix("file://")
     if "://" not in plain:
         found = path.parent / plain

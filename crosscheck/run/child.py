@@ -27,6 +27,7 @@ from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
 from crosscheck.run.processes import become_subreaper, bound_files, die_with_parent
+from crosscheck.run.reading import read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
@@ -38,7 +39,7 @@ def main(job_file: str) -> None:
     become_subreaper()
     bound_files()
     job = json.loads(Path(job_file).read_text(encoding="utf-8"))
-    {"run": run_case, "describe": describe, "abilities": abilities, "study": study, "export": export}[job["kind"]](job)
+    KINDS_OF_JOBS[job["kind"]](job)
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
@@ -171,6 +172,16 @@ def _write(job: dict[str, Any], answer: object) -> None:
 
 def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
+KINDS_OF_JOBS = {
+    "run": run_case,
+    "describe": describe,
+    "abilities": abilities,
+    "study": study,
+    "read": read,
+    "export": export,
+}
 
 
 if __name__ == "__main__":

@@ -128,3 +128,11 @@ def bound_files() -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+
+
+def bound_memory(most: int) -> None:
+    """Bound the memory that this process may ask for [bytes]: beyond it an allocation fails."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from defusedxml.ElementTree import DefusedXMLParser
 
 DEEPEST = 500  # levels: the parser of MuJoCo has the same bound, a nested chain of 480 bodies passes
-MOST = 200_000  # elements and attributes beyond one per element: the largest robots of example-robot-data have 4,000
+MOST_ELEMENTS = 200_000  # elements and attributes beyond one per element: the largest robots of example-robot-data have 4,000
 
 
 class Unbounded(ValueError):
@@ -41,9 +41,9 @@ class _Bounded(TreeBuilder):
         if self.depth > DEEPEST:
             write = "a file without elements that stand in each other for nothing; a chain of bodies as separate models"
             raise Unbounded(f"more than {DEEPEST} levels of elements", f"at most {DEEPEST} levels", write)
-        if self.count > MOST:
+        if self.count > MOST_ELEMENTS:
             write = "the machine alone: what is only seen, and tables of numbers, in files of their own"
-            raise Unbounded(f"more than {MOST} elements and attributes", f"at most {MOST}", write)
+            raise Unbounded(f"more than {MOST_ELEMENTS} elements and attributes", f"at most {MOST_ELEMENTS}", write)
         return super().start(tag, dict(attributes))
 
     def end(self, tag: str) -> Element:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-OPENING = re.compile(rb"<!\[CDATA\[|<!--")
-CLOSING = {b"<!--": b"-->", b"<![CDATA[": b"]]>"}
+SECTION_STARTS = re.compile(rb"<!\[CDATA\[|<!--")
+SECTION_ENDS = {b"<!--": b"-->", b"<![CDATA[": b"]]>"}
 TAG = re.compile(rb"<[A-Za-z_][^<>]*>")
 DECLARED = re.compile(rb"xmlns:([A-Za-z_][\w.-]*)")
 PREFIX = re.compile(rb"(?:</?|\s)([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*")
@@ -30,13 +30,13 @@ def repaired_xml(data: bytes) -> tuple[bytes, list[str]]:
 def _find_sections(data: bytes) -> Iterator[tuple[bytes, int, int]]:
     """Yield comments and CDATA: how each opens, where its inside begins, and where it ends; in one way through the text."""
     at = 0
-    while found := OPENING.search(data, at):
+    while found := SECTION_STARTS.search(data, at):
         mark = found[0]
-        end = data.find(CLOSING[mark], found.end())
+        end = data.find(SECTION_ENDS[mark], found.end())
         if end < 0:
             return  # a parser ends here, too
         yield mark, found.end(), end
-        at = end + len(CLOSING[mark])
+        at = end + len(SECTION_ENDS[mark])
 
 
 def _without_hyphens(data: bytes) -> tuple[bytes, list[str]]:
@@ -66,7 +66,7 @@ def _without_sections(text: bytes) -> bytes:
     parts: list[bytes] = []
     copied = 0
     for mark, start, end in _find_sections(text):
-        first, last = start - len(mark), end + len(CLOSING[mark])
+        first, last = start - len(mark), end + len(SECTION_ENDS[mark])
         parts += [text[copied:first], b" " * (last - first)]
         copied = last
     return b"".join([*parts, text[copied:]])

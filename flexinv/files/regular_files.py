@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-KINDS = (
+FILE_KINDS = (
     (stat.S_ISFIFO, "a named pipe (FIFO)"),
     (stat.S_ISSOCK, "a socket"),
     (stat.S_ISCHR, "a device"),
@@ -21,7 +21,7 @@ class NotRegular(OSError):
 
 
 def describe_kind(path: Path) -> str:
-    """Return what a name stands for where that is no regular file [-], "" where it is one."""
+    """Return in words the pipe, device or folder that a name stands for [-], "" for a regular file."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError, RuntimeError) as error:
@@ -32,7 +32,7 @@ def describe_kind(path: Path) -> str:
 def _word(mode: int) -> str:
     if stat.S_ISREG(mode):
         return ""
-    return next((words for holds, words in KINDS if holds(mode)), "no regular file")
+    return next((words for holds, words in FILE_KINDS if holds(mode)), "no regular file")
 
 
 def _why_missing(path: Path, error: Exception) -> str:

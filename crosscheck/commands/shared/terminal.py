@@ -20,6 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS, sentence, unchanged
+from crosscheck.run.guarded import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
 from crosscheck.secrets import without_passwords
 from crosscheck.verdicts.plan import Plan, discover
@@ -74,6 +75,16 @@ TIMEOUT = click.option(
     default=900.0,
     show_default=True,
     help="Seconds that one engine may take for one case.",
+)
+TIME_FOR_FILE = click.option(
+    "--timeout", type=Seconds(), default=SECONDS, show_default=True, help="Seconds that reading one file may take."
+)
+MEMORY_FOR_FILE = click.option(
+    "--memory",
+    type=click.FloatRange(min=0.5, max=1e6),
+    default=GIGABYTES,
+    show_default=True,
+    help="Gigabytes of memory that reading one file may take.",
 )
 PATTERNS = click.option(
     "--engines", default="*", show_default=True, help="Names or patterns of the engines, separated by commas."

@@ -44,6 +44,7 @@ from crosscheck.engines.mujoco.compiled.names import (
 )
 from crosscheck.engines.mujoco.compiled.tendons import active, linear_law, off
 from crosscheck.engines.mujoco.effort_limits import effort_limits
+from crosscheck.engines.mujoco.named_files import check_named_files
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.hinges import with_hinges
@@ -64,6 +65,8 @@ from flexinv.model.mechanism import (
     Placement,
 )
 
+# What MuJoCo's own code raises: RuntimeError where an exception of C++ came through, as of memory that is not there.
+REFUSALS = (ValueError, OSError, RuntimeError, mujoco.FatalError)
 JOINT_KIND, EQUALITY = mujoco.mjtJoint, mujoco.mjtEq
 KINDS = {
     JOINT_KIND.mjJNT_FREE: "free",
@@ -95,6 +98,7 @@ def lift(source: Any, label: str = "") -> Description:
         return _described(_compiled(source, "MjSpec"), label or "MjSpec", "live", ())
     path = Path(source)
     root = read_xml(path)
+    check_named_files(path, root)
     model, dropped = _read(path)
     if model.nbody < 2:
         raise InputError(
@@ -116,11 +120,11 @@ def compiled(path: Path) -> Any:
 def _read(path: Path) -> tuple[Any, tuple[str, ...]]:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, OSError) as error:
+    except REFUSALS as error:
         raise InputError(f"{path}: MuJoCo refuses it: {_words(error)}") from None
     try:
         return spec.compile(), ()
-    except (ValueError, OSError) as error:
+    except REFUSALS as error:
         words = _words(error)
     if "mesh" not in words and "file" not in words.lower() and "texture" not in words:
         raise InputError(f"{path}: MuJoCo refuses it: {words}")
@@ -134,7 +138,7 @@ def _read(path: Path) -> tuple[Any, tuple[str, ...]]:
 def _compiled(spec: Any, name: str) -> Any:
     try:
         return spec.compile()
-    except (ValueError, OSError) as error:
+    except REFUSALS as error:
         raise InputError(f"{name}: MuJoCo refuses it: {_words(error)}") from None
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.files.bounded_xml import DEEPEST, MOST, Unbounded, parse_bounded
+from flexinv.files.bounded_xml import DEEPEST, MOST_ELEMENTS, Unbounded, parse_bounded
 from flexinv.files.from_urdf import read_xml
 from flexinv.files.lenient_xml import repaired_xml
 from flexinv.files.regular_files import NotRegular, read_regular
@@ -79,11 +79,11 @@ def test_levels_and_elements_have_bounds(tmp_path: Path) -> None:
     assert len(list(parse_bounded(nested(DEEPEST)).iter())) == DEEPEST
     with pytest.raises(Unbounded, match="levels"):
         parse_bounded(nested(DEEPEST + 1))
-    assert len(parse_bounded(b"<a>" + b"<b/>" * (MOST - 1) + b"</a>")) == MOST - 1
+    assert len(parse_bounded(b"<a>" + b"<b/>" * (MOST_ELEMENTS - 1) + b"</a>")) == MOST_ELEMENTS - 1
     with pytest.raises(Unbounded, match="elements and attributes"):
-        parse_bounded(b"<a>" + b"<b/>" * MOST + b"</a>")
+        parse_bounded(b"<a>" + b"<b/>" * MOST_ELEMENTS + b"</a>")
     with pytest.raises(Unbounded, match="elements and attributes"):
-        parse_bounded(b"<a " + b" ".join(b'a%d="1"' % k for k in range(MOST + 1)) + b"/>")
+        parse_bounded(b"<a " + b" ".join(b'a%d="1"' % k for k in range(MOST_ELEMENTS + 1)) + b"/>")
     (tmp_path / "arm.urdf").write_bytes(b"<robot>" + nested(100_000) + b"</robot>")
     words = r"given: +more than 500 levels of elements\n  expected: at most 500 levels\n  write: "
     with pytest.raises(InputError, match=words):

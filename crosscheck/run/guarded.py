@@ -1,0 +1,190 @@
+"""Reading of strangers' files in a process of its own: what takes too long or too much memory, or crashes, becomes words.
+
+A reader is a compiled parser of somebody else's: it may wait, swell or die.  `Guard.call` lets it do so where it harms nobody.
+The process is forked from this one where that may be, which costs nothing; else it is a fresh one (`crosscheck.run.isolation`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import pickle
+import re
+import select
+import subprocess
+import sys
+import threading
+import time as clock
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from crosscheck.run.isolation import Children, Ending, call, mark_of, scratch, tail, too_late, verdict
+from crosscheck.run.processes import (
+    MARK,
+    become_subreaper,
+    bound_files,
+    die_with_parent,
+    kill_group,
+    kill_marked,
+    kill_tree,
+    waited,
+)
+from crosscheck.run.reading import GIVEN, read
+from flexinv.errors import InputError
+from flexinv.files.toml_tables import LONGEST_PATH, complaint
+
+SECONDS = 120.0  # [s] for one file: the largest humanoid of example-robot-data takes 20 s
+GIGABYTES = 4.0  # of memory for one file: that humanoid takes 0.5
+OUT_OF_MEMORY = re.compile(r"MemoryError|bad_alloc|out of memory|allocate memory|Unable to allocate", re.IGNORECASE)
+T = TypeVar("T")
+
+
+class Unread(InputError):
+    """A file that no reader came to the end of, and why."""
+
+
+@dataclass
+class Guard:
+    """Limits of reading: time [s] and memory [GB] for one call, each of which runs in a process of its own."""
+
+    seconds: float = SECONDS
+    gigabytes: float = GIGABYTES
+    children: Children = field(default_factory=Children)
+
+    def call(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
+        """Return what a function of a module of ours gives for a file [-].
+
+        Raises InputError as it does, and Unread where it takes too long or too much memory, dies, or fails.
+        """
+        job = {"kind": "read", "module": function.__module__, "function": function.__name__, "place": str(Path.cwd())}
+        job["memory"] = str(int(self.gigabytes * 1e9))
+        with scratch() as folder:
+            out = folder / "answer.pickle"
+            job["out"] = str(out)
+            out.with_suffix(GIVEN).write_bytes(pickle.dumps((file, *arguments)))
+            here = may_fork()
+            ending = _call_forked(job, folder, self.seconds) if here else call(job, folder, self.seconds, self.children)
+            if ending.status != "ok":
+                raise self._unread(file, ending)
+            kind, found = pickle.loads(out.read_bytes())  # written by our own code, into this folder alone
+        if kind == "refused":
+            raise InputError(found)
+        if kind == "failed":
+            raise self._unread(file, Ending("error", found, f"{ending.printed}\n{found}", ending.elapsed))
+        result: T = found
+        return result
+
+    def _unread(self, file: str, ending: Ending) -> Unread:
+        """Return the words for a reader that came to no end."""
+        limits = f"one that is read within {self.seconds:g} s and {self.gigabytes:g} GB of memory"
+        if ending.status == "timeout":
+            given = f"reading it was {ending.message}"
+            write = "a smaller file; or --timeout with more seconds, if it is meant to be that large"
+        elif OUT_OF_MEMORY.search(ending.printed):
+            given = f"reading it asked for more than {self.gigabytes:g} GB of memory"
+            write = "a smaller file; or --memory with more gigabytes, if it is meant to be that large"
+        else:
+            given = f"its reader fails: {ending.message}"
+            write = (
+                "the file without what is unusual in it; --readers all of crosscheck compare says which readers take it"
+            )
+        return Unread(str(complaint(str(file)[:LONGEST_PATH], given[:600], limits, write)))
+
+
+def may_fork() -> bool:
+    """Return True where this process may be copied: no other thread of Python's runs, whose locks would stay shut in the copy.
+
+    The threads of OpenBLAS end before a fork and begin again on demand.
+    """
+    return sys.platform == "linux" and threading.active_count() == 1 and hasattr(os, "pidfd_open")
+
+
+def _call_forked(job: Mapping[str, Any], folder: Path, limit: float) -> Ending:
+    """Do a job in a copy of this process, for at most ``limit`` [s]."""
+    log_file = folder / "printed.txt"
+    log_file.touch()
+    start = clock.monotonic()
+    late = ""
+    process = _Copy(job, log_file, mark_of(folder))
+    try:
+        process.wait(limit)
+    except subprocess.TimeoutExpired:
+        late = too_late(limit, waited(process.pid))
+    finally:
+        process.end()
+    elapsed = clock.monotonic() - start
+    printed = tail(log_file)
+    if late:
+        return Ending("timeout", late, printed, elapsed)
+    return Ending(*verdict(process.returncode or 0, printed), printed, elapsed)
+
+
+class _Copy:
+    """A copy of this process that does one job, and prints into a file."""
+
+    def __init__(self, job: Mapping[str, Any], log: Path, mark: str) -> None:
+        """Fork it."""
+        sys.stdout.flush()
+        sys.stderr.flush()
+        parent = os.getpid()
+        self.mark = mark
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            _be_copy(dict(job), log, mark, parent)
+
+    def wait(self, limit: float) -> None:
+        """Wait for its end for at most ``limit`` [s].  Raises TimeoutExpired."""
+        number = os.pidfd_open(self.pid)
+        try:
+            poll = select.poll()
+            poll.register(number, select.POLLIN)
+            if not poll.poll(1e3 * limit):
+                raise subprocess.TimeoutExpired("a copy", limit)
+        finally:
+            os.close(number)
+        self._reap()
+
+    def end(self) -> None:
+        """Kill what is left of it, and of everything that it started."""
+        if self.returncode is None:
+            kill_tree(self.pid)
+            self._reap()
+        kill_group(self.pid)
+        kill_marked(self.mark)
+
+    def _reap(self) -> None:
+        self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+
+
+def _be_copy(job: dict[str, Any], log: Path, mark: str, parent: int) -> NoReturn:
+    """Be the copy: a session of its own without the terminal, nothing to read, and one file for all that is printed."""
+    code = 1
+    try:
+        os.setsid()
+        die_with_parent()
+        if os.getppid() != parent:
+            os._exit(1)  # it has died meanwhile
+        become_subreaper()
+        bound_files()
+        os.environ[MARK] = mark
+        with contextlib.ExitStack() as files:
+            nothing = files.enter_context(open(os.devnull, "rb"))
+            printed = files.enter_context(log.open("ab"))
+            os.dup2(nothing.fileno(), 0)
+            os.dup2(printed.fileno(), 1)
+            os.dup2(printed.fileno(), 2)
+        sys.stdin = os.fdopen(0, "r", encoding="utf-8", closefd=False)
+        sys.stdout = sys.stderr = os.fdopen(2, "w", encoding="utf-8", errors="replace", closefd=False)
+        faulthandler.enable(sys.stderr)
+        read(job)
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        os._exit(code)

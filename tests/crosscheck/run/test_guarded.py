@@ -1,0 +1,153 @@
+"""Whatever a reader does in its process becomes words within the limits, and nothing of it is left."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time as clock
+from pathlib import Path
+
+import psutil
+import pytest
+from click.testing import CliRunner
+
+from crosscheck.cli import main
+from crosscheck.run.guarded import Guard, Unread, may_fork
+from flexinv.errors import InputError
+
+LIMIT = 5.0  # [s]
+SLEEPER = [sys.executable, "-c", "import time; time.sleep(600)"]
+
+
+def answer(file: str, number: int) -> tuple[str, int]:
+    return f"{file} in {Path.cwd()}", number + 1
+
+
+def refuse(file: str) -> None:
+    raise InputError(f"{file}: no machine")
+
+
+def fail(file: str) -> None:
+    raise KeyError("a key")
+
+
+def crash(file: str) -> None:
+    ctypes.string_at(0)
+
+
+def abort(file: str) -> None:
+    os.write(2, b"Assertion failed in line 3\n")
+    os.abort()
+
+
+def leave(file: str) -> None:
+    os._exit(7)
+
+
+def sleep(file: str) -> None:
+    clock.sleep(600)
+
+
+def ignore_all(file: str) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    clock.sleep(600)
+
+
+def swell(file: str) -> None:
+    bytearray(50 << 30)
+
+
+def recurse(file: str) -> None:
+    recurse(file)
+
+
+def start_others(file: str) -> int:
+    subprocess.Popen(SLEEPER, start_new_session=True)
+    return subprocess.Popen(SLEEPER).pid
+
+
+def start_others_and_sleep(file: str) -> None:
+    start_others(file)
+    clock.sleep(600)
+
+
+def wait_for_input(file: str) -> str:
+    return sys.stdin.read() + os.read(0, 100).decode()
+
+
+ENDS = {
+    fail: "its reader fails: KeyError: 'a key'",
+    crash: r"its reader fails: killed by signal 11 \(SIGSEGV\)",
+    abort: r"its reader fails: killed by signal 6 \(SIGABRT\)",
+    leave: "its reader fails: left with exit code 7",
+    sleep: "reading it was stopped after the time limit of 5 s",
+    ignore_all: "reading it was stopped after the time limit of 5 s",
+    swell: "reading it asked for more than 4 GB of memory",
+    recurse: "its reader fails: RecursionError",
+    start_others_and_sleep: "reading it was stopped after the time limit of 5 s",
+}
+
+
+def sleepers() -> list[psutil.Process]:
+    """Sleepers that have not been killed; a process that was ends a moment later."""
+    found = [one for one in psutil.process_iter(["cmdline"]) if one.info["cmdline"] == SLEEPER]
+    return psutil.wait_procs(found, timeout=10)[1]
+
+
+@pytest.fixture(params=["a copy", "a fresh process"])
+def guard(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Guard:
+    """A guard whose calls are copies of this process, or fresh ones."""
+    if request.param == "a copy" and not may_fork():
+        pytest.skip("other threads run in this process")
+    monkeypatch.setattr("crosscheck.run.guarded.may_fork", lambda: request.param == "a copy")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    return Guard(LIMIT if request.param == "a copy" else 4 * LIMIT)  # a fresh one imports everything first
+
+
+def test_an_answer_comes_back_and_a_refusal_stays_one(
+    guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert guard.call(answer, "arm.urdf", 2) == (f"arm.urdf in {tmp_path}", 3)
+    with pytest.raises(InputError, match=r"arm\.urdf: no machine") as caught:
+        guard.call(refuse, "arm.urdf")
+    assert not isinstance(caught.value, Unread)
+    assert guard.call(wait_for_input, "arm.urdf") == ""
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_whatever_a_reader_does_becomes_words(end: object, guard: Guard) -> None:
+    words = ENDS[end].replace("of 5 s", f"of {guard.seconds:g} s")
+    with pytest.raises(Unread, match=rf"^arm.urdf\n  given:    {words}.*\n  expected: .*\n  write:    .*"):
+        guard.call(end, "arm.urdf")
+    assert sleepers() == []
+
+
+def test_what_a_reader_started_ends_with_it(guard: Guard) -> None:
+    guard.call(start_others, "arm.urdf")
+    assert sleepers() == []
+
+
+def test_beside_other_threads_no_copy_is_made() -> None:
+    """A lock that another thread holds would stay shut in a copy."""
+    stop = threading.Event()
+    other = threading.Thread(target=stop.wait)
+    other.start()
+    assert not may_fork()
+    stop.set()
+    other.join()
+
+
+@pytest.mark.parametrize(
+    ("word", "value"), [("--timeout", "0"), ("--timeout", "nan"), ("--memory", "0.1"), ("--memory", "x")]
+)
+@pytest.mark.parametrize("command", ["lint", "compare"])
+def test_limits_that_are_none_are_refused(command: str, word: str, value: str) -> None:
+    run = CliRunner().invoke(main, [command, "a.urdf", word, value])
+    assert run.exit_code == 2
+    assert word in run.output
