@@ -212,22 +212,29 @@ def dae_laughs(folder: Path, draw: random.Random) -> Path:
 @maker
 def dae_promise(folder: Path, draw: random.Random) -> Path:
     """COLLADA that promises four thousand million numbers."""
-    inside = f'<library_geometries><geometry id="g"><mesh><source id="s"><float_array id="a" count="{MOST}">0 0 0</float_array></source><triangles count="{MOST}"><p>0 1 2</p></triangles></mesh></geometry></library_geometries>'
-    return with_mesh(folder, "m.dae", f'<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">{inside}</COLLADA>')
+    source = f'<source id="s"><float_array id="a" count="{MOST}">0 0 0</float_array></source>'
+    mesh = f'<mesh>{source}<triangles count="{MOST}"><p>0 1 2</p></triangles></mesh>'
+    inside = f'<library_geometries><geometry id="g">{mesh}</geometry></library_geometries>'
+    schema = "http://www.collada.org/2005/11/COLLADASchema"
+    return with_mesh(folder, "m.dae", f'<COLLADA xmlns="{schema}" version="1.4.1">{inside}</COLLADA>')
 
 
 @maker
 def ply_promise(folder: Path, draw: random.Random) -> Path:
     """PLY that promises four thousand million corners."""
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {MOST}\nproperty float x\nproperty float y\nproperty float z\n"
-    return with_mesh(folder, "m.ply", f"{head}element face {MOST}\nproperty list uchar int vertex_indices\nend_header\n\0\0\0\0")
+    return with_mesh(
+        folder, "m.ply", f"{head}element face {MOST}\nproperty list uchar int vertex_indices\nend_header\n\0\0\0\0"
+    )
 
 
 @maker
 def ply_list(folder: Path, draw: random.Random) -> Path:
     """PLY whose face says that it has four thousand million corners."""
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    text = f"{head}element face 1\nproperty list uint int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n{MOST} 0 1 2\n"
+    text = (
+        f"{head}element face 1\nproperty list uint int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n{MOST} 0 1 2\n"
+    )
     return with_mesh(folder, "m.ply", text)
 
 
@@ -247,16 +254,19 @@ def gltf_elsewhere(folder: Path, draw: random.Random) -> Path:
 @maker
 def archive_bomb(folder: Path, draw: random.Random) -> Path:
     """3MF with a gigabyte of spaces in it."""
-    with zipfile.ZipFile(folder / "m.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("3D/3dmodel.model", "w") as stream:
-            for _ in range(1024):
-                stream.write(b" " * (1 << 20))
+    with (
+        zipfile.ZipFile(folder / "m.3mf", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("3D/3dmodel.model", "w") as stream,
+    ):
+        for _ in range(1024):
+            stream.write(b" " * (1 << 20))
     return shaped(folder, "m.3mf")
 
 
 def _mjcf_mesh(folder: Path, name: str) -> Path:
-    text = f'<mujoco><asset><mesh name="m" file="{name}"/></asset><worldbody><body><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
-    return put(folder, "arm.xml", text)
+    body = '<body><joint/><geom type="mesh" mesh="m"/></body>'
+    asset = f'<asset><mesh name="m" file="{name}"/></asset>'
+    return put(folder, "arm.xml", f"<mujoco>{asset}<worldbody>{body}</worldbody></mujoco>")
 
 
 @maker

@@ -27,7 +27,9 @@ def _torque(change: Callable[[Any], Any]) -> Callable[..., Any]:
     def run(mechanism: Any, case: Any, engine: str) -> Record:
         time_of = sample_times(case)
         made = torque_series(mechanism, np.zeros((time_of.size, mechanism.nv)))
-        return Record(engine=engine, time=time_of, series={n: Series(n, s.unit, change(s.values)) for n, s in made.items()})
+        return Record(
+            engine=engine, time=time_of, series={n: Series(n, s.unit, change(s.values)) for n, s in made.items()}
+        )
 
     return run
 

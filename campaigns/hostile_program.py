@@ -31,7 +31,9 @@ def _each(change: Callable[[str], str], first: int = 1) -> Callable[[Table], Tab
 
 def _one(value: str) -> Callable[[Table], Table]:
     """Return a change of one number in the middle."""
-    return lambda t: [[value if (k, j) == (len(t) // 2, 1) else cell for j, cell in enumerate(row)] for k, row in enumerate(t)]
+    return lambda t: [
+        [value if (k, j) == (len(t) // 2, 1) else cell for j, cell in enumerate(row)] for k, row in enumerate(t)
+    ]
 
 
 def _times(change: Callable[[int, float], float]) -> Callable[[Table], Table]:
@@ -78,7 +80,9 @@ TABLES: dict[str, Callable[[Table], Table]] = {
     "lost_column": lambda t: [[row[0], *row[2:]] for row in t],
     "odd_column": lambda t: [[*row, f"torque/{HTML} [N m]" if k == 0 else "0"] for k, row in enumerate(t)],
     "escape_column": lambda t: [[*row, f"torque/{TERMINAL} [N m]" if k == 0 else "0"] for k, row in enumerate(t)],
-    "many_columns": lambda t: [[*row, *(f"x{j} [-]" if k == 0 else "0" for j in range(20_000))] for k, row in enumerate(t)],
+    "many_columns": lambda t: [
+        [*row, *(f"x{j} [-]" if k == 0 else "0" for j in range(20_000))] for k, row in enumerate(t)
+    ],
     "long_name": lambda t: [[*row, f"torque/{'x' * 10**6} [N m]" if k == 0 else "0"] for k, row in enumerate(t)],
     "long_quote": lambda t: [*t[:3], ['"' + "x" * 10**7]],
     "negative_bars": _barred("-1"),
@@ -213,7 +217,8 @@ def _leave_many(out: Path, kit: Path) -> None:
 
 
 def _leave_twice_removed(out: Path, kit: Path) -> None:
-    subprocess.Popen([sys.executable, "-c", f"import subprocess; subprocess.Popen({SLEEPER!r}, start_new_session=True)"], start_new_session=True).wait()
+    words = f"import subprocess; subprocess.Popen({SLEEPER!r}, start_new_session=True)"
+    subprocess.Popen([sys.executable, "-c", words], start_new_session=True).wait()
 
 
 def _leave_and_sleep(out: Path, kit: Path) -> None:
@@ -223,7 +228,9 @@ def _leave_and_sleep(out: Path, kit: Path) -> None:
 
 def _answer_later(out: Path, kit: Path) -> None:
     """Leave a process that spoils the answer again and again once this one has ended."""
-    words = f"import time\nwhile True:\n    open({str(out / 'series.csv')!r}, 'w').write('spoilt')\n    time.sleep(0.01)"
+    words = (
+        f"import time\nwhile True:\n    open({str(out / 'series.csv')!r}, 'w').write('spoilt')\n    time.sleep(0.01)"
+    )
     subprocess.Popen([sys.executable, "-c", words], start_new_session=True)
 
 
@@ -294,9 +301,9 @@ def _kill_group(out: Path, kit: Path) -> None:
 
 BEFORE = {
     "exit_1": _exit(1), "exit_2": _exit(2), "exit_255": _exit(255), "nothing_at_all": _nothing, "print_odd": _print_odd,
-    "terminated": _die(signal.SIGTERM), "killed": _die(signal.SIGKILL), "crashed": _die(signal.SIGSEGV), "aborted": _die(signal.SIGABRT),
-    "broken_pipe": _die(signal.SIGPIPE), "interrupted": _die(signal.SIGINT), "sleep": _sleep, "sleep_deaf": _sleep_deaf, "stop": _stop,
-    "flood": _flood, "close": _close, "kill_parent": _kill_parent, "kill_group": _kill_group, "write_input": _write_input,
+    "terminated": _die(signal.SIGTERM), "killed": _die(signal.SIGKILL), "crashed": _die(signal.SIGSEGV),
+    "aborted": _die(signal.SIGABRT), "broken_pipe": _die(signal.SIGPIPE), "interrupted": _die(signal.SIGINT), "sleep": _sleep, "sleep_deaf": _sleep_deaf,
+    "stop": _stop, "flood": _flood, "close": _close, "kill_parent": _kill_parent, "kill_group": _kill_group, "write_input": _write_input,
 }  # fmt: skip
 AFTER = {
     "flood_answer": _flood_answer, "sparse_answer": _sparse_answer, "read_input": _read_input, "leave_session": _leave_session,

@@ -1,4 +1,4 @@
-"""Hostile robots: chains without end, includes that include themselves, numbers of parts that no memory holds, bombs of archives."""
+"""Hostile robots: chains without end, includes of themselves, numbers of parts that no memory holds, archives that swell."""
 
 from __future__ import annotations
 
@@ -105,7 +105,8 @@ def mimic_circle(folder: Path, draw: random.Random) -> Path:
     """Joints that mimic each other."""
     text = _chain(2, "revolute")
     for k, other in ((1, 2), (2, 1)):
-        text = text.replace(f'<joint name="j{k}" type="revolute">', f'<joint name="j{k}" type="revolute"><mimic joint="j{other}"/>')
+        head = f'<joint name="j{k}" type="revolute">'
+        text = text.replace(head, f'{head}<mimic joint="j{other}"/>')
     return put(folder, "arm.urdf", text)
 
 
@@ -158,14 +159,18 @@ def includes_sparse(folder: Path, draw: random.Random) -> Path:
 @maker
 def attaches_itself(folder: Path, draw: random.Random) -> Path:
     """MJCF that attaches itself as a model."""
-    text = '<mujoco model="arm"><asset><model name="m" file="arm.xml"/></asset><worldbody><frame><attach model="m" body="b" prefix="p"/></frame><body name="b"><joint/><geom size=".1"/></body></worldbody></mujoco>'
-    return put(folder, "arm.xml", text)
+    asset = '<asset><model name="m" file="arm.xml"/></asset>'
+    frame = '<frame><attach model="m" body="b" prefix="p"/></frame>'
+    body = '<body name="b"><joint/><geom size=".1"/></body>'
+    return put(folder, "arm.xml", f'<mujoco model="arm">{asset}<worldbody>{frame}{body}</worldbody></mujoco>')
 
 
 @maker
 def sdf_includes_itself(folder: Path, draw: random.Random) -> Path:
     """SDF that includes itself."""
-    return put(folder, "arm.sdf", '<sdf version="1.10"><model name="m"><include><uri>arm.sdf</uri></include></model></sdf>')
+    return put(
+        folder, "arm.sdf", '<sdf version="1.10"><model name="m"><include><uri>arm.sdf</uri></include></model></sdf>'
+    )
 
 
 @maker
@@ -207,7 +212,9 @@ def grid(folder: Path, draw: random.Random) -> Path:
 @maker
 def cable(folder: Path, draw: random.Random) -> Path:
     """A cable of ten million bodies."""
-    inside = '<composite type="cable" curve="s" count="10000000 1 1" size="1"><geom type="capsule" size=".01"/></composite>'
+    inside = (
+        '<composite type="cable" curve="s" count="10000000 1 1" size="1"><geom type="capsule" size=".01"/></composite>'
+    )
     return put(folder, "arm.xml", _world(inside))
 
 
@@ -264,7 +271,9 @@ def sublayers_itself(folder: Path, draw: random.Random) -> Path:
 @maker
 def references_itself(folder: Path, draw: random.Random) -> Path:
     """A prim that refers to itself."""
-    return put(folder, "arm.usda", '#usda 1.0\n(\n defaultPrim = "a"\n)\ndef Xform "a" (references = @arm.usda@</a>)\n{\n}\n')
+    return put(
+        folder, "arm.usda", '#usda 1.0\n(\n defaultPrim = "a"\n)\ndef Xform "a" (references = @arm.usda@</a>)\n{\n}\n'
+    )
 
 
 @maker
@@ -302,11 +311,13 @@ def torn_usd(folder: Path, draw: random.Random) -> Path:
 @maker
 def zip_bomb(folder: Path, draw: random.Random) -> Path:
     """An archive of USD with a gigabyte of spaces in it."""
-    with zipfile.ZipFile(folder / "arm.usdz", "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("arm.usda", "w") as stream:
-            stream.write(b"#usda 1.0\n")
-            for _ in range(1024):
-                stream.write(b" " * (1 << 20))
+    with (
+        zipfile.ZipFile(folder / "arm.usdz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("arm.usda", "w") as stream,
+    ):
+        stream.write(b"#usda 1.0\n")
+        for _ in range(1024):
+            stream.write(b" " * (1 << 20))
     return folder / "arm.usdz"
 
 
@@ -348,7 +359,9 @@ def log_torn_table(folder: Path, draw: random.Random) -> Path:
 def log_torn_matrix(folder: Path, draw: random.Random) -> Path:
     """A MAT file that says that two gigabytes follow."""
     head = b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\x00\x01IM"
-    return put(folder, "log.mat", head + (14).to_bytes(4, "little") + (0x7FFFFFF0).to_bytes(4, "little") + draw.randbytes(64))
+    return put(
+        folder, "log.mat", head + (14).to_bytes(4, "little") + (0x7FFFFFF0).to_bytes(4, "little") + draw.randbytes(64)
+    )
 
 
 @maker

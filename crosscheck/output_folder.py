@@ -9,6 +9,8 @@ from __future__ import annotations
 import datetime
 import json
 import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -105,6 +107,22 @@ def replace(file: Path, data: str | bytes) -> None:
         except BaseException:
             os.unlink(part.name)
             raise
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold back Ctrl-C and a polite kill while files are written that belong together: they are all old, or all new.
+
+    What comes meanwhile is heard at the end.  Other threads than the main one hear no signals, and hold none back.
+    """
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _mode(file: Path) -> int:

@@ -6,8 +6,11 @@ import gc
 import importlib
 import os
 import shlex
+import signal
 import sys
 from importlib import metadata
+from types import FrameType
+from typing import NoReturn
 
 import click
 
@@ -25,8 +28,25 @@ GARBAGE = 50_000
 
 
 def main() -> None:
-    """Run the command line, or say what it needs."""
+    """Run the command line, or say what it needs; Ctrl-C and a polite kill (SIGTERM) are words at any moment."""
     gc.set_threshold(GARBAGE)
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        run_commands()
+    except KeyboardInterrupt:  # before the commands are there to hear it, or after they are done
+        click.echo("Error: interrupted", err=True)
+        os._exit(2)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """Treat a signal like Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+def run_commands() -> None:
+    """Run the command line, or say what it needs."""
     try:
         command = importlib.import_module("crosscheck.cli").main
     except ModuleNotFoundError as error:

@@ -20,6 +20,7 @@ from crosscheck.measures.record import BROKEN, Record, Series, effort_units, ser
 from crosscheck.measures.series_csv import check_names, check_times, read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
+from flexinv.files.regular_files import LOOP, MISSING, describe_kind
 from flexinv.model.mechanism import Mechanism
 
 LARGEST_JSON = 20_000_000  # [bytes]: the certificate of a humanoid has a hundred thousand
@@ -54,10 +55,15 @@ def answered(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> Rec
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Return a file of a folder.  Raises InputError where it leads out of it (a link)."""
+    """Return a file of a folder, be it there or not.  Raises InputError for a link out of it, a pipe, a device or a folder."""
     file = folder / name
+    words = describe_kind(file)
+    if words == LOOP:
+        raise InputError(f"{file}: {words}; expected a regular file")
     if not file.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{file} leads out of its folder; expected a file")
+    if words not in ("", MISSING):
+        raise InputError(f"{file}: {words}; expected a regular file")
     return file
 
 

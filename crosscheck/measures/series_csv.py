@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from flexinv.validation import nearest
 Array = NDArray[np.float64]
 HEADER = re.compile(r"(?P<name>[^\s\[\]]+)(?P<bar> error)? \[(?P<unit>[^\[\]]+)\]")
 TIME = "time [s]"
+LONGEST = 100  # [characters] of a name or a cell that a message repeats
 LARGEST = 1 << 28  # [bytes]: a hundred series of a hundred thousand samples
 # Of the time from sample to sample: a signal changes by no more than this part of what it changes from one to the next,
 # and a grid that is written with the digits of its spacing has its times to rounding.
@@ -34,16 +36,16 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
     rows = _cells(path)
     header = [cell.strip() for cell in rows[0]] if rows else []
     if not header or header[0] != TIME:
-        seen = f"the first column is {header[0]!r}" if header else "there is no header"
+        seen = f"the first column is {_shown(header[0])}" if header else "there is no header"
         commas = "; write commas between the columns" if header and re.search(r"[;\t]", header[0]) else ""
         raise InputError(f"{path}: {seen}, expected {TIME!r}{commas}")
     heads = [HEADER.fullmatch(cell) for cell in header]
     if None in heads:
         wrong = header[heads.index(None)]
-        raise InputError(f"{path}: column {wrong!r}: expected a series and its unit; write 'torque/hub [N m]'")
+        raise InputError(f"{path}: column {_shown(wrong)}: expected a series and its unit; write 'torque/hub [N m]'")
     names = [m.group("name", "bar") for m in heads if m is not None]
-    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
-        raise InputError(f"{path}: column {''.join(filter(None, twice[0]))!r} is there twice; expected each once")
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise InputError(f"{path}: column {_shown(''.join(filter(None, twice[0])))} is there twice; expected each once")
     table = _numbers(path, header, rows[1:])
     columns = {m.group("name", "bar"): (m["unit"], table[:, k]) for k, m in enumerate(heads) if m is not None and k}
     found: dict[str, Series] = {}
@@ -74,10 +76,22 @@ def _numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array:
         if len(row) != len(header):
             raise InputError(f"{path}: row {k + 2} has {len(row)} cells, the header {len(header)}")
     try:
-        return np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+        if all(_is_plain(cell) for row in rows for cell in row):
+            return np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
     except ValueError:
-        k, one, cell = next(wrong for wrong in _words(header, rows))
-        raise InputError(f"{path}: row {k}, column {one!r}: {cell!r} is no number") from None
+        pass
+    k, one, cell = next(wrong for wrong in _words(header, rows))
+    raise InputError(f"{path}: row {k}, column {_shown(one)}: {_shown(cell)} is no number")
+
+
+def _is_plain(cell: str) -> bool:
+    """Return False for what Python alone takes for a number: 1_000, and digits of other scripts."""
+    return cell.isascii() and "_" not in cell
+
+
+def _shown(text: str) -> str:
+    """A text in quotes, cut where it is long."""
+    return repr(text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
 
 
 def _words(header: list[str], rows: list[list[str]]) -> Iterator[tuple[int, str, str]]:
@@ -87,6 +101,9 @@ def _words(header: list[str], rows: list[list[str]]) -> Iterator[tuple[int, str,
             try:
                 np.array([cell], dtype=np.float64)
             except ValueError:
+                yield k + 2, one, cell
+                continue
+            if not _is_plain(cell):
                 yield k + 2, one, cell
 
 
@@ -114,7 +131,7 @@ def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -
         if plain not in known:
             near = nearest(one.name, sorted(known))
             raise InputError(
-                f"{path}: column {one.name!r}: the mechanism has no such series; "
+                f"{path}: column {_shown(one.name)}: the mechanism has no such series; "
                 + (f"write {near!r}" if near else f"it has {', '.join(sorted(known))}")
             )
         if one.unit != known[plain]:

@@ -250,10 +250,12 @@ def write(
     }
     replaced = {name[:3] for name in signals} | {k[:3] for k in lost}
     kept = {name: signal for name, signal in before.signals.items() if name[:3] not in replaced}
-    owned.replace(folder / METRICS, text.getvalue())
-    write_signals(folder, {**kept, **signals})
-    write_provenance(folder, merge(before.provenance, trace(results)))
-    owned.replace(folder / BLESSED, json.dumps(words, indent=1) + "\n")
+    provenance = merge(before.provenance, trace(results))
+    with owned.uninterrupted():
+        owned.replace(folder / METRICS, text.getvalue())
+        write_signals(folder, {**kept, **signals})
+        write_provenance(folder, provenance)
+        owned.replace(folder / BLESSED, json.dumps(words, indent=1) + "\n")
 
 
 def apply(

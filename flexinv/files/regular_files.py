@@ -14,6 +14,7 @@ FILE_KINDS = (
     (stat.S_ISDIR, "a folder"),
 )
 MISSING = "no such file"
+LOOP = "a symbolic link that leads to itself"
 
 
 class NotRegular(OSError):
@@ -40,7 +41,7 @@ def _why_missing(path: Path, error: Exception) -> str:
         return f"a link to {os.readlink(path)!r}, which is not there" if path.is_symlink() else MISSING
     words = getattr(error, "strerror", None) or str(error)
     if "symbolic link" in words or "Symlink loop" in words:
-        return "a symbolic link that leads to itself"
+        return LOOP
     return f"a name that the system refuses ({words})"
 
 

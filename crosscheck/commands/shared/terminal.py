@@ -5,24 +5,26 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
-from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 import click
 from rich import console as rich_console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS, sentence, unchanged
 from crosscheck.run.guarded import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
 from crosscheck.secrets import without_passwords
+from crosscheck.start import interrupt
 from crosscheck.verdicts.plan import Plan, discover
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
@@ -62,6 +64,8 @@ MODELS = click.option(
     help="Folder of mechanisms: one folder each, with mechanism.toml and cases.toml.",
 )
 FOLDER = click.Path(file_okay=False, path_type=Path)
+# What ASCII, Latin-1 and Unicode have for terminals and for the direction of writing, apart from tabs and line breaks.
+CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
 LARGEST_SUMMARY = 900_000  # [bytes]: GitHub refuses a step's summary of more than 1 MiB
@@ -103,11 +107,23 @@ class Failure(click.ClickException):
     exit_code = 2
 
     def __init__(self, message: str) -> None:
-        super().__init__(without_passwords(message))
+        super().__init__(tame(without_passwords(message)))
+
+
+def tame(text: str) -> str:
+    """Return a text without characters that a terminal obeys: names and messages of strangers may hold some."""
+    return CONTROLS.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 class Console(rich_console.Console):
-    """A terminal; where its reader goes away (``| head``) nothing more is said, and nothing is called a deviation."""
+    """A terminal; where its reader goes away (``| head``) nothing more is said, and nothing is called a deviation.
+
+    Characters that a terminal obeys are shown as replacements, whoever wrote them.
+    """
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text with its markup, tamed."""
+        return super().render_str(tame(text), **options)
 
     def on_broken_pipe(self) -> NoReturn:
         """Leave quietly with the exit code of a failure."""
@@ -202,9 +218,6 @@ def progress(console: Console) -> Iterator[Any]:
 @contextlib.contextmanager
 def terminated() -> Iterator[None]:
     """Treat a polite kill (SIGTERM) like Ctrl-C, so that no engine is left behind."""
-
-    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
-        raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, interrupt)
     try:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from crosscheck import output_folder as owned
 from crosscheck.cli import main
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
@@ -179,3 +182,22 @@ def test_a_blessed_value_that_is_none_is_one_error(tmp_path: Path, value: str) -
     file.write_text(file.read_text().replace("0.0002", value))
     with pytest.raises(BaselineError, match=r"metrics\.csv, line 2"):
         baseline.find(tmp_path)
+
+
+@pytest.mark.parametrize("file", ["metrics.csv", "signals.csv", "provenance.json", "blessed.json"])
+def test_an_interrupt_leaves_a_baseline_whole(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It comes while one of the files is written, and is heard when all of them are."""
+    baseline.write(tmp_path, night(ROW), [ROW], "the first")
+    replace_file = owned.replace
+
+    def interrupted(path: Path, data: str | bytes) -> None:
+        if path.name == file:
+            os.kill(os.getpid(), signal.SIGINT)
+        replace_file(path, data)
+
+    monkeypatch.setattr(owned, "replace", interrupted)
+    worse = replace(ROW, maximum=3e-4)
+    with pytest.raises(KeyboardInterrupt):
+        baseline.write(tmp_path, night(worse), [worse], "the second")
+    found = baseline.read(tmp_path)
+    assert (found.reason, found.fractions[baseline.key(ROW)]) == ("the second", 3e-4)
