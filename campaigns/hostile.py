@@ -14,6 +14,7 @@ A command must end within its limit, leave with its exit code, say its words, pr
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 import os
 import random
@@ -40,10 +41,11 @@ from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 
 HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent / "tests" / "shared"))
+logged_arm = importlib.import_module("logged_arm")
 DATA = HERE / "data" / "hostile"
 GOOD = HERE / "data" / "two_links.urdf"
 ARM = HERE / "data" / "door_faults" / "arm"
-LOGGED = HERE.parent / "tests" / "data" / "logged"
 RIGID = HERE.parent / "tests" / "shared" / "kit_programs" / "rigid.py"
 SEED = 20261127
 TIMEOUT = 60.0  # [s] that a command is told
@@ -153,15 +155,9 @@ def run_file(row: dict[str, str]) -> Ended:
         place = folder / "files"
         place.mkdir(parents=True)
         if row["command"] == "identify":
-            shutil.copytree(ARM, folder / "models" / "arm")
-            (folder / "models" / "arm" / "identify.toml").write_text(IDENTIFY, encoding="utf-8")
+            logged_arm.write_arm(folder / "models" / "arm")
         file = MAKERS[row["file"]](place, draw)
         return call(command_of(row, file, folder), folder)
-
-
-IDENTIFY = """format = 1
-source = "made for this campaign"
-"""
 
 
 def judge_file(row: dict[str, str], ended: Ended) -> str:

@@ -302,8 +302,9 @@ def _kill_group(out: Path, kit: Path) -> None:
 BEFORE = {
     "exit_1": _exit(1), "exit_2": _exit(2), "exit_255": _exit(255), "nothing_at_all": _nothing, "print_odd": _print_odd,
     "terminated": _die(signal.SIGTERM), "killed": _die(signal.SIGKILL), "crashed": _die(signal.SIGSEGV),
-    "aborted": _die(signal.SIGABRT), "broken_pipe": _die(signal.SIGPIPE), "interrupted": _die(signal.SIGINT), "sleep": _sleep, "sleep_deaf": _sleep_deaf,
-    "stop": _stop, "flood": _flood, "close": _close, "kill_parent": _kill_parent, "kill_group": _kill_group, "write_input": _write_input,
+    "aborted": _die(signal.SIGABRT), "broken_pipe": _die(signal.SIGPIPE), "interrupted": _die(signal.SIGINT),
+    "sleep": _sleep, "sleep_deaf": _sleep_deaf, "stop": _stop, "flood": _flood, "close": _close,
+    "kill_parent": _kill_parent, "kill_group": _kill_group, "write_input": _write_input,
 }  # fmt: skip
 AFTER = {
     "flood_answer": _flood_answer, "sparse_answer": _sparse_answer, "read_input": _read_input, "leave_session": _leave_session,

@@ -27,20 +27,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from hostile import ARM, HERE, MARK, TRACEBACK, wait_for_none
+from hostile import ARM, HERE, MARK, TRACEBACK, logged_arm, wait_for_none
 
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts.results import read as read_results
-
-sys.path.append(str(HERE.parent / "tests" / "shared"))
-import logged_arm
 
 SEED = 20261127
 COUNT = 40
 PATIENCE = 30.0  # [s] that a command may take to end, on a machine that has other work
 LONGEST = 25.0  # [s]: interrupts of commands that take longer are drawn from their first part
 BEGUN = "begun\n"
-PROGRAM = f"import sys; sys.stderr.write({BEGUN!r}); sys.stderr.flush(); from crosscheck.start import main; main()"
+PROGRAM = f"import sys; from crosscheck.start import main; sys.stderr.write({BEGUN!r}); sys.stderr.flush(); main()"
 TWO = ["--engines", "flexinv,pinocchio", "--studies", "", "--jobs", "1"]
 COMMANDS = {
     "run": ["run", *TWO, "--out", "reports/run"],
@@ -57,7 +54,7 @@ COMMANDS = {
         "reports/identify",
     ],
     "bless": ["bless", "--reason", "REASON", "--from", "reports/blessed", "--baseline", "reports/baseline"],
-    "selftest": ["selftest", "rigid_one_link", "--jobs", "1", "--out", "reports/selftest"],
+    "selftest": ["selftest", "rigid_3r", "--jobs", "1", "--out", "reports/selftest"],
 }
 
 
@@ -74,7 +71,7 @@ class Ended:
 def make_project(folder: Path) -> None:
     """Write models, logs, and a run whose values may be blessed."""
     shutil.copytree(ARM, folder / "models" / "arm")
-    shutil.copytree(HERE.parent / "models" / "rigid_one_link", folder / "models" / "rigid_one_link")
+    shutil.copytree(HERE.parent / "models" / "rigid_3r", folder / "models" / "rigid_3r")
     logged_arm.write_arm(folder / "logged" / "logged")
     for seed, name in enumerate(("log.csv", "other.csv")):
         logged_arm.frame(folder / "logged", seed).to_csv(folder / name, index=False)

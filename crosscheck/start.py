@@ -12,10 +12,6 @@ from importlib import metadata
 from types import FrameType
 from typing import NoReturn
 
-import click
-
-from flexinv.kernels.compile_lock import NOTE, telling
-
 # Every other package that the commands import is in the extra "report".
 EXTRAS = {
     "sqlalchemy": "history",
@@ -30,14 +26,21 @@ GARBAGE = 50_000
 def main() -> None:
     """Run the command line, or say what it needs; Ctrl-C and a polite kill (SIGTERM) are words at any moment."""
     gc.set_threshold(GARBAGE)
-    before = signal.signal(signal.SIGTERM, interrupt)
+    signal.signal(signal.SIGTERM, interrupt)
     try:
         run_commands()
-    except KeyboardInterrupt:  # before the commands are there to hear it, or after they are done
-        click.echo("Error: interrupted", err=True)
+    except KeyboardInterrupt:  # before the commands are there to hear it
+        say("Error: interrupted")
         os._exit(2)
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    finally:  # what comes now comes too late: everything is done, and Python leaves
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def say(words: str) -> None:
+    """Write a line for whoever sits at the terminal."""
+    sys.stderr.write(f"{words}\n")
+    sys.stderr.flush()
 
 
 def interrupt(number: int, frame: FrameType | None) -> NoReturn:
@@ -48,15 +51,20 @@ def interrupt(number: int, frame: FrameType | None) -> NoReturn:
 def run_commands() -> None:
     """Run the command line, or say what it needs."""
     try:
+        from flexinv.kernels.compile_lock import (
+            NOTE,
+            telling,
+        )  # first of all that takes its time: an interrupt is heard here
+
         command = importlib.import_module("crosscheck.cli").main
     except ModuleNotFoundError as error:
-        click.echo(f"Error: {needed(error)}", err=True)
+        say(f"Error: {needed(error)}")
         sys.exit(2)
     try:
-        with telling(lambda: click.echo(f"crosscheck: {NOTE}", err=True)):
+        with telling(lambda: say(f"crosscheck: {NOTE}")):
             command()
     except OSError as error:  # of the terminal itself: what it was sent to is full
-        click.echo(f"Error: what crosscheck says cannot be written: {error}", err=True)
+        say(f"Error: what crosscheck says cannot be written: {error}")
         os._exit(2)  # nothing that is left in a buffer could be written either
 
 

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 from zipfile import BadZipFile
 
 import numpy as np
@@ -254,9 +254,15 @@ def load(stem: Path) -> Record:
                 Series(w["name"], w["unit"], arrays[f"s{k}"], *(arrays.get(f"{letter}{k}") for letter in "erl"))
                 for k, w in enumerate(words)
             ]
-            return Record(**plain, time=arrays["time"], series={s.name: s for s in read})
+            record = Record(**plain, time=arrays["time"], series={s.name: s for s in read})
     except (OSError, ValueError, LookupError, TypeError, EOFError, BadZipFile, zlib.error) as error:
         raise RecordError(f"no record at {stem}: {error}") from error
+    if record.status not in get_args(Status):
+        expected = ", ".join(get_args(Status))
+        raise RecordError(f"{record.engine} gives the status {str(record.status)[:60]!r}, expected one of {expected}")
+    if not isinstance(record.message, str):
+        raise RecordError(f"{record.engine} gives the message {str(record.message)[:60]}, expected words")
+    return record
 
 
 def fingerprint(*things: object) -> str:

@@ -63,7 +63,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     known = {"engine": name, "model_hash": fingerprint(mechanism, case.motion)}
     if way := job["options"].pop("shake", 0):
         case = shaken(case, way)
-    if (reason := adapter.unsupported(mechanism, case, name)) is not None:
+    if (reason := refusal(adapter, mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, version=adapter.version(), **known)
     record = replace(_answer(job, adapter, mechanism, case), **known)
     stated = record.version if "settings" in job else ""  # a program or a record says its own
@@ -74,6 +74,16 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     if stepped or not job["options"].get("error", True):
         return record
     return with_rounding(adapter, record, mechanism, case, job["options"])
+
+
+def refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why an engine cannot do a case, None where it can.  Raises TypeError where it says neither."""
+    reason: object = adapter.unsupported(mechanism, case, engine)
+    if reason is not None and not isinstance(reason, str):
+        raise TypeError(
+            f"unsupported returned {str(reason)[:60]}; expected the reason in words, or None where the engine can"
+        )
+    return reason
 
 
 def _answer(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: Case) -> Record:
@@ -137,7 +147,7 @@ def abilities(job: dict[str, Any]) -> None:
 def _refused(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why an engine cannot do a case; None also where that cannot be asked: its run will say so."""
     try:
-        return opened(job).unsupported(mechanism, case, job["engine"])
+        return refusal(opened(job), mechanism, case, job["engine"])
     except Exception:
         traceback.print_exc()
         return None

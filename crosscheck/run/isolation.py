@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -261,5 +263,31 @@ def tail(file: Path) -> str:
 @contextmanager
 def scratch() -> Iterator[Path]:
     """Give a temporary folder that is gone afterwards, even where a dying engine still writes into it."""
-    with tempfile.TemporaryDirectory(prefix="crosscheck-", ignore_cleanup_errors=True) as folder:
-        yield Path(folder)
+    folder = Path(tempfile.mkdtemp(prefix="crosscheck-"))
+    try:
+        yield folder
+    finally:
+        remove_tree(folder)
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder with all that is in it, however deep that is; what cannot be removed stays."""
+    for _ in range(2):
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        except RecursionError:
+            _flatten(folder)
+
+
+def _flatten(folder: Path) -> None:
+    """Move every folder below another one up into it."""
+    ahead = [str(folder)]
+    count = 0
+    while ahead:
+        with contextlib.suppress(OSError), os.scandir(ahead.pop()) as entries:
+            for one in entries:
+                if one.is_dir(follow_symlinks=False):
+                    count += 1
+                    moved = str(folder / f"flat-{count}")
+                    os.rename(one.path, moved)
+                    ahead.append(moved)

@@ -12,9 +12,14 @@ from numpy.typing import NDArray
 from crosscheck.identification.logs.bag import SUFFIXES, bag_columns, is_bag
 from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
+from flexinv.files.regular_files import MISSING, describe_kind
+from flexinv.files.toml_tables import LONGEST_PATH
 from flexinv.validation import nearest
 
 Array = NDArray[np.float64]
+LARGEST_FILE = 1 << 30  # [byte]
+MOST_SAMPLES = 10_000_000  # what a packed file may swell to: three hours at 1 kHz
+LONGEST_LINE = 1 << 20  # [characters]
 # Times are written with few decimals: their steps are even to a tenth.
 EVEN = 0.1
 
@@ -98,9 +103,14 @@ def column_names(source: str | Path) -> list[str]:
 
 
 def _check_there(path: Path) -> None:
-    if not path.is_file() and not (path.is_dir() and is_bag(path)):
+    words = describe_kind(path)
+    if words and not (path.is_dir() and is_bag(path)):
         kinds = ".csv, .csv.gz, .parquet or .mat file, or of a bag of ROS"
-        raise InputError(f"log {path}: there is no such file; write the path of a {kinds}")
+        said = "there is no such file" if words == MISSING else f"it is {words}"
+        raise InputError(f"log {str(path)[:LONGEST_PATH]}: {said}; write the path of a {kinds}")
+    if not words and (size := path.stat().st_size) > LARGEST_FILE:
+        advice = "cut it into logs of their own, or leave out columns"
+        raise InputError(f"log {path}: {size} bytes, expected at most {LARGEST_FILE}; {advice}")
 
 
 def _columns(path: Path, time: str) -> dict[str, Array]:
@@ -113,9 +123,15 @@ def _columns(path: Path, time: str) -> dict[str, Array]:
         import pandas as pd
 
         try:
-            return _of_frame(path, pd.read_parquet(path))
+            frame = pd.read_parquet(path)
         except ImportError as error:
             raise InputError(f"{path.name}: Parquet needs pyarrow; write pip install pyarrow, or export CSV") from error
+        except Exception as error:  # pyarrow raises whatever the damage of a file leads to
+            words = " ".join(str(error).split())[:200]
+            raise InputError(
+                f"{path.name}: no Parquet that can be read ({words}); save it anew, or export CSV"
+            ) from error
+        return _of_frame(path, frame)
     if name.endswith(".mat"):
         return _of_mat(path)
     raise InputError(
@@ -133,17 +149,28 @@ def _read_csv(path: Path) -> Any:
     opener: Any = gzip.open if path.name.endswith(".gz") else open
     try:
         with opener(path, "rt", encoding="utf-8-sig", newline="") as stream:
-            first, second = stream.readline(), stream.readline()
+            first, second = stream.readline(LONGEST_LINE), stream.readline(LONGEST_LINE)
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: the header is not UTF-8 ({error}); save it as UTF-8") from error
+    except (OSError, EOFError) as error:
+        raise InputError(f"{path.name}: it cannot be read ({error}); write the log anew") from error
+    if max(len(first), len(second)) >= LONGEST_LINE:
+        raise InputError(f"{path.name}: a line of more than {LONGEST_LINE} characters; expected a line for each sample")
     mark = max(";\t,", key=lambda one: len(next(csv.reader([first], delimiter=one), [])))
     header = [cell.strip() for cell in next(csv.reader([first.strip()], delimiter=mark), [])]
     if doubled := sorted({cell for cell in header if header.count(cell) > 1}):
         raise InputError(f"{path.name}: column {doubled[0]!r} stands there twice; rename one of them")
     decimal = "," if mark != "," and "," in second and "." not in second else "."
-    return pd.read_csv(
-        path, names=header, skiprows=1, skipinitialspace=True, sep=mark, decimal=decimal, encoding="utf-8-sig"
-    )
+    form: dict[str, Any] = {"sep": mark, "decimal": decimal, "encoding": "utf-8-sig", "skipinitialspace": True}
+    try:
+        frame = pd.read_csv(path, names=header, skiprows=1, nrows=MOST_SAMPLES + 1, **form)
+    except (ValueError, OSError, EOFError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise InputError(f"{path.name}: no CSV that can be read ({words}); save it anew as UTF-8") from error
+    if len(frame) > MOST_SAMPLES:
+        advice = "cut it into logs of their own, or take every tenth sample"
+        raise InputError(f"{path.name}: more than {MOST_SAMPLES} samples; {advice}")
+    return frame
 
 
 def _of_frame(path: Path, frame: Any) -> dict[str, Array]:

@@ -120,3 +120,12 @@ def test_a_fingerprint_changes_with_the_data_only() -> None:
     assert r.fingerprint(mechanism) == r.fingerprint(same)
     assert r.fingerprint(mechanism) != r.fingerprint(other)
     assert r.fingerprint([1.0, "1.0"]) != r.fingerprint(["1.0", 1.0])
+
+
+@pytest.mark.parametrize(
+    ("what", "words"), [("status", "the status 'great', expected one of ok"), ("message", "expected words")]
+)
+def test_a_record_says_how_it_went_in_the_known_words(what: str, words: str, tmp_path: Path) -> None:
+    r.save(r.Record(engine="e", **{what: "great" if what == "status" else 3}), tmp_path / "r")
+    with pytest.raises(r.RecordError, match=f"e gives the .*{words}"):
+        r.load(tmp_path / "r")

@@ -19,7 +19,7 @@ import rogue_engines as rogue
 
 from crosscheck.engines import Engine
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Attempt, Children, ask, run_engine, too_late
+from crosscheck.run.isolation import Attempt, Children, ask, run_engine, scratch, too_late
 from crosscheck.run.processes import waited
 from crosscheck.verdicts.plan import Task, discover
 
@@ -239,3 +239,16 @@ def test_questions_are_answered_or_explained(attempt: object) -> None:
     answer, ending = ask({"kind": "describe", "module": "no_such_module"}, LIMIT, Children())
     assert answer is None
     assert "No module named 'no_such_module'" in ending.message
+
+
+def test_a_folder_that_is_deeper_than_python_goes_is_removed() -> None:
+    """An engine made it in its own folder, where nobody else looks."""
+    here = Path.cwd()
+    with scratch() as folder:
+        os.chdir(folder)
+        for _ in range(1500):
+            os.mkdir("deep" * 20)
+            os.chdir("deep" * 20)
+        Path("file").touch()
+        os.chdir(here)
+    assert not folder.exists()
