@@ -123,7 +123,7 @@ def test_a_fingerprint_changes_with_the_data_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "words"), [("status", "the status 'great', expected one of ok"), ("message", "expected words")]
+    ("what", "words"), [("status", "status 'great', expected one of ok"), ("message", "expected words")]
 )
 def test_a_record_says_how_it_went_in_the_known_words(what: str, words: str, tmp_path: Path) -> None:
     r.save(r.Record(engine="e", **{what: "great" if what == "status" else 3}), tmp_path / "r")
