@@ -411,7 +411,7 @@ def urdf_that_is_a_pipe(folder: Path, draw: random.Random) -> Path:
     """A mechanism whose URDF is a named pipe."""
     (folder / "arm").mkdir()
     os.mkfifo(folder / "arm" / "arm.urdf")
-    put(folder / "arm", "mechanism.toml", 'format = 1\nname = "arm"\n[urdf]\npath = "arm.urdf"\n')
+    put(folder / "arm", "mechanism.toml", 'title = "arm"\nsource = "made here"\n[urdf]\npath = "arm.urdf"\n')
     return folder / "arm"
 
 

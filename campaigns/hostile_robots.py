@@ -73,12 +73,12 @@ def star_mjcf(folder: Path, draw: random.Random) -> Path:
 @maker
 def chain_toml(folder: Path, draw: random.Random) -> Path:
     """Two thousand links of a mechanism of ours."""
-    lines = ["format = 1", 'name = "chain"']
+    lines = ['title = "chain"', 'source = "made here"']
     for k in range(MANY):
         parent = f"l{k - 1}" if k else "world"
-        lines += [f"[links.l{k}]", "mass_kg = 1.0", "com_m = [0.0, 0.0, 0.05]"]
+        lines += [f"[links.l{k}]", 'kind = "rigid"', "mass_kg = 1.0", "com_m = [0.0, 0.0, 0.05]"]
         lines += ["inertia_kgm2 = { xx = 0.01, yy = 0.01, zz = 0.01 }"]
-        lines += [f"[joints.j{k}]", 'type = "revolute"', f'parent = "{parent}"', f'child = "l{k}"', "axis = [0, 1, 0]"]
+        lines += [f"[joints.j{k}]", 'kind = "revolute"', f'parent = "{parent}"', f'child = "l{k}"', "axis = [0, 1, 0]"]
     (folder / "arm").mkdir()
     put(folder / "arm", "mechanism.toml", "\n".join(lines))
     return folder / "arm"
@@ -89,7 +89,7 @@ def chain_of_toml_urdf(folder: Path, draw: random.Random) -> Path:
     """A mechanism of ours whose URDF has two thousand links."""
     (folder / "arm").mkdir()
     put(folder / "arm", "arm.urdf", _chain(MANY, "revolute"))
-    put(folder / "arm", "mechanism.toml", 'format = 1\nname = "arm"\n[urdf]\npath = "arm.urdf"\n')
+    put(folder / "arm", "mechanism.toml", 'title = "arm"\nsource = "made here"\n[urdf]\npath = "arm.urdf"\n')
     return folder / "arm"
 
 
