@@ -73,7 +73,7 @@ def star_mjcf(folder: Path, draw: random.Random) -> Path:
 @maker
 def chain_toml(folder: Path, draw: random.Random) -> Path:
     """Two thousand links of a mechanism of ours."""
-    lines = ['title = "chain"', 'source = "made here"']
+    lines = ['title = "chain"', 'source = "made here"', "gravity_m_per_s2 = [0, 0, -9.81]"]
     for k in range(MANY):
         parent = f"l{k - 1}" if k else "world"
         lines += [f"[links.l{k}]", 'kind = "rigid"', "mass_kg = 1.0", "com_m = [0.0, 0.0, 0.05]"]

@@ -39,8 +39,9 @@ def main() -> None:
 
 def say(words: str) -> None:
     """Write a line for whoever sits at the terminal."""
-    sys.stderr.write(f"{words}\n")
-    sys.stderr.flush()
+    import click  # when it is needed: until then an interrupt is heard
+
+    click.echo(words, err=True)
 
 
 def interrupt(number: int, frame: FrameType | None) -> NoReturn:

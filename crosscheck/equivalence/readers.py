@@ -64,7 +64,7 @@ class Measure:
 
 
 def call_here(function: Callable[..., T], file: str, *arguments: Any) -> T:
-    """Return what a function gives for a file, called in this process."""
+    """Return the answer of a function to a file, called in this process."""
     return function(file, *arguments)
 
 

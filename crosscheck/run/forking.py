@@ -20,7 +20,7 @@ from typing import Any
 from crosscheck.run.processes import environment, kill_group, kill_tree
 
 PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
-PLAIN = ("study", "read")  # kinds of jobs whose module is no adapter
+PLAIN = ("study",)  # kinds of jobs whose module is no adapter
 
 
 class Refused(RuntimeError):

@@ -40,6 +40,7 @@ from flexinv.files.toml_tables import LONGEST_PATH, complaint
 SECONDS = 120.0  # [s] for one file: the largest humanoid of example-robot-data takes 20 s
 GIGABYTES = 4.0  # of memory for one file: that humanoid takes 0.5
 OUT_OF_MEMORY = re.compile(r"MemoryError|bad_alloc|out of memory|allocate memory|Unable to allocate", re.IGNORECASE)
+MILLI = 1e-3  # [s]
 T = TypeVar("T")
 
 
@@ -56,7 +57,7 @@ class Guard:
     children: Children = field(default_factory=Children)
 
     def call(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
-        """Return what a function of a module of ours gives for a file [-].
+        """Return the answer of a function of a module of ours to a file [-].
 
         Raises InputError as it does, and Unread where it takes too long or too much memory, dies, or fails.
         """
@@ -143,7 +144,7 @@ class _Copy:
         try:
             poll = select.poll()
             poll.register(number, select.POLLIN)
-            if not poll.poll(1e3 * limit):
+            if not poll.poll(limit / MILLI):
                 raise subprocess.TimeoutExpired("a copy", limit)
         finally:
             os.close(number)

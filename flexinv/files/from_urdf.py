@@ -18,6 +18,7 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bounded_xml import Unbounded, parse_bounded
 from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
 from flexinv.files.lenient_xml import repaired_xml
+from flexinv.files.regular_files import describe_kind
 from flexinv.files.schema import UrdfTable
 from flexinv.files.toml_tables import Location, complaint, read_bytes
 from flexinv.files.values import LARGEST_NUMBER, LONGEST_NAME
@@ -135,11 +136,11 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
     if Path(table.path).is_absolute() or not path.is_relative_to(limit):
         expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
         raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
-    if not path.is_file():
+    if words := describe_kind(path):
         known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
         near = nearest(table.path, known)
         write = f'path = "{near}"' if near else "the path of a URDF that exists"
-        raise where.wrong("path", f'path = "{table.path}", no such file', f"a URDF in {start}", write)
+        raise where.wrong("path", f'path = "{table.path}", {words}', f"a URDF in {start}", write)
     return path, packages
 
 

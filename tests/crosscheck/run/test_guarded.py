@@ -20,6 +20,7 @@ from crosscheck.run.guarded import Guard, Unread, may_fork
 from flexinv.errors import InputError
 
 LIMIT = 5.0  # [s]
+SLOW = 20.0  # [s] of a fresh process, which imports everything first
 SLEEPER = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 
@@ -106,7 +107,7 @@ def guard(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gu
         pytest.skip("other threads run in this process")
     monkeypatch.setattr("crosscheck.run.guarded.may_fork", lambda: request.param == "a copy")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    return Guard(LIMIT if request.param == "a copy" else 4 * LIMIT)  # a fresh one imports everything first
+    return Guard(LIMIT if request.param == "a copy" else SLOW)
 
 
 def test_an_answer_comes_back_and_a_refusal_stays_one(

@@ -124,3 +124,10 @@ def test_keys_without_end_are_refused(text: str, tmp_path: Path) -> None:
 def test_texts_with_many_dots_are_no_keys(tmp_path: Path) -> None:
     (tmp_path / "mechanism.toml").write_text(f'title = "{"a." * 100}"\nlist = [{"1.0, " * 100}]\n')
     assert len(read_toml(tmp_path / "mechanism.toml")["list"]) == 100
+
+
+def test_a_mechanism_whose_urdf_is_a_pipe(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "arm.urdf")
+    (tmp_path / "mechanism.toml").write_text('title = "arm"\nsource = "made here"\n[urdf]\npath = "arm.urdf"\n')
+    with pytest.raises(InputError, match=r'path = "arm.urdf", a named pipe \(FIFO\)'):
+        flexinv.load_mechanism(tmp_path)
