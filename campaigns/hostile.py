@@ -99,7 +99,7 @@ def find_marked(mark: str) -> list[tuple[int, str]]:
 def call(words: list[str], folder: Path, limit: float = LIMIT) -> Ended:
     """Run a command in a folder, its input a pipe that nobody writes into."""
     mark = uuid.uuid4().hex
-    surroundings = os.environ | {MARK: mark, "OMP_NUM_THREADS": "1", "COLUMNS": "200", "PYTHONPATH": str(folder)}
+    surroundings = os.environ | {MARK: mark, "OMP_NUM_THREADS": "1", "COLUMNS": "2000", "PYTHONPATH": str(folder)}
     surroundings |= {"XDG_CONFIG_HOME": str(folder / "config"), "CROSSCHECK_KEPT": ""}
     begun = clock.monotonic()
     with (folder / "printed.txt").open("wb") as log:
