@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import json
 import os
+import shutil
 import signal
 import threading
 from collections.abc import Iterator
@@ -250,3 +251,26 @@ def _holder(file: Path) -> str:
         return f" since {holder['started']} (process {holder['process']})"
     except (OSError, ValueError, LookupError, TypeError):
         return ""
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder with all that is in it, however deep that is; what cannot be removed stays."""
+    for _ in range(2):
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        except RecursionError:
+            _flatten(folder)
+
+
+def _flatten(folder: Path) -> None:
+    """Move every folder below another one up into it."""
+    ahead = [str(folder)]
+    count = 0
+    while ahead:
+        with suppress(OSError), os.scandir(ahead.pop()) as entries:
+            for one in entries:
+                if one.is_dir(follow_symlinks=False):
+                    count += 1
+                    moved = str(folder / f"flat-{count}")
+                    os.rename(one.path, moved)
+                    ahead.append(moved)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -28,6 +27,7 @@ from crosscheck.kit.write import write
 from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import Record
 from crosscheck.measures.series_csv import write as write_series
+from crosscheck.output_folder import remove_tree
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -106,7 +106,7 @@ class Program:
     def _once(self, mechanism: Mechanism, case: Case, level: int) -> Record:
         """Return the answer of one run, ``level`` times as fine."""
         scratch = Path.cwd() / f"{self._name}-{level}"
-        shutil.rmtree(scratch, ignore_errors=True)
+        remove_tree(scratch)
         kit, out = scratch / "kit", scratch / "out"
         out.mkdir(parents=True)
         write(mechanism, case, kit, refinement=level)

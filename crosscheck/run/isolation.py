@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +24,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import Engine, missing
 from crosscheck.measures.record import Record, RecordError, Status, check, load
+from crosscheck.output_folder import remove_tree
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
 from crosscheck.run.processes import MARK, environment, kill_group, kill_marked, kill_tree, waited
 
@@ -268,26 +267,3 @@ def scratch() -> Iterator[Path]:
         yield folder
     finally:
         remove_tree(folder)
-
-
-def remove_tree(folder: Path) -> None:
-    """Remove a folder with all that is in it, however deep that is; what cannot be removed stays."""
-    for _ in range(2):
-        try:
-            shutil.rmtree(folder, ignore_errors=True)
-        except RecursionError:
-            _flatten(folder)
-
-
-def _flatten(folder: Path) -> None:
-    """Move every folder below another one up into it."""
-    ahead = [str(folder)]
-    count = 0
-    while ahead:
-        with contextlib.suppress(OSError), os.scandir(ahead.pop()) as entries:
-            for one in entries:
-                if one.is_dir(follow_symlinks=False):
-                    count += 1
-                    moved = str(folder / f"flat-{count}")
-                    os.rename(one.path, moved)
-                    ahead.append(moved)
