@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
@@ -104,6 +105,8 @@ def command(
     met = targets(results.studies[1:], whole=not names)
     _show(whole, met)
     Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
+    if not results.finished:
+        Console(stderr=True).print(escape(results.message), soft_wrap=True)
     failed = not results.finished or any(table.status != "ok" for table in results.studies)
     sys.exit(2 if failed else int(any(line["verdict"] != "within" for line in met)))
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from crosscheck.cli import main
+from crosscheck.commands import selftest
 from crosscheck.commands.shared.terminal import Console, Failure, tame
+from crosscheck.verdicts.results import Results
 
 EVIL = "\x1b]0;owned\x07\x1b[2J[red]a[/red]\u202eb\x9bc\r"
 
@@ -52,3 +57,12 @@ start.main()
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_selftest_that_was_interrupted_says_so(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cut = Results("2026-03-01T01:00:00+00:00", finished=False, message="interrupted before everything was run")
+    monkeypatch.setattr(selftest, "run", lambda *given: cut)
+    words = ["selftest", "rigid_3r", "--models", str(root / "models"), "--out", str(tmp_path / "report")]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 2, done.output
+    assert "interrupted before everything was run" in done.output
