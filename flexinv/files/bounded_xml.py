@@ -9,7 +9,8 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from defusedxml.ElementTree import DefusedXMLParser
 
 DEEPEST = 500  # levels: the parser of MuJoCo has the same bound, a nested chain of 480 bodies passes
-MOST_ELEMENTS = 200_000  # elements and attributes beyond one per element: the largest robots of example-robot-data have 4,000
+# Elements, and attributes beyond one per element: the largest robots of example-robot-data have 4,000.
+MOST_ELEMENTS = 200_000
 
 
 class Unbounded(ValueError):
