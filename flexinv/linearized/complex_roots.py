@@ -6,8 +6,8 @@ inertia.  That is a pencil of first order, from which x_e is eliminated,
 
     A z = s B z     z = (x_r, x_d, x_e, v)     A = [[0, 0, 0, 1], [-K, -C_r]]     B = [[1, 0, 0, 0], [0, C_d, C_e, M_r]]
 
-whose roots are all finite: none is thrown away.  Fast roots are found as eigenvalues of B^-1 A, slow ones as those of
-(A - shift B)^-1 B: each loses 1e-16 of its largest, and so the other end.  Each root is then corrected by its two vectors,
+whose roots are all finite: none is thrown away.  They are found from both ends, and counted (`first_order`).
+Each root is then corrected by its two vectors,
 
     s <- s - y^H P(s) x / (y^H P'(s) x)     P = s^2 M + s C + K
 
@@ -21,6 +21,7 @@ Source: Tisseur, Meerbergen, *The quadratic eigenvalue problem*, SIAM Review 43(
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,16 +29,17 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
-from flexinv.errors import InputError
+from flexinv.errors import InputError, ModelWarning
 from flexinv.linearized.eigenvalues import (
+    NO_STIFFNESS,
     Split,
     in_order,
-    near_slowest,
     solve_held,
     split_by_inertia,
     without_massless,
     without_rounded_parts,
 )
+from flexinv.linearized.first_order import factors_of, roots_of_pencil
 from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
@@ -51,11 +53,10 @@ NEAR_NEXT = 0.1
 CORRECTIONS = 2
 # A slope below this part of the terms says nothing.
 SMALLEST_SLOPE = 1e-200
-# Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
-SMALLEST_PIVOT = 1e-13
 # |s| times the longest time of what follows: below this its square, which vectors without it leave of a root, is rounding.
 SLOW_ENOUGH = 1e-8
-# Newton's method with both vectors triples the digits: from one, in so many steps, a change below this part of the root is left.
+# Newton's method with both vectors triples the digits: from one, in so many steps, a change below this part of the root is left,
+# or what rounding of P leaves of it.
 MOST_NEWTON_STEPS, NEWTON_CONVERGED = 8, 1e-14
 # Of the fastest motion with inertia: a shift whose square is what rounding of K leaves of a motion without stiffness.
 SMALLEST_SHIFT = 1e-6
@@ -104,7 +105,9 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     if not len(own.a):
         none = np.zeros((len(own.basis), 0), dtype=complex)
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
-    (root, z, w), shift = _merged(own.a @ own.follow, own.b @ own.follow, own.smallest)
+    m, c, k = parts
+    matrices = own.a @ own.follow, own.b @ own.follow
+    (root, z, w), shift = roots_of_pencil(*matrices, own.smallest, lambda s: s * s * m + s * c + k)
     x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
     y = own.basis @ _left(own, root, w)
     late = np.abs(root) * own.lag > SLOW_ENOUGH
@@ -123,7 +126,7 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     back = without_massless(stiffness.T, split_by_inertia(mass))
     k, m = ((back.T @ part @ moves).toarray() for part in (stiffness, mass))
     smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
-    (squared, right, left), shift = _merged(k, m, smallest)
+    (squared, right, left), shift = roots_of_pencil(k, m, smallest, lambda z: stiffness - z * mass)
     parts = [0.0 * mass, -mass, stiffness]
     squared, right, _, bar = correct_roots(parts, squared, moves @ right, back @ left, shift)
     squared, right = without_rounded_parts(squared, right, bar)
@@ -166,7 +169,9 @@ def _pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
 def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sparse, Sparse]:
     """Return bases of the motions without inertia that C [N m s] moves by their rates, and of those that follow others [-].
 
-    What C over K [s] is of rounding, or beyond all that has inertia, follows: `correct_roots` adds what that is off.
+    Times are singular values of |K|^-1/2 C |K|^-1/2: stiffness that ties motions together makes a time long that C over the
+    stiffness of each alone makes short.  What is of rounding, or beyond all that has inertia, follows: `correct_roots` adds what
+    that is off.  A ModelWarning says where rounding hides whether a motion has a root of its own.
     """
     none = split.massless
     if not none.shape[1]:
@@ -175,16 +180,31 @@ def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sp
     size = np.sqrt(np.abs(k).max(axis=1))
     if not size.all():
         raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
-    _, times, vectors = scipy.linalg.svd(c / size[:, None] / size)
-    turned = vectors.T / size[:, None]
+    unit = k / size[:, None] / size
+    stiff, turn = scipy.linalg.eigh((unit + unit.T) / 2)
+    by_stiffness = turn / np.sqrt(np.where(np.abs(stiff) > NO_STIFFNESS, np.abs(stiff), 1.0))
+    _, times, vectors = scipy.linalg.svd(by_stiffness.T @ (c / size[:, None] / size) @ by_stiffness)
+    turned = by_stiffness @ vectors.T
     held = np.abs(split.massive.T @ (stiffness @ split.massive)).max() if split.massive.shape[1] else 0.0
     least = NO_TIME / np.sqrt(held) if held > 0.0 else 0.0
-    rounding = NO_DAMPER * np.abs(damping).max() * (abs(none) @ np.abs(turned)).max(axis=0, initial=0.0) ** 2
+    across = (abs(none) @ np.abs(turned / size[:, None])).max(axis=0, initial=0.0)
+    rounding = NO_DAMPER * np.abs(damping).max() * across**2
     moves = times > np.maximum(least, rounding)
-    by_rates, following = (
-        scipy.sparse.csc_array(none @ scipy.sparse.csc_array(turned[:, use])) for use in (moves, ~moves)
-    )
-    return by_rates, following
+    hidden = (times > least) & ~moves
+    if held > 0.0 and hidden.any():
+        warnings.warn(
+            f"modes: whether {hidden.sum()} motion(s) without inertia have a root of their own, beyond "
+            f"{1 / times[hidden].max():.3g} 1/s, is not known: their damping is rounding of that of others; they are taken to "
+            "follow at once",
+            ModelWarning,
+            stacklevel=2,
+        )
+    # any basis of what moves does, and one of unit columns loses no digits
+    following = int((~moves).sum())
+    every = scipy.linalg.qr(turned[:, ~moves])[0] if following else np.eye(len(turned))
+    bases = every[:, following:], every[:, :following]
+    by_rates, follows = (scipy.sparse.csc_array(none @ scipy.sparse.csc_array(part / size[:, None])) for part in bases)
+    return by_rates, follows
 
 
 def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
@@ -196,71 +216,6 @@ def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
         across = own.a[:, first:size].T @ w - np.conj(root) * (own.b[:, first:size].T @ w)
         out[first:] = solve_held(own.held.T, across.real) + 1j * solve_held(own.held.T, across.imag)
     return out
-
-
-def _merged(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
-    """All roots with right and left vectors of the pencil, and the shift: slow ones of its inverse, fast ones of it.
-
-    They part where both have found as many on each side, in the widest gap about the mean.
-    """
-    fast = _direct(a, b)
-    slow, shift = _slow(a, b, smallest)
-    size = np.sort(np.abs(fast[0]))
-    count = len(size)
-    if count < 2:
-        return fast, shift
-    floor = max(float(size[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
-    level = np.log(np.maximum(size, floor))
-    middle = (level[0] + level[-1]) / 2
-    best, chosen = -np.inf, fast
-    for k in range(1, count):
-        if level[k] - level[k - 1] < NO_GAP:
-            continue
-        place = np.exp((level[k - 1] + level[k]) / 2)
-        below, above = np.abs(slow[0]) <= place, np.abs(fast[0]) > place
-        worth = (level[k] - level[k - 1]) - abs(np.log(place) - middle) * PART_OF_MEAN
-        if worth > best and below.sum() + above.sum() == count:
-            best = worth
-            root, x, y = (
-                np.concatenate([s[..., below], f[..., above]], axis=-1) for s, f in zip(slow, fast, strict=True)
-            )
-            chosen = root, x, y
-    return chosen, shift
-
-
-# Roots whose sizes differ by less, as +w and -w, are on the same side: each end may find another one of them below the place.
-NO_GAP = 1e-3
-# A gap one e-fold wider is worth as much as one so many e-folds nearer to the mean of the slowest and the fastest.
-PART_OF_MEAN = 0.2
-
-
-def _direct(a: Array, b: Array) -> tuple[Complex, Complex, Complex]:
-    """Roots of B^-1 A; of its left vectors u those of the pencil are B^-H u."""
-    factors = _factors(b)
-    root, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, a), left=True, right=True)
-    return root, right, scipy.linalg.lu_solve(factors, left, trans=2)
-
-
-def _inverse(a: Array, b: Array, shift: float) -> tuple[Complex, Complex, Complex]:
-    """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
-    factors = _factors(a - shift * b)
-    values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
-    safe = np.where(values == 0.0, np.finfo(float).tiny, values)
-    return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
-
-
-def _slow(a: Array, b: Array, smallest: float) -> tuple[tuple[Complex, Complex, Complex], float]:
-    """Slow roots about zero where A, rows and columns of unit size, is regular beyond rounding, else about a shift [1/s].
-
-    So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.
-    """
-    unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
-    unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
-    if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
-        return _inverse(a, b, 0.0), 0.0
-    found = _inverse(a, b, smallest)
-    shift = near_slowest(found[0], smallest)
-    return (found if shift == smallest else _inverse(a, b, shift)), shift
 
 
 # ------------------------------------------------------------------------------------------- corrections and bars
@@ -282,30 +237,21 @@ def _refined(
         lost[i] = np.abs(s)
         for _ in range(MOST_NEWTON_STEPS):
             slope = 2 * s * m + c
-            factors = _factors(s * s * m + s * c + k)
+            factors = factors_of(s * s * m + s * c + k)
             right[:, i] = _unit(scipy.linalg.lu_solve(factors, slope @ right[:, i]))
             left[:, i] = _unit(scipy.linalg.lu_solve(factors, slope.conj().T @ left[:, i], trans=2))
             change = _change(parts, np.array([s]), right[:, [i]], left[:, [i]])[0]
             s = s - change
             if not np.abs(s - root[i]) < near:
                 break
-            if np.abs(change) <= NEWTON_CONVERGED * np.abs(s):
+            known = rounding_of(parts, np.array([s]), right[:, [i]], left[:, [i]], 0.0)[0]
+            if np.abs(change) <= max(NEWTON_CONVERGED * np.abs(s), known):
                 out[i] = s
                 lost[i] = 0.0
                 break
         if lost[i]:
             right[:, i], left[:, i] = x[:, i], y[:, i]
     return out, right, left, lost
-
-
-def _factors(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """LU of a matrix that may be singular: a pivot of nothing is rounding, and what it belongs to is as large as that."""
-    factorise = scipy.linalg.get_lapack_funcs("getrf", (matrix,))
-    factors, swaps, _ = factorise(matrix)
-    pivots = np.diag(factors)
-    nothing = np.flatnonzero(pivots == 0.0)
-    factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=np.finfo(float).tiny)
-    return factors, swaps
 
 
 def _unit(vector: Complex) -> Complex:
@@ -330,14 +276,18 @@ def correct_roots(
         good &= np.abs(out - change - root) < near
         left = np.abs(np.where(good, change, 0.0))
         out = np.where(good, out - change, out)
-    m, c, k = (abs(part) for part in parts)
-    sx, sy, s = np.abs(x), np.abs(y), np.maximum(np.abs(out), shift)
-    size = [np.einsum("km,km->m", sy, part @ sx) for part in (m, c, k)]
+    return out, x, y, rounding_of(parts, out, x, y, shift) + left
+
+
+def rounding_of(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Array:
+    """Return what rounding of P leaves of roots (roots,) [1/s] with vectors x and y, at the shift [1/s] where they are slower."""
+    s = np.maximum(np.abs(root), shift)
+    size = [np.einsum("km,km->m", np.abs(y), abs(part) @ np.abs(x)) for part in parts]
     terms = ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2])
-    slope = np.abs(2 * out * _between(y, parts[0], x) + _between(y, parts[1], x))
+    slope = np.abs(2 * root * _between(y, parts[0], x) + _between(y, parts[1], x))
     first = _over(terms, slope)
     second = np.sqrt(_over(terms, np.abs(_between(y, parts[0], x))))
-    return out, x, y, np.minimum(first, second) + left
+    return np.asarray(np.minimum(first, second))
 
 
 def _change(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:

@@ -27,6 +27,8 @@ from flexinv.typing import Array, Complex
 
 # Of the largest entry of C, what rounding leaves of one that couples what follows.
 ROUNDED_COUPLING = 1e-12
+# How often a pole is moved by what its own move adds: each time by one more part of the move over its size.
+MOVES = 3
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,19 @@ class LeftOut(ByValue):
     def move(self, root: Complex, along: Array) -> Array:
         """Return by how much poles (poles,) [1/s] move at most: |s|^2 |y^H matrix x| / |y^H x|, and 1 + |s| lag + ... of that.
 
-        along : (poles,) |y^H matrix x| / |y^H x| [s].  What is as fast as what follows at once is not known at all.
+        along : (poles,) |y^H matrix x| / |y^H x| [s].  s is the pole where it has moved to; of second order the vectors move, too,
+        by the move over the distance to the next pole.  What is as fast as what follows at once is not known at all.
         """
         size = np.abs(root)
-        ahead = size * self.lag
-        orders = 1.0 / np.maximum(1.0 - ahead, np.finfo(float).eps)
-        return np.asarray(np.minimum(size * size * along * orders, size))
+        move = np.zeros(len(root))
+        for _ in range(MOVES):
+            farther = size + move
+            orders = 1.0 / np.maximum(1.0 - farther * self.lag, np.finfo(float).eps)
+            move = np.minimum(farther * farther * along * orders, size)
+        apart = np.abs(root[:, None] - root[None])
+        apart[np.diag_indices(len(root))] = np.inf
+        gap = np.maximum(apart.min(axis=1, initial=np.inf), np.finfo(float).tiny)
+        return np.asarray(np.minimum(move * (1.0 + np.minimum(move / gap, 1.0)), size))
 
 
 @dataclass(frozen=True)
