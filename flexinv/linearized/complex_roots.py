@@ -39,7 +39,7 @@ from flexinv.linearized.eigenvalues import (
     without_massless,
     without_rounded_parts,
 )
-from flexinv.linearized.first_order import factors_of, roots_of_pencil
+from flexinv.linearized.first_order import Corrected, Values, counted_roots, factors_of
 from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
@@ -106,14 +106,18 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
         none = np.zeros((len(own.basis), 0), dtype=complex)
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
     m, c, k = parts
+
+    def corrected(values: Values, shift: float) -> Corrected:
+        root, z, w = values
+        x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
+        y = own.basis @ _left(own, root, w)
+        late = np.abs(root) * own.lag > SLOW_ENOUGH
+        root, x, y, unknown = _refined(parts, root, x, y, late)
+        root, x, y, bar, lost = correct_roots(parts, root, x, y, shift)
+        return root, x, y, bar, lost + unknown
+
     matrices = own.a @ own.follow, own.b @ own.follow
-    (root, z, w), shift = roots_of_pencil(*matrices, own.smallest, lambda s: s * s * m + s * c + k)
-    x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
-    y = own.basis @ _left(own, root, w)
-    late = np.abs(root) * own.lag > SLOW_ENOUGH
-    root, x, y, lost = _refined(parts, root, x, y, late)
-    root, x, y, bar = correct_roots(parts, root, x, y, shift)
-    return in_pairs(root, x, y, bar, lost)
+    return in_pairs(*counted_roots(*matrices, own.smallest, corrected, lambda s: s * s * m + s * c + k))
 
 
 def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
@@ -126,10 +130,15 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     back = without_massless(stiffness.T, split_by_inertia(mass))
     k, m = ((back.T @ part @ moves).toarray() for part in (stiffness, mass))
     smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
-    (squared, right, left), shift = roots_of_pencil(k, m, smallest, lambda z: stiffness - z * mass)
     parts = [0.0 * mass, -mass, stiffness]
-    squared, right, _, bar = correct_roots(parts, squared, moves @ right, back @ left, shift)
+
+    def corrected(values: Values, shift: float) -> Corrected:
+        squared, right, left = values
+        return correct_roots(parts, squared, moves @ right, back @ left, shift)
+
+    squared, right, _, bar, lost = counted_roots(k, m, smallest, corrected, lambda z: stiffness - z * mass)
     squared, right = without_rounded_parts(squared, right, bar)
+    bar = bar + lost
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), mass @ right).real)
     order = in_order(squared)
     squared, shapes = squared[order], shapes[:, order]
@@ -260,10 +269,10 @@ def _unit(vector: Complex) -> Complex:
 
 def correct_roots(
     parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float
-) -> tuple[Complex, Complex, Complex, Array]:
-    """Return roots corrected by their vectors x and y of M, C, K, the vectors, and error bars [1/s].
+) -> Corrected:
+    """Return roots corrected by their vectors x and y of M, C, K, the vectors, bars of rounding, and what else is not known [1/s].
 
-    Where roots lie together a correction of first order is none: their bar is the root of what P is known to, at the shift [1/s]
+    Where a correction is none, as it leads to another root, what is left of P(s) is not rounding alone.  Where roots lie together a correction of first order is none: their bar is the root of what P is known to, at the shift [1/s]
     about which they were found where they are slower: a motion without stiffness has nothing but rounding of that.
     """
     apart = np.abs(root[:, None] - root[None])
@@ -276,14 +285,19 @@ def correct_roots(
         good &= np.abs(out - change - root) < near
         left = np.abs(np.where(good, change, 0.0))
         out = np.where(good, out - change, out)
-    return out, x, y, rounding_of(parts, out, x, y, shift) + left
+    lost = np.where(good, 0.0, _reach(parts, np.abs(_at(parts, out, x, y)), out, x, y))
+    return out, x, y, rounding_of(parts, out, x, y, shift) + left, lost
 
 
 def rounding_of(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Array:
     """Return what rounding of P leaves of roots (roots,) [1/s] with vectors x and y, at the shift [1/s] where they are slower."""
     s = np.maximum(np.abs(root), shift)
     size = [np.einsum("km,km->m", np.abs(y), abs(part) @ np.abs(x)) for part in parts]
-    terms = ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2])
+    return _reach(parts, ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2]), root, x, y)
+
+
+def _reach(parts: list[Sparse], terms: Array, root: Complex, x: Complex, y: Complex) -> Array:
+    """By how much a change of y^H P x by ``terms`` (roots,) moves roots [1/s]: of first order, of roots together of second."""
     slope = np.abs(2 * root * _between(y, parts[0], x) + _between(y, parts[1], x))
     first = _over(terms, slope)
     second = np.sqrt(_over(terms, np.abs(_between(y, parts[0], x))))
@@ -292,10 +306,15 @@ def rounding_of(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shif
 
 def _change(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
     """y^H P(s) x / (y^H P'(s) x) of each root; infinite where the slope is zero."""
-    m, c, k = (_between(y, part, x) for part in parts)
-    slope = 2 * s * m + c
+    slope = 2 * s * _between(y, parts[0], x) + _between(y, parts[1], x)
     there = slope != 0.0
-    return np.where(there, (s * s * m + s * c + k) / np.where(there, slope, 1.0), np.inf)
+    return np.where(there, _at(parts, s, x, y) / np.where(there, slope, 1.0), np.inf)
+
+
+def _at(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
+    """y^H P(s) x of each root."""
+    m, c, k = (_between(y, part, x) for part in parts)
+    return s * s * m + s * c + k
 
 
 def _over(terms: Array, slope: Array) -> Array:

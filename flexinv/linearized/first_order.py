@@ -1,15 +1,15 @@
 """All roots of A z = s B z from both ends, fast ones of B^-1 A and slow ones of (A - shift B)^-1 B, and that none is lost.
 
 Each end loses 1e-16 of its largest value, and so the other end: they part at a place between two roots.  Each end gives as many
-values as the pencil has roots.  What it gives on its own side of that place may be one too many, as rounding moves another one
-across.  So the number of roots within |s| = place is counted by the argument principle (`root_counts`): with as many found there,
-and as many beyond as are left, none is lost and none is there twice.
+values as the pencil has roots, each once.  But rounding may move one across that place, and it is lost, or there twice.  So the
+roots are counted by the argument principle (`root_counts`) within a circle that none reaches with its error bar: with as many
+inside, and as many outside as are left, none is lost.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -27,79 +27,111 @@ SMALLEST_PIVOT = 1e-13
 NO_GAP = 1e-3
 # A gap one e-fold wider is worth as much as one so many e-folds nearer to the mean of the slowest and the fastest.
 PART_OF_MEAN = 0.2
+# A bar beyond this part of its root leaves no digit of it.
+NO_DIGIT = 0.1
 # Places where the ends may part that are tried one after the other, the best first.
 MOST_PLACES = 4
 
 Values = tuple[Complex, Complex, Complex]
+# Roots, right and left vectors, bars of rounding, and what else is not known of a root.
+Corrected = tuple[Complex, Complex, Complex, Array, Array]
 
 
-def roots_of_pencil(
-    a: Array, b: Array, smallest: float, matrix_at: Callable[[complex], Sparse]
-) -> tuple[Values, float]:
-    """Return all roots [1/s], [1/s^2] with right and left vectors of A - s B, and the shift of the slow ones.
+def counted_roots(
+    a: Array,
+    b: Array,
+    smallest: float,
+    corrected: Callable[[Values, float], Corrected],
+    matrix_at: Callable[[complex], Sparse],
+) -> Corrected:
+    """Return all roots [1/s], [1/s^2] of A - s B as they are ``corrected`` at the shift of the slow ones.
 
-    smallest : shift; matrix_at : P(s), sparse, whose determinant has the same roots within any place where the ends part
+    smallest : shift; corrected : roots, vectors and bars by values of the pencil and that shift
+    matrix_at : P(s), sparse, whose determinant has the same roots, and faster ones
     Raises ConvergenceError where a root is lost; a ModelWarning says where that none is lost is not proved.
     """
     fast = _direct(a, b)
     slow, shift = _slow(a, b, smallest)
-    places = _places(slow[0], fast[0])
-    if not places:
-        return fast, shift
     missed = []
-    for place in places:
-        found = _parted(slow, fast, place)
-        missed.append(_missed(place, found[0], matrix_at))
+    for place, values in _parted(slow, fast):
+        found = corrected(values, shift)
+        root, _, _, bar, lost = found
+        missed.append(_missed(place, root, bar + lost, matrix_at))
         if missed[-1] == 0:
-            return found, shift
-    if any(number is not None for number in missed):
-        raise ConvergenceError(
-            f"modes: of {len(a)} roots {abs(next(number for number in missed if number))} are lost, or there twice, as rounding "
-            f"hides those slower than {places[0]:.3g} 1/s from the faster ones; write fewer elements, or stiffness and inertia "
-            "of more like sizes"
-        )
-    warnings.warn(
-        f"modes: that none of {len(a)} roots is lost is not proved: they are too close together to be counted within "
-        f"{places[0]:.3g} 1/s; compare with another number of elements",
-        ModelWarning,
-        stacklevel=2,
+            return found
+        if missed[-1] is None:
+            warnings.warn(
+                f"modes: that none of {len(root)} roots is lost is not proved: they are too close together to be counted near "
+                f"{place:.3g} 1/s; compare with another number of elements",
+                ModelWarning,
+                stacklevel=2,
+            )
+            return found
+    raise ConvergenceError(
+        f"modes: of {len(a)} roots {max(map(abs, filter(None, missed)))} are lost, or there twice, as rounding hides slow ones "
+        "from fast ones; write fewer elements, or stiffness and inertia of more like sizes"
     )
-    return _parted(slow, fast, places[0]), shift
 
 
-def _places(slow: Complex, fast: Complex) -> list[float]:
-    """Places [1/s] where both ends have found as many on each side, the widest gaps about the mean first."""
-    size = np.sort(np.abs(fast))
-    count = len(size)
+def _parted(slow: Values, fast: Values) -> Iterator[tuple[float, Values]]:
+    """Yield places [1/s], the best first, with slow values within them and fast ones beyond; at last fast ones alone."""
+    size = np.abs(fast[0])
+    for place in _places(np.abs(slow[0]), np.sort(size)):
+        within = np.abs(slow[0]) <= place
+        beyond = size > place
+        root, x, y = (
+            np.concatenate([s[..., within], f[..., beyond]], axis=-1) for s, f in zip(slow, fast, strict=True)
+        )
+        yield place, (root, x, y)
+    yield float(np.sqrt(max(size.min(), np.finfo(float).tiny) * size.max())), fast
+
+
+def _places(slow: Array, fast: Array) -> list[float]:
+    """Places [1/s] where both ends have found as many on each side, by rising sizes: the widest gaps about the mean first."""
+    count = len(fast)
     if count < 2:
         return []
-    floor = max(float(size[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
-    level = np.log(np.maximum(size, floor))
+    floor = max(float(fast[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
+    level = np.log(np.maximum(fast, floor))
     middle = (level[0] + level[-1]) / 2
     worth = {}
     for k in range(1, count):
         gap = level[k] - level[k - 1]
         place = float(np.exp((level[k - 1] + level[k]) / 2))
-        within = int((np.abs(slow) <= place).sum())
-        beyond = int((size > place).sum())
-        if gap >= NO_GAP and within + beyond == count:
+        if gap >= NO_GAP and (slow <= place).sum() + (fast > place).sum() == count:
             worth[place] = gap - abs(np.log(place) - middle) * PART_OF_MEAN
     return sorted(worth, key=lambda place: -worth[place])[:MOST_PLACES]
 
 
-def _parted(slow: Values, fast: Values, place: float) -> Values:
-    """Slow values within a place [1/s], and fast ones beyond."""
-    within = np.abs(slow[0]) <= place
-    beyond = np.abs(fast[0]) > place
-    root, x, y = (np.concatenate([s[..., within], f[..., beyond]], axis=-1) for s, f in zip(slow, fast, strict=True))
-    return root, x, y
+def _missed(place: float, root: Complex, bar: Array, matrix_at: Callable[[complex], Sparse]) -> int | None:
+    """Return how many roots are missed within the circle nearest to a place [1/s]; None where it is not sure.
 
-
-def _missed(place: float, root: Complex, matrix_at: Callable[[complex], Sparse]) -> int | None:
+    Where no circle parts the roots, all are alike to what is known of them, and of one end.
+    """
+    radius = _radius(place, np.abs(root), bar)
+    if radius is None:
+        return 0
     try:
-        return missed_within(place, root, matrix_at)
+        return missed_within(radius, root, matrix_at)
     except RuntimeError:  # exactly singular on the circle
         return None
+
+
+def _radius(place: float, size: Array, bar: Array) -> float | None:
+    """The middle of the gap between roots with their bars that is nearest to a place [1/s]; None where there is none.
+
+    A root of which no digit is known, as one of several together that are zero, may be anything slower.
+    """
+    order = np.argsort(size)
+    slowest = np.where(bar > NO_DIGIT * size, 0.0, size - bar)[order]
+    inner = np.maximum.accumulate((size + bar)[order])[:-1]
+    outer = np.minimum.accumulate(slowest[::-1])[::-1][1:]
+    gaps = outer > (1.0 + NO_GAP) * inner
+    if not gaps.any():
+        return None
+    floor = max(float(outer.max()) * np.finfo(float).eps, np.finfo(float).tiny)
+    middle = np.sqrt(np.maximum(inner[gaps], floor)) * np.sqrt(outer[gaps])
+    return float(middle[np.abs(np.log(middle / place)).argmin()])
 
 
 def _direct(a: Array, b: Array) -> Values:

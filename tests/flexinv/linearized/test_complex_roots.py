@@ -331,11 +331,11 @@ def test_a_soft_motion_without_inertia_among_stiff_ones_has_its_root(stiff: floa
 
 
 def test_what_is_known_less_well_than_to_rounding_of_itself_keeps_its_bar() -> None:
-    """Newton's method waited for 1e-14 of a root that stiff springs leave 1e-12 of, and its bar was all of the root.
+    """Newton's method waited for 1e-14 of a root that stiff springs leave 1e-11 of, and its bar was all of the root.
 
-    A mass in a row of springs 1, 1 and 1e4 N/m, with no mass beyond, and at the end a spring and a damper to the ground.
+    A mass in a row of springs 1, 1 and 1e5 N/m, with no mass beyond, and at the end a spring and a damper to the ground.
     """
-    stiff = 1e4
+    stiff = 1e5
     along = np.array([1.0, 0.0, 0.0])
     first = np.array([1.0, -1.0, 0.0])
     second = np.array([0.0, 1.0, -1.0])
@@ -349,7 +349,7 @@ def test_what_is_known_less_well_than_to_rounding_of_itself_keeps_its_bar() -> N
 
     exact = scipy.optimize.newton(row, 1.2j, tol=1e-15)
     off = np.abs(found.root[0] - exact)
-    assert off <= found.bar[0] < 1e-8 * np.abs(exact)
+    assert off <= found.bar[0] < 1e-13 * stiff * np.abs(exact)
 
 
 def test_a_damper_that_rounding_hides_is_said() -> None:
@@ -371,7 +371,10 @@ def test_a_root_that_is_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> Non
 
     def moved(values: first_order.Values) -> first_order.Values:
         root, right, left = values
-        return np.where(np.isclose(np.abs(root), 2.0), 250.0 * root, root), right, left
+        off = np.isclose(np.abs(root), 2.0)
+        fastest = np.abs(root).argmax()
+        taken = np.where(off, fastest, np.arange(len(root)))
+        return np.where(off, 1.25 * root[taken], root), right[:, taken], left[:, taken]
 
     direct = first_order._direct
     slow = first_order._slow
