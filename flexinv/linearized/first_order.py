@@ -106,26 +106,26 @@ def _places(slow: Array, fast: Array) -> list[float]:
 def _missed(place: float, root: Complex, bar: Array, matrix_at: Callable[[complex], Sparse]) -> int | None:
     """Return how many roots are missed within the circle nearest to a place [1/s]; None where it is not sure.
 
-    Where no circle parts the roots, all are alike to what is known of them, and of one end.
+    A root of which no digit is known, as one of several together that are zero, may be anything slower: circles beyond are tried
+    first.  Where no circle parts the roots, all are alike to what is known of them, and of one end.
     """
-    radius = _radius(place, np.abs(root), bar)
+    size = np.abs(root)
+    sure = _radius(place, size, np.where(bar > NO_DIGIT * size, np.maximum(bar, size), bar))
+    radius = _radius(place, size, bar) if sure is None else sure
     if radius is None:
         return 0
     try:
-        return missed_within(radius, root, matrix_at)
+        missed = missed_within(radius, root, matrix_at)
     except RuntimeError:  # exactly singular on the circle
         return None
+    return None if sure is None and missed else missed
 
 
 def _radius(place: float, size: Array, bar: Array) -> float | None:
-    """The middle of the gap between roots with their bars that is nearest to a place [1/s]; None where there is none.
-
-    A root of which no digit is known, as one of several together that are zero, may be anything slower.
-    """
+    """The middle of the gap between roots with their bars that is nearest to a place [1/s]; None where there is none."""
     order = np.argsort(size)
-    slowest = np.where(bar > NO_DIGIT * size, 0.0, size - bar)[order]
     inner = np.maximum.accumulate((size + bar)[order])[:-1]
-    outer = np.minimum.accumulate(slowest[::-1])[::-1][1:]
+    outer = np.minimum.accumulate((size - bar)[order][::-1])[::-1][1:]
     gaps = outer > (1.0 + NO_GAP) * inner
     if not gaps.any():
         return None
