@@ -164,7 +164,14 @@ def pencil_of(residual: Residual) -> Pencil:
 
 
 def _carried(solver: Solver) -> float:
-    """The largest moment of the wrenches on nodes [N m]: what turns holds its own mass, though no unknown may have that force."""
+    """The largest moment of the wrenches on nodes [N m]: what turns holds its own mass, though no unknown may have that force.
+
+    The residual is a sum of these wrenches, projected on the unknowns: along a hinge that all forces pass they cancel.  Each
+    term is rounded by 1e-16 of itself, and not of what is left, and a difference over STEP by 1e-13 of it: so much is not known
+    of K, however small the forces that constraints leave.  FORCE allows ten such roundings for a term: turn, product and sum.
+    Seed 3, 132: a hinge at 25 rad/s carries 564 N.  K of its one freedom is 0, and nine steps about STEP give values 1.4e-11 N m
+    apart: 3 times what 1e-13 of the forces that are left, 49 N m, would allow, and a sixtieth of what 8870 N m allow.
+    """
     wrench = np.abs(solver.work.wrench)
     return float(max(solver.mesh.length * wrench[:, :3].max(initial=0.0), wrench[:, 3:].max(initial=0.0)))
 

@@ -267,13 +267,12 @@ def _unit(vector: Complex) -> Complex:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def correct_roots(
-    parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float
-) -> Corrected:
-    """Return roots corrected by their vectors x and y of M, C, K, the vectors, bars of rounding, and what else is not known [1/s].
+def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Corrected:
+    """Return roots corrected by their vectors x and y of M, C, K, the vectors, bars of rounding, and what else is lost [1/s].
 
-    Where a correction is none, as it leads to another root, what is left of P(s) is not rounding alone.  Where roots lie together a correction of first order is none: their bar is the root of what P is known to, at the shift [1/s]
-    about which they were found where they are slower: a motion without stiffness has nothing but rounding of that.
+    A correction that leads to another root is none.  What is left of P(s) there is not known, and rounding of roots that lie
+    together is the root of what P is known to, at the shift [1/s] about which they were found where they are slower: a motion
+    without stiffness has nothing but rounding of that.
     """
     apart = np.abs(root[:, None] - root[None])
     apart[np.diag_indices(len(root))] = np.inf

@@ -61,8 +61,8 @@ class LeftOut(ByValue):
     def move(self, root: Complex, along: Array) -> Array:
         """Return by how much poles (poles,) [1/s] move at most: |s|^2 |y^H matrix x| / |y^H x|, and 1 + |s| lag + ... of that.
 
-        along : (poles,) |y^H matrix x| / |y^H x| [s].  s is the pole where it has moved to; of second order the vectors move, too,
-        by the move over the distance to the next pole.  What is as fast as what follows at once is not known at all.
+        along : (poles,) |y^H matrix x| / |y^H x| [s].  s is the pole where it has moved to.  Of second order the vectors move,
+        too, by the move over the distance to the next pole.  What is as fast as what follows at once is not known at all.
         """
         size = np.abs(root)
         move = np.zeros(len(root))

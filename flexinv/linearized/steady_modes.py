@@ -363,8 +363,10 @@ def steady_modes(
     q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s], none by default; those of joints that couplings
         tie to them follow
     free : joints that move about the motion, as in `natural_modes`; count : number of modes, all by default
+    What has no inertia and moves 1e7 times faster than all that has follows at once, and has no root.  All others are counted
+    by the argument principle: a ModelWarning says where that none is lost is not proved.
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
-    ConvergenceError where no deformed shape is found.
+    ConvergenceError where no deformed shape is found, or a root is lost.
     """
     mesh, at, names = at_rest.chosen(mechanism, q, free, count)
     rates = at_rest.numbers_of_rates(rates)

@@ -173,7 +173,7 @@ def test_a_root_that_is_nearly_as_fast_as_what_follows_is_exact(time: float) -> 
 
 @pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
 def test_dampers_beside_each_other_leave_the_pole_of_one_exact(time: float) -> None:
-    """What follows is taken apart by C over K, so that it takes no part in the motion of the other: it was off by 2e-4 to 2e-2."""
+    """What follows is taken apart by C over K, and takes no part in the motion of the other: it was off by 2e-4 to 2e-2."""
     model = linear_model(slides(time))
     off = abs(model.poles[-1] - fast_root(time))
     assert off <= poles_of(model.A)[1][-1]  # of rounding alone
@@ -308,9 +308,9 @@ def test_a_mode_that_is_missed_under_a_push_that_turns_along_is_an_error(monkeyp
 
 
 def tied(stiff: float) -> tuple[Sparse, Sparse, Sparse]:
-    """A mass on a spring beside two motions without inertia, c e' + K e = 0, that a stiff spring ties to each other [kg, N, m, s].
+    """A mass on a spring beside two motions without inertia, C e' + K e = 0 [kg, N, m, s].
 
-    Of the common motion K is 2 and C is 2e-6, of the other one 2 stiff and 2 stiff 1e-6.
+    A stiff spring ties them to each other.  Of the common motion K is 2 and C is 2e-6, of the other one 2 stiff and 2 stiff 1e-6.
     """
     mass = np.diag([1.0, 0.0, 0.0])
     both = np.array([[1.0, 1.0], [1.0, 1.0]])
@@ -325,7 +325,7 @@ def tied(stiff: float) -> tuple[Sparse, Sparse, Sparse]:
 
 @pytest.mark.parametrize("stiff", [1.0, 1e3, 1e5])
 def test_a_soft_motion_without_inertia_among_stiff_ones_has_its_root(stiff: float) -> None:
-    """Its C was judged over the stiffness of each freedom alone, and a root of -1e6 1/s was left out: 3 roots where there are 4."""
+    """Its C was judged over the stiffness of each freedom alone, and one root of -1e6 1/s was left out."""
     found = roots(*tied(stiff))
     # of the entries, 1e-16 times their sizes over that of the soft motion
     np.testing.assert_allclose(found.root, [3j, -1e6, -1e6], rtol=1e-15 * max(stiff, 1e3))
@@ -357,7 +357,9 @@ def test_a_damper_that_rounding_hides_is_said() -> None:
     """C of the last motion is 1e-13 of the largest, 1e-5 s: a root of -1e5 1/s, or rounding of a damper beside it."""
     mass = np.diag([1.0, 0.0, 0.0])
     stiffness = np.diag([1.0, 1e8, 1.0])
-    with pytest.warns(ModelWarning, match=r"whether 1 motion\(s\) without inertia have a root of their own, beyond 1e\+05 1/s"):
+    with pytest.warns(
+        ModelWarning, match=r"whether 1 motion\(s\) without inertia have a root of their own, beyond 1e\+05 1/s"
+    ):
         found = roots(sparse(mass), sparse(np.diag([0.0, 1e8, 1e-5])), sparse(stiffness))
     np.testing.assert_allclose(np.sort_complex(found.root), [-1.0, 1j], rtol=ROUNDING)
 
@@ -416,7 +418,7 @@ def test_what_the_count_says_is_said(missed: int | None, said: str, monkeypatch:
 
 
 def test_several_zeros_together_are_no_lost_roots() -> None:
-    """Each drives the next one, x'' = 0, y'' = x: rounding leaves four roots of 1e-4 of the others, that either end has elsewhere."""
+    """x'' = 0, y'' = x: rounding leaves four roots of 1e-4 of the others, that either end has elsewhere."""
     stiffness = np.diag([0.0, 0.0, 4.0])
     stiffness[1, 0] = -1.0
     turned = scipy.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
