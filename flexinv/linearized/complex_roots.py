@@ -39,7 +39,7 @@ from flexinv.linearized.eigenvalues import (
     without_massless,
     without_rounded_parts,
 )
-from flexinv.linearized.first_order import Corrected, Values, counted_roots, factors_of
+from flexinv.linearized.first_order import Corrected, PencilRoots, counted_roots, factors_of
 from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
@@ -107,7 +107,7 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
     m, c, k = parts
 
-    def corrected(values: Values, shift: float) -> Corrected:
+    def corrected(values: PencilRoots, shift: float) -> Corrected:
         root, z, w = values
         x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
         y = own.basis @ _left(own, root, w)
@@ -132,7 +132,7 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
     parts = [0.0 * mass, -mass, stiffness]
 
-    def corrected(values: Values, shift: float) -> Corrected:
+    def corrected(values: PencilRoots, shift: float) -> Corrected:
         squared, right, left = values
         return correct_roots(parts, squared, moves @ right, back @ left, shift)
 
@@ -289,7 +289,7 @@ def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, sh
 
 
 def rounding_of(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Array:
-    """Return what rounding of P leaves of roots (roots,) [1/s] with vectors x and y, at the shift [1/s] where they are slower."""
+    """Return bars (roots,) [1/s] of rounding of P, with vectors x and y, at the shift [1/s] where roots are slower."""
     s = np.maximum(np.abs(root), shift)
     size = [np.einsum("km,km->m", np.abs(y), abs(part) @ np.abs(x)) for part in parts]
     return _reach(parts, ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2]), root, x, y)

@@ -32,7 +32,7 @@ NO_DIGIT = 0.1
 # Places where the ends may part that are tried one after the other, the best first.
 MOST_PLACES = 4
 
-Values = tuple[Complex, Complex, Complex]
+PencilRoots = tuple[Complex, Complex, Complex]
 # Roots, right and left vectors, bars of rounding, and what else is not known of a root.
 Corrected = tuple[Complex, Complex, Complex, Array, Array]
 
@@ -41,7 +41,7 @@ def counted_roots(
     a: Array,
     b: Array,
     smallest: float,
-    corrected: Callable[[Values, float], Corrected],
+    corrected: Callable[[PencilRoots, float], Corrected],
     matrix_at: Callable[[complex], Sparse],
 ) -> Corrected:
     """Return all roots [1/s], [1/s^2] of A - s B as they are ``corrected`` at the shift of the slow ones.
@@ -73,7 +73,7 @@ def counted_roots(
     )
 
 
-def _parted(slow: Values, fast: Values) -> Iterator[tuple[float, Values]]:
+def _parted(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[float, PencilRoots]]:
     """Yield places [1/s], the best first, with slow values within them and fast ones beyond; at last fast ones alone."""
     size = np.abs(fast[0])
     for place in _places(np.abs(slow[0]), np.sort(size)):
@@ -104,7 +104,7 @@ def _places(slow: Array, fast: Array) -> list[float]:
 
 
 def _missed(place: float, root: Complex, bar: Array, matrix_at: Callable[[complex], Sparse]) -> int | None:
-    """Return how many roots are missed within the circle nearest to a place [1/s]; None where it is not sure.
+    """Return the number of roots that are missed within the circle nearest to a place [1/s]; None where it is not sure.
 
     A root of which no digit is known, as one of several together that are zero, may be anything slower: circles beyond are tried
     first.  Where no circle parts the roots, all are alike to what is known of them, and of one end.
@@ -134,14 +134,14 @@ def _radius(place: float, size: Array, bar: Array) -> float | None:
     return float(middle[np.abs(np.log(middle / place)).argmin()])
 
 
-def _direct(a: Array, b: Array) -> Values:
+def _direct(a: Array, b: Array) -> PencilRoots:
     """Roots of B^-1 A; of its left vectors u those of the pencil are B^-H u."""
     factors = factors_of(b)
     root, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, a), left=True, right=True)
     return root, right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
-def _inverse(a: Array, b: Array, shift: float) -> Values:
+def _inverse(a: Array, b: Array, shift: float) -> PencilRoots:
     """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
     factors = factors_of(a - shift * b)
     values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
@@ -149,7 +149,7 @@ def _inverse(a: Array, b: Array, shift: float) -> Values:
     return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
-def _slow(a: Array, b: Array, smallest: float) -> tuple[Values, float]:
+def _slow(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, float]:
     """Slow roots about zero where A, rows and columns of unit size, is regular beyond rounding, else about a shift [1/s].
 
     So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.

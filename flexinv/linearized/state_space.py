@@ -28,7 +28,7 @@ from flexinv.typing import Array, Complex
 # Of the largest entry of C, what rounding leaves of one that couples what follows.
 ROUNDED_COUPLING = 1e-12
 # How often a pole is moved by what its own move adds: each time by one more part of the move over its size.
-MOVES = 3
+POLE_MOVES = 3
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class LeftOut(ByValue):
         """
         size = np.abs(root)
         move = np.zeros(len(root))
-        for _ in range(MOVES):
+        for _ in range(POLE_MOVES):
             farther = size + move
             orders = 1.0 / np.maximum(1.0 - farther * self.lag, np.finfo(float).eps)
             move = np.minimum(farther * farther * along * orders, size)
