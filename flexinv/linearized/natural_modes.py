@@ -177,8 +177,8 @@ def natural_modes(
     free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
     count : number of modes; by default all of up to 1,000 freedoms, the 30 slowest of more (a ModelWarning says so)
     accuracy : largest ``frequency_error`` as a part of each frequency [-]: the mesh is refined until it is kept; needs a count
-    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found, or where
-    the accuracy is not reached.
+    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found, where
+    the accuracy is not reached, or where a mode under loads that turn along is lost.
     """
     if accuracy is not None:
         if count is None:
