@@ -21,7 +21,9 @@ import filelock
 
 from flexinv.errors import InputError
 
-LIST, LOCK, HOLDER = ".crosscheck", ".crosscheck.lock", ".crosscheck.running"
+LIST = ".crosscheck"
+LOCK = ".crosscheck.lock"
+HOLDER = ".crosscheck.running"
 OWN = (LIST, LOCK, HOLDER)
 
 

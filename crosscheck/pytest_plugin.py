@@ -189,7 +189,9 @@ class ComparisonItem(pytest.Item):
 
     def __init__(self, *, task: Task, pair: tuple[Engine, Engine], quantity: str, **other: Any) -> None:
         super().__init__(**other)
-        self.task, self.pair, self.quantity = task, pair, quantity
+        self.task = task
+        self.pair = pair
+        self.quantity = quantity
 
     def runtest(self) -> None:
         """Run both engines unless that was done, compare, and fail with words."""

@@ -124,7 +124,8 @@ def reference(problem: Problem, least: float) -> tuple[Array, float]:
 
     Steps are halved until two answers are closer than a fortieth of the ``least`` error [-], or no shorter ones can be paid for.
     """
-    refinement, before = Refinement(problem), None
+    refinement = Refinement(problem)
+    before = None
     apart = np.inf
     for mesh, finer in ((5, 32), (6, 64), (7, 128), (7, 192), (7, 256), (7, 384), (7, 512), (7, 768), (7, 1024)):
         pair = [refinement.level(mesh, n) for n in (finer // 2, finer)]
@@ -166,7 +167,8 @@ class Marches:
 
     def first(self, finer: int) -> tuple[Mesh, FirstStep]:
         """Return a march at 1/``finer`` of the coarsest step [-], and its samples that are compared [m, rad, s, N]."""
-        p, mechanism = self.problem, self.mechanism or self.problem.mechanism
+        p = self.problem
+        mechanism = self.mechanism or self.problem.mechanism
         whole = bool(mechanism.closures)
         own = replace(p.settings, step=p.grid.spacing(finer), every=1 if whole else finer // KEPT)
         mesh, made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
@@ -224,9 +226,11 @@ def _multiple(finer: float) -> int:
 
 def _fewest(reaches: Callable[[int], bool], guess: float) -> int | None:
     """The least refinement that reaches something, a multiple of `KEPT` to within `NEAR` [-]; None beyond `MOST`."""
-    below, finer = 0, _multiple(guess)
+    below = 0
+    finer = _multiple(guess)
     while not reaches(finer):
-        below, finer = finer, _multiple(1.25 * finer + 1)
+        below = finer
+        finer = _multiple(1.25 * finer + 1)
         if finer > MOST:
             return None
     while finer - below > max(KEPT, NEAR * finer):
@@ -254,13 +258,12 @@ def _beside(arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: f
         return
     here = replace(marches, mechanism=answer.mechanism)
     plain = here.longest_plain(asked)
-    calls, told = (
-        {"accuracy=": Call(accurate)},
-        {"accuracy=": (0, _error(here, answer.torque))},
-    )
+    calls = {"accuracy=": Call(accurate)}
+    told = {"accuracy=": (0, _error(here, answer.torque))}
     grid = here.problem.grid.total
     if plain is not None:
-        calls["plain"], told["plain"] = Call(lambda: here.plain(plain)), (plain * grid, here.error(here.plain(plain)))
+        calls["plain"] = Call(lambda: here.plain(plain))
+        told["plain"] = (plain * grid, here.error(here.plain(plain)))
     for method, apart in EXTRAPOLATIONS.items():
         if (some := here.longest(asked, apart)) is not None:
             calls[method] = Call(partial(here.several, some))
@@ -291,7 +294,8 @@ def _ratio(arm: Arm, asked: float, method: str, times: dict[str, Times]) -> dict
 
 def _error(marches: Marches, torque: Array) -> float:
     """Return the error [-] of torques (samples, drives) [N m], [N] at a multiple or a part of the samples that are compared."""
-    there, here = len(torque) - 1, len(marches.known) - 1
+    there = len(torque) - 1
+    here = len(marches.known) - 1
     if there >= here:
         return distance(torque[:: there // here], marches.known)
     return distance(torque, marches.known[:: here // there])

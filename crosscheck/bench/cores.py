@@ -25,8 +25,14 @@ Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1
 # side by side, as all of them together run at a lower frequency.
 SHARED = 1.2
-_NUMBERS, _LINE, _ROUNDS = 128, 64, 20_000  # in the fastest cache, by lines [bytes], and a tenth of a millisecond
-_HERE, _ENOUGH, _CELLS = 0, 8, 16  # what a companion and its caller tell each other, in lines of the cache of their own
+# in the fastest cache, by lines [bytes], and a tenth of a millisecond
+_NUMBERS = 128
+_LINE = 64
+_ROUNDS = 20_000
+# what a companion and its caller tell each other, in lines of the cache of their own
+_HERE = 0
+_ENOUGH = 8
+_CELLS = 16
 _PATIENCE = 100_000_000  # looks for a companion: a second and more
 _TRIES = 20
 
@@ -65,7 +71,8 @@ class _Companion:
     """A thread that multiplies while its caller does."""
 
     def __init__(self) -> None:
-        self.bell, self.cells = SimpleQueue[int | None](), np.zeros(_CELLS, dtype=np.uint64)
+        self.bell = SimpleQueue[int | None]()
+        self.cells = np.zeros(_CELLS, dtype=np.uint64)
         self.thread = Thread(target=self._serve, name="companion", daemon=True)
         self.thread.start()
 
@@ -96,7 +103,8 @@ class Cores:
     least = np.inf  # seconds that the loop took at least in this process, alone
 
     def __enter__(self) -> Cores:
-        self._x, self._companions = _numbers(), list[_Companion]()
+        self._x = _numbers()
+        self._companions = list[_Companion]()
         for _ in range(_TRIES):
             self.loop(1)
         return self

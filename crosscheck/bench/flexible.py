@@ -247,7 +247,8 @@ def _judgement(
     n = _fastest(runs, errors, max(errors[k], of_the_step), times)
     if n is None:
         return {"by": "no run of flexinv here is as exact"}
-    found, own = ratio(times[str(k)], times[str(n)]), runs[n]
+    found = ratio(times[str(k)], times[str(n)])
+    own = runs[n]
     name = f"{arm.model}: times as fast as Exudyn's {run.elements} elements at {run.step:g} s, at its error or less"
     by = f"{own.elements} x order {own.method[-1]}, {own.step:g} s"
     one = metric(name, found.median, "-", lower=arm.asked, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")

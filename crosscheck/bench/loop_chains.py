@@ -21,7 +21,8 @@ from flexinv.model.motion import Motion
 LOOPS = (2, 5, 10, 20, 40)
 # Sparse loops: work proportional to their number; the rest is what larger arrays cost.
 GROWTH = 1.3
-SAMPLES, STEPS = 100, 50
+SAMPLES = 100
+STEPS = 50
 SECONDS = 0.5
 LEANING = 1e-5  # [m/s^2] of gravity out of the plane: enough to solve a mechanism in space
 # A strip of steel, 2 mm in the plane by 10 mm.
@@ -70,7 +71,9 @@ def study(models: str = "", loops: list[int] | None = None, seconds: float = SEC
 
 def _calls(count: int) -> dict[str, tuple[Callable[[], object], int]]:
     """Calls to be timed, and of how many samples or steps."""
-    rigid, bending, motion = four_bars(count), four_bars(count, beams=True), turning(0.6)
+    rigid = four_bars(count)
+    bending = four_bars(count, beams=True)
+    motion = turning(0.6)
     leaning = replace(bending, gravity=bending.gravity + np.array([0.0, 0.0, LEANING]))
     time = np.linspace(0.0, STEPS * 1e-3, 3)
     pushed = np.full((3, 1), -20.0 * count)

@@ -24,7 +24,9 @@ from flexinv.rigid.prepare import prepare
 EXPONENT = 1.05  # of the time over the number of elements
 TWO_THREADS = 1.8  # times as fast as one
 LEANING = 1e-5  # [m/s^2]: what makes a mechanism in a plane spatial, and changes nothing that matters
-LOOP_MARCH, LOOP_RIGID = 1.3, 2.0  # times as long as the tree
+# times as long as the tree
+LOOP_MARCH = 1.3
+LOOP_RIGID = 2.0
 LOOP_SAMPLES = 4096
 RIGID_LOOPS = (
     "four_bar", "slider_crank", "five_bar", "five_bar_redundant", "geared_four_bar", "andrews_squeezer",
@@ -205,7 +207,8 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
             row: dict[str, Any] = {"what": f"solve_many, {scenarios} times {model}", "method": f"{n} threads"}
             row["time"] = 1e3 * times[str(n)].spread().median
             if n > 1:
-                found, message = ratio(times["1"], times[str(n)]), disturbed(times[str(n)])
+                found = ratio(times["1"], times[str(n)])
+                message = disturbed(times[str(n)])
                 spread = f"{found.low:.3g} .. {found.high:.3g}"
                 name = f"solve_many, {model}: times as fast with two threads"
                 row |= {"asked": asked and f"at least {asked:g}"}

@@ -72,7 +72,8 @@ def study(
 def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> list[dict[str, Any]]:
     """Return the rows of one robot and one number of samples, torques compared before they are timed; seconds [s]."""
     state = random_states(mechanism, samples, np.random.default_rng(samples))
-    calls, differences = {}, {}
+    calls = {}
+    differences = {}
     for name, (call, torque, per) in methods(mechanism, state).items():
         calls[name] = call
         differences[name] = (torque(), per)

@@ -50,7 +50,8 @@ def timed(
     """
     command = [sys.executable, "-m", "crosscheck", "run", *names, "--models", str(models), "--out", str(folder / "out")]
     command += ["--engines", ",".join(engines)] if engines else []
-    before, start = _used(), perf_counter()
+    before = _used()
+    start = perf_counter()
     done = subprocess.run(
         command, env=environment(folder / "kept"), cwd=models.parent, capture_output=True, text=True, check=False
     )

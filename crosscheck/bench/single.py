@@ -74,7 +74,8 @@ def _one_sample(robot: str, mechanism: Mechanism, seconds: float) -> list[dict[s
     mujoco = calls_of("mujoco")
     state = random_states(mechanism, 1, np.random.default_rng(1))
     q, qd, qdd = (np.ascontiguousarray(part[0]) for part in state)
-    function, out = prepare(mechanism, passive=False), np.empty(mechanism.nv)
+    function = prepare(mechanism, passive=False)
+    out = np.empty(mechanism.nv)
     calls = {
         "flexinv, prepared": Call(lambda: function.sample(q, qd, qdd, out)),
         "pin.rnea": Call(pinocchio.loop(mechanism, *state)[0]),
@@ -139,7 +140,8 @@ def chains(models: str = "", joints: list[int] | None = None, seconds: float = S
         mechanism = chain(count)
         state = random_states(mechanism, CHAIN_SAMPLES, np.random.default_rng(count))
         given = [np.ascontiguousarray(part.T) for part in state]
-        function, out = prepare(mechanism, passive=False, threads=1), np.empty((mechanism.nv, CHAIN_SAMPLES))
+        function = prepare(mechanism, passive=False, threads=1)
+        out = np.empty((mechanism.nv, CHAIN_SAMPLES))
         calls = {
             "flexinv": Call(lambda f=function, g=given, o=out: f.torques(*g, out=o, order="coordinates")),  # type: ignore[misc]
             "rneaInParallel": Call(pinocchio.parallel(mechanism, *state, 1)[0]),

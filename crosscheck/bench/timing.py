@@ -115,10 +115,12 @@ def ratio(slow: Times, fast: Times) -> Spread:
     """
     both = slow.whole & fast.whole
     if _enough(slow.whole) and _enough(fast.whole) and (slow.threads != fast.threads or not _enough(both)):
-        a, b = slow.spread(), fast.spread()
+        a = slow.spread()
+        b = fast.spread()
         return Spread(a.low / b.high, a.median / b.median, a.high / b.low)
     if _enough(both):
-        slow, fast = slow._part(both), fast._part(both)
+        slow = slow._part(both)
+        fast = fast._part(both)
     both = slow.clean & fast.clean
     if _enough(both):
         return _quartiles(slow.wall[both] / fast.wall[both])
@@ -140,7 +142,9 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     often = {name: _count(call) for name, call in calls.items()}
     taken: dict[str, list[_Taken]] = {name: [] for name in calls}
     settled = SETTLED if any(call.threads > 1 for call in calls.values()) else 0.0
-    start, before, own = clock.perf_counter(), _machine(), clock.process_time()
+    start = clock.perf_counter()
+    before = _machine()
+    own = clock.process_time()
     with _undisturbed(), Cores() as cores:
         for done in range(MOST):
             passed = clock.perf_counter() - start
@@ -192,11 +196,14 @@ def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _
         call.run()
         if clock.perf_counter() - begun > settled:
             break
-    before, own, start = _interruptions(), clock.process_time(), clock.perf_counter()
+    before = _interruptions()
+    own = clock.process_time()
+    start = clock.perf_counter()
     for _ in range(times):
         call.run()
     wall = clock.perf_counter() - start
-    own, clean = clock.process_time() - own, _interruptions() == before
+    own = clock.process_time() - own
+    clean = _interruptions() == before
     return _Taken(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)), long)
 
 

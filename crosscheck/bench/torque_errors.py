@@ -33,7 +33,9 @@ from flexinv.model.mechanism import Mechanism
 Array = NDArray[np.float64]
 ASKED = 100.0  # times as fast as Exudyn at an error of 1e-6
 MESHES = (8, 12, 16, 24, 32, 48, 64, 96)  # elements of every beam in Exudyn
-FIRST, MORE = 16, 2**0.5  # steps to a coarsest one with which a mesh begins, and how many more come next
+# steps to a coarsest one with which a mesh begins, and how many more come next
+FIRST = 16
+MORE = 2**0.5
 STUCK = 0.8  # an error that so many more steps leave at this part of it is the mesh's
 LONGEST = 5.0  # [s] of one run of Exudyn
 # Rungs before its last one at which the next mesh begins: steps that are too long for one mesh are for the next.
@@ -187,8 +189,10 @@ class Ladder:
         return max(0, self.begun[before] + len(self.made[before]) - AGAIN) if coarser >= 0 else 0
 
     def _run(self, elements: int, keeps: bool, finer: int) -> Reached | None:
-        exudyn, finer = calls("exudyn"), KEPT * max(1, round(finer / KEPT))
-        steps, end = finer * self.grid.total, float(self.grid.ends[-1])
+        exudyn = calls("exudyn")
+        finer = KEPT * max(1, round(finer / KEPT))
+        steps = finer * self.grid.total
+        end = float(self.grid.ends[-1])
         march = exudyn.TorqueMarch(
             self.mechanism, self.case, self.arm.formulation, elements, steps, end, len(self.known) - 1, keeps
         )
@@ -213,7 +217,8 @@ def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] |
 def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: float) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     named = {"arm": arm.model, "asked_error": asked}
-    ours, theirs = fastest(marches, asked), ladder.best(asked)
+    ours = fastest(marches, asked)
+    theirs = ladder.best(asked)
     if ours is None:
         yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
         return
@@ -224,7 +229,8 @@ def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: f
     own = {"method": "flexinv", "setting": setting, "error": here.error(here.several(pair))}
     yield judged(named | own | {"time": times["flexinv"].spread().median})
     reaches = theirs.error <= asked
-    found, more = ratio(times["Exudyn"], times["flexinv"]), "" if reaches else ", at least"
+    found = ratio(times["Exudyn"], times["flexinv"])
+    more = "" if reaches else ", at least"
     target = arm.target if asked == min(accuracy.ERRORS) else None
     name = f"{arm.model}: torque error {asked:g}, times as fast as Exudyn{more}"
     one = metric(name, found.median, "-", lower=target, spread=f"{found.low:.3g} .. {found.high:.3g}")

@@ -72,7 +72,8 @@ def pounds(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     """The mass of one body was given in pounds and taken for kilograms, or the other way round."""
     if (found := _one(scene, rng)) is None:
         return None
-    factor, old = rng.choice([POUND, 1.0 / POUND]), found[1].inertia
+    factor = rng.choice([POUND, 1.0 / POUND])
+    old = found[1].inertia
     return _planted(scene, *found, f"mass x{factor:.4g} (pounds)", ("mass",), old.restated(mass=old.mass * factor))
 
 
@@ -187,7 +188,8 @@ def tensor_turned(scene: Scene, rng: np.random.Generator, size: float) -> Fault 
     """The tensor is along other axes than the body's: exported from another frame."""
     if (found := _one(scene, rng, wide=True)) is None:
         return None
-    old, turn = found[1].inertia, edits.rotation(rng.normal(size=3), size)
+    old = found[1].inertia
+    turn = edits.rotation(rng.normal(size=3), size)
     new = old.restated(tensor=turn @ old.tensor @ turn.T)
     return _planted(scene, *found, f"tensor turned by {size:.3g} rad", ("inertia",), new)
 
@@ -223,7 +225,8 @@ def tensor(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     """The tensor alone is off: a solid body for a hollow one."""
     if (found := _one(scene, rng, wide=True)) is None:
         return None
-    old, factor = found[1].inertia, 1.0 + size
+    old = found[1].inertia
+    factor = 1.0 + size
     return _planted(scene, *found, f"tensor x{factor:.5g}", ("inertia",), old.restated(tensor=old.tensor * factor))
 
 
@@ -258,7 +261,8 @@ def longer(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     known = [(link, b) for link, b in edits.moving(scene.mechanism) if np.linalg.norm(b.inertia.com) > 1e-3]
     if (found := _of(known, rng)) is None:
         return None
-    old, factor = found[1].inertia, 1.0 + size
+    old = found[1].inertia
+    factor = 1.0 + size
     new = old.restated(com=old.com * factor, tensor=old.tensor * factor**2)
     return _planted(scene, *found, f"a body x{factor:.4g} as long", ("com", "inertia"), new)
 

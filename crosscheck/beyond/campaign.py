@@ -151,7 +151,8 @@ def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[
 
     One that is interrupted writes what it has.  Raises RuntimeError where an unharmed engine cannot be run.
     """
-    start, servers = clock.monotonic(), ForkServers()
+    start = clock.monotonic()
+    servers = ForkServers()
     wanted.out.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(wanted.jobs) as pool:
         work = _Work(wanted, notify, pool, Children(servers=servers))
@@ -175,7 +176,8 @@ def _write(wanted: Wanted, results: Mapping[str, Any]) -> None:
 
 def _campaign(work: _Work, folder: Path) -> None:
     """Run unharmed engines, draw faults, and try them; records stand in a folder that is thrown away."""
-    wanted, chosen = work.wanted, work.wanted.campaign
+    wanted = work.wanted
+    chosen = work.wanted.campaign
     scenes = [(bench, engine) for bench in chosen.benches for engine in bench.engines]
     places = [wanted.place(*one, folder) for one in scenes]
     _prepared(work, [wanted.place(bench, REFERENCE, folder) for bench in chosen.benches])
@@ -243,7 +245,8 @@ def _tried(work: _Work, places: Sequence[Place], drawn: Sequence[Drawn], folder:
 
 def _chunk(work: _Work, place: Place, drawn: list[Drawn], folder: Path) -> None:
     """Try some faults in one process, and the rest in another where it dies; tell of each when it is done."""
-    left, attempt = list(drawn), 0
+    left = list(drawn)
+    attempt = 0
     while left:
         here = folder / str(attempt)
         here.mkdir(parents=True, exist_ok=True)
@@ -271,7 +274,9 @@ class Followed:
 
     def __init__(self, lines: Path, work: _Work) -> None:
         """Follow a file."""
-        self.lines, self.work, self.taken = lines, work, 0
+        self.lines = lines
+        self.work = work
+        self.taken = 0
         self.over = threading.Event()
         self.thread = threading.Thread(target=self._follow, daemon=True)
 
@@ -290,7 +295,8 @@ class Followed:
 
     def _take(self) -> None:
         rows = _lines(self.lines)
-        new, self.taken = rows[self.taken :], len(rows)
+        new = rows[self.taken :]
+        self.taken = len(rows)
         self.work.add(new)
 
 

@@ -133,7 +133,8 @@ def _moved(field: str, kind: str, word: str) -> Callable[[Scene, np.random.Gener
         other = pick(rng, [j for j in scene.driven if joint is not None and j.name != joint.name])
         if joint is None or other is None:
             return None
-        a, b = getattr(joint, field), getattr(other, field)
+        a = getattr(joint, field)
+        b = getattr(other, field)
         places = (joint.name, other.name)
         return Fault(
             f"{word} of {joint.name} and {other.name} exchanged",
@@ -251,7 +252,8 @@ def ripple(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     q = scene.case.motion.evaluate(scene.mechanism, scene.time)[0]
     if joint.nq != 1:
         return None
-    teeth, angle = int(rng.integers(6, 24)), q[:, scene.mechanism.q_slices[joint.name].start]
+    teeth = int(rng.integers(6, 24))
+    angle = q[:, scene.mechanism.q_slices[joint.name].start]
     more = size * scene.effort(joint.name) * np.sin(teeth * angle)
     return Fault(
         f"cogging of {joint.name}, {size:.3g} of its effort",

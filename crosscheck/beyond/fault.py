@@ -60,7 +60,8 @@ class Scene:
     @property
     def driven(self) -> list[Joint]:
         """Joints with one coordinate that the motion moves, each with an effort of its own."""
-        rates, given = self.rates, set(self.case.motion.joints(self.mechanism))
+        rates = self.rates
+        given = set(self.case.motion.joints(self.mechanism))
         top = max(rates.values(), default=0.0)
         joints = [j for j in self.mechanism.joints if j.nv == 1 and j.actuated and j.name in given]
         return [j for j in joints if rates[j.name] > RESTING * top]

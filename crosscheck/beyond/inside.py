@@ -123,7 +123,8 @@ def mujoco_medium(scene: Scene, rng: np.random.Generator, size: float) -> Fault 
         return None
 
     def change(built: Any, mechanism: Mechanism) -> None:
-        built.model.opt.density, built.model.opt.viscosity = size, 1e-3 * size / 1000.0
+        built.model.opt.density = size
+        built.model.opt.viscosity = 1e-3 * size / 1000.0
 
     kinds = ("quadratic drag", "medium")
     return _built(f"a medium of {size} kg/m^3", kinds, (), change, ("viscous", "dry friction"))

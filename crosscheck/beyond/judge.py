@@ -263,7 +263,8 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 def kinds_of(named: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the kinds of a named cause: by its name, else by the words in it; of a beam's stiffness also the component."""
-    name, target = str(named["cause"]), str(named.get("target", ""))
+    name = str(named["cause"])
+    target = str(named.get("target", ""))
     if name in KINDS:
         return (*KINDS[name], *(re.findall(r"\b(?:EA|GA_y|GA_z|GJ|EI_y|EI_z)\b", target)))
     text = f"{name} {named.get('words', '')}".lower()

@@ -94,10 +94,12 @@ def coupling(scene: Scene, rng: np.random.Generator, size: float) -> Fault | Non
 def drive(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     """In a loop of one freedom the drive sits on another of its joints."""
     scalar = [j for j in scene.mechanism.joints if j.nv == 1]
-    driven, free = [j for j in scalar if j.actuated], [j for j in scalar if not j.actuated]
+    driven = [j for j in scalar if j.actuated]
+    free = [j for j in scalar if not j.actuated]
     if not scene.closed or len(driven) != 1 or not free:
         return None
-    mine, other = driven[0], pick(rng, free)
+    mine = driven[0]
+    other = pick(rng, free)
 
     def change(mechanism: Mechanism) -> Mechanism:
         mechanism = edits.on_joint(mechanism, mine.name, lambda j: replace(j, actuated=False))
@@ -173,7 +175,8 @@ def rest(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     if (found := pick(rng, [*springs, *joints])) is None:
         return None
     what, one = found
-    words, new = f"rest of {one.name} off by {size:.3g}", one.rest + size
+    words = f"rest of {one.name} off by {size:.3g}"
+    new = one.rest + size
     if what == "spring":
         ends = (one.name, one.first.link, one.second.link)
         return Fault(
@@ -222,7 +225,8 @@ def force(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     links = [link for link in scene.mechanism.links if link.beam is None and link.tip.any()]
     if not links or any(scene.engine.startswith(e) for e in ("exudyn-ge", "exudyn-ancf", "mujoco-flex", "exudyn")):
         return None
-    link, way = links[-1], rng.normal(size=3)
+    link = links[-1]
+    way = rng.normal(size=3)
     arm = float(np.linalg.norm(link.tip))
     top = max(float(np.abs(s.values).max()) for s in scene.reference.series.values() if s.quantity == "torque")
     wrench = np.concatenate([size * top / arm * way / np.linalg.norm(way), np.zeros(3)])[None]

@@ -32,7 +32,8 @@ def _section(
     """A fault in the section of one beam."""
     near = tuple(k for k in (*NAMES, "stiffness", "beam mass", "rho I", "section size", "E") if k not in kinds)
     at = _at(scene, link)
-    weight, springs = Truth(("beam mass", "mass"), at), Truth(("stiffness", "E", *NAMES), at)
+    weight = Truth(("beam mass", "mass"), at)
+    springs = Truth(("stiffness", "E", *NAMES), at)
     return Fault(
         f"{words} of {link.name}",
         ((Truth(kinds, at),),),
@@ -138,7 +139,8 @@ def width(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         return None
 
     def change(section: Section) -> Section:
-        y, z = section.rotary_inertia[:, 1] * size**3, section.rotary_inertia[:, 2] * size
+        y = section.rotary_inertia[:, 1] * size**3
+        z = section.rotary_inertia[:, 2] * size
         wider = _stiffer(section, size, size, size, size, size**3, size)
         return replace(
             wider, mass_per_length=section.mass_per_length * size, rotary_inertia=np.stack([y + z, y, z], axis=1)
@@ -154,7 +156,8 @@ def thickness(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
         return None
 
     def change(section: Section) -> Section:
-        y, z = section.rotary_inertia[:, 1] * size, section.rotary_inertia[:, 2] * size**3
+        y = section.rotary_inertia[:, 1] * size
+        z = section.rotary_inertia[:, 2] * size**3
         thicker = _stiffer(section, size, size, size, size**3, size, size**3)
         return replace(
             thicker, mass_per_length=section.mass_per_length * size, rotary_inertia=np.stack([y + z, y, z], axis=1)
@@ -186,7 +189,8 @@ def diameter(scene: Scene, rng: np.random.Generator, size: float) -> Fault | Non
         return None
 
     def change(section: Section) -> Section:
-        square, fourth = size**2, size**4
+        square = size**2
+        fourth = size**4
         return replace(
             _stiffer(section, square, square, square, fourth, fourth, fourth),
             mass_per_length=section.mass_per_length * square,
@@ -203,7 +207,8 @@ def upright(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None
         return None
 
     def change(section: Section) -> Section:
-        stiff, inertia = [0, 2, 1, 3, 5, 4], [0, 2, 1]
+        stiff = [0, 2, 1, 3, 5, 4]
+        inertia = [0, 2, 1]
         damping = None if section.damping is None else section.damping[:, stiff]
         return replace(
             section,
@@ -277,7 +282,8 @@ def damped(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     """A beam has damping that the other model has not: so many times the time of a bending wave along it."""
     if (link := _beam(scene, rng)) is None or link.beam is None:
         return None
-    section, length = link.beam.section, link.beam.length
+    section = link.beam.section
+    length = link.beam.length
     period = length**2 * float(np.sqrt(section.mass_per_length[0] / section.stiffness[0, 5]))
 
     def change(section: Section) -> Section:

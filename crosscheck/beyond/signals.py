@@ -105,7 +105,8 @@ def columns(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None
     a, b = (f"torque/{names[int(k)]}" for k in rng.choice(len(names), 2, replace=False))
 
     def exchanged(record: Record, mechanism: Mechanism, case: Case) -> Record:
-        one, two = record.series[a], record.series[b]
+        one = record.series[a]
+        two = record.series[b]
         new = {a: replace(one, values=two.values), b: replace(two, values=one.values)}
         return replace(record, series={**record.series, **new})
 
@@ -172,7 +173,8 @@ def late(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
 @CHAPTER("half a sample late", 1e-6, 0.1, 0.5)
 def half(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     """The efforts are read between two samples."""
-    time, by = scene.time, size * scene.case.sample
+    time = scene.time
+    by = size * scene.case.sample
     return _all(scene, f"efforts {size:.3g} samples late", ("time shift",), lambda tau: np.interp(time - by, time, tau))
 
 
@@ -281,7 +283,8 @@ def average(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None
 @CHAPTER("coarse samples", 2, 5)
 def coarse(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     """Every few samples only were stored; the others lie on lines between them, or are held."""
-    n, hold = int(size), bool(rng.integers(2))
+    n = int(size)
+    hold = bool(rng.integers(2))
 
     def joined(tau: Array) -> Array:
         k = np.arange(tau.size)

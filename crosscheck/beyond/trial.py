@@ -71,7 +71,8 @@ def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
     """Run engines unharmed, the reference among them, and keep their records; return what became of each."""
     rows = []
     for words in places:
-        place, start = Place(**words), clock.perf_counter()
+        place = Place(**words)
+        start = clock.perf_counter()
         stem = place.stem(place.engine)
         stem.parent.mkdir(parents=True, exist_ok=True)
         run_case(place.job(place.engine, stem))
@@ -87,7 +88,8 @@ def trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lines: 
     A fault of number 0 is none: the unharmed engine, which has to be left alone.
     """
     here = Place(**place)
-    scene, columns = here.scene(), Columns()
+    scene = here.scene()
+    columns = Columns()
     for words in drawn:
         one = Drawn(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
         with Path(lines).open("a", encoding="utf-8") as file:
@@ -129,7 +131,8 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns
     record = _read(stem, task)
     if record.status != "ok":
         return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
-    reference, unharmed = scene.reference, load(place.stem(place.engine))
+    reference = scene.reference
+    unharmed = load(place.stem(place.engine))
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
     lines = certificates(task, records)
@@ -225,7 +228,9 @@ def size_of(
     can see itself (a coarse mesh).  Above: no distance that the unharmed engine had can hide it.  Below: with it the engine
     is still within its limit.
     """
-    most, below, seen = 0.0, True, False
+    most = 0.0
+    below = True
+    seen = False
     for quantity in task.case.quantities:
         limit = find(task.case.limits, quantity, unharmed.engine, REFERENCE, unharmed.version)
         for names in group(reference.series, quantity).values():

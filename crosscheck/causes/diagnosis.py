@@ -70,7 +70,8 @@ def diagnose(
     """
     found = named(folder, case, ours, theirs, columns)
     naming = found.naming
-    settled, best = naming, None
+    settled = naming
+    best = None
     if naming.named and found.shown:
         behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
         settled, best = proved(found, engine, behind)
@@ -131,7 +132,8 @@ def named(folder: str, case: str, ours: str, theirs: str, columns: Columns | Non
     """Return the naming by two saved records (stems of their files) of a case [-]; no engine is run."""
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
-    record, reference = load(Path(ours)), load(Path(theirs))
+    record = load(Path(ours))
+    reference = load(Path(theirs))
     model = model_of(subject, reference)
     residual = model.residual(record, reference)
     evidence = Evidence(
@@ -141,7 +143,8 @@ def named(folder: str, case: str, ours: str, theirs: str, columns: Columns | Non
         certificate(reference.certificate),
         quantities(model, record, reference),
     )
-    bars, limit = noise_of(model, record, reference), agreed(model, record, reference)
+    bars = noise_of(model, record, reference)
+    limit = agreed(model, record, reference)
     known = None if columns is None else columns.of(model, all_causes())
     naming = name(model, residual, bars, known, evidence, limit)
     shown = naming.found

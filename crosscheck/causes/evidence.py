@@ -105,7 +105,8 @@ class Evidence:
             if told and fit.cause.parameters > 1 and not self._leaves_no_size(fit):
                 again = self._fitted(fit)
                 if explains(again) and not (other := self._against(again, sure)):
-                    fit, told = again, other
+                    fit = again
+                    told = other
             said = tuple(x for x in told if x not in fit.cause.unsaid)
             beside = tuple(x for x in told if x in fit.cause.unsaid)
             if not said and self.quantities is not None:
@@ -113,7 +114,8 @@ class Evidence:
                 if said and fit.cause.parameters > 1:
                     again = self._with_column(self.quantities.fitted(fit))
                     if explains(again) and not self._against(again, sure) and not self.quantities.against(again):
-                        fit, said = again, ()
+                        fit = again
+                        said = ()
         except (*IMPOSSIBLE, RuntimeError, KeyError):
             return Heard(fit, (NOT_RUNNING,))
         return Heard(fit, said, beside)
@@ -131,7 +133,8 @@ class Evidence:
 
         Where sizes are large the motion leads astray; what a model weighs, and how stiff it is, knows them at once.
         """
-        cause, target = candidate.cause, candidate.target
+        cause = candidate.cause
+        target = candidate.target
         nothing = Fit(cause, target, np.zeros(cause.parameters), 1.0, 0.0 * self.residual)
         try:
             size = self._sized(nothing)
@@ -206,7 +209,8 @@ class Evidence:
 
     def _iterated(self, fit: Fit) -> Array:
         """Gauss-Newton from the motion's size to that which explains the certificates best."""
-        zero, size = self._column(self.ours), fit.size
+        zero = self._column(self.ours)
+        size = fit.size
         measured = self._column(self.theirs) - zero
         for _ in range(ROUNDS):
             here = self._column(self._predicted(fit, size))
@@ -261,7 +265,8 @@ def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said:
     for key in b:
         if key not in a or key not in c or not a[key].shape == b[key].shape == c[key].shape:
             continue
-        measured, predicted = a[key] - b[key], c[key] - b[key]
+        measured = a[key] - b[key]
+        predicted = c[key] - b[key]
         scale = max(float(np.linalg.norm(measured)), float(np.linalg.norm(predicted)))
         own = float(np.abs(b[key]).max(initial=0.0)) if name in EACH else size
         if float(np.abs(measured - predicted).max(initial=0.0)) > LIMITS * limit * (own or 1.0) + part * scale:

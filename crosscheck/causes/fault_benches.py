@@ -129,7 +129,9 @@ def _loaded(mechanism: Mechanism) -> Mechanism:
 
 def _holding(mechanism: Mechanism) -> Mechanism:
     """A tool on every hinge that closes a loop, held by the link on its other side: frames that may be turned."""
-    tools, hinges, held = [], [], []
+    tools = []
+    hinges = []
+    held = []
     for closure in mechanism.closures:
         name = f"{closure.name}_tool"
         tools.append(Link(name, bodies=(Body("tool", TOOL),)))
@@ -152,7 +154,8 @@ def _with_damper(mechanism: Mechanism) -> Mechanism:
 
 def _thick(beam: Beam) -> Beam:
     """THICKER times as thick with the same area: bending, twist and rotary inertia grow with the square of that."""
-    stiffness, section = beam.section.stiffness.copy(), beam.section
+    stiffness = beam.section.stiffness.copy()
+    section = beam.section
     stiffness[:, 3:] *= THICKER**2
     return replace(
         beam, section=replace(section, stiffness=stiffness, rotary_inertia=section.rotary_inertia * THICKER**2)
@@ -161,7 +164,9 @@ def _thick(beam: Beam) -> Beam:
 
 def _tube(beam: Beam) -> Beam:
     """A round tube with the area and the bending stiffness along y of a section, a fifth of its radius thick, nu = 0.3."""
-    section, nu, m = beam.section, 0.3, 0.8
+    section = beam.section
+    nu = 0.3
+    m = 0.8
     shear = 1.0 / (2.0 * (1.0 + nu))  # G / E
     square = (1.0 + m**2) ** 2
     factor = 6 * (1 + nu) * square / ((7 + 6 * nu) * square + (20 + 12 * nu) * m**2)  # Cowper's
@@ -183,9 +188,12 @@ ROTOR = 0.5  # [kg m^2]: 5e-5 kg m^2 on the motor's side of a gear of 100
 TOOL = Inertia(0.2, np.array([0.05, 0.08, 0.0]), 1e-4 * np.eye(3))  # [kg], [m], [kg m^2]: its weight is on one side
 THICKER = 30.0  # a strip of 1.95 mm, 0.4 m long, is then 15 % as thick as long
 QUICK = ("quick", _quick)
-FLICK, SNAP = ("flick", _turn(0.1, 0.02, 0.13)), ("snap", _turn(0.01, 0.001, 0.0065))
+FLICK = ("flick", _turn(0.1, 0.02, 0.13))
+SNAP = ("snap", _turn(0.01, 0.001, 0.0065))
 TUBE = ("tube", _beams(_tube))
-STOUT, ARC, GEARED = ("stout", _beams(_thick)), ("arc", _beams(_bent)), ("geared", _geared)
+STOUT = ("stout", _beams(_thick))
+ARC = ("arc", _beams(_bent))
+GEARED = ("geared", _geared)
 # Flexible ones at half their usual fineness: hundreds of runs, and error bars that know of it.
 COARSE = {"elements": 8, "error": False}
 FINE = {"elements": 16, "error": False}  # where waves are short

@@ -103,7 +103,9 @@ class Columns:
     def of(self, model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
         """Return `candidates` of a model, computed where it or the dictionary is another one than before."""
         if self.model is None or dictionary != self.dictionary or not self.model.is_like(model):
-            self.model, self.dictionary, self.found = model, dictionary, candidates(model, dictionary)
+            self.model = model
+            self.dictionary = dictionary
+            self.found = candidates(model, dictionary)
         return self.found
 
 
@@ -163,7 +165,8 @@ def _of_units(factor: float) -> bool:
 
 def _guessed(model: Model, residual: Array, candidate: Candidate, total: float) -> Fit:
     """Return the best of the sizes that the engine's own efforts suggest, or nothing."""
-    cause, target = candidate.cause, candidate.target
+    cause = candidate.cause
+    target = candidate.target
     seen = model.torque + residual.reshape(model.torque.shape) * model.scale
     sizes = [] if cause.guess is None else cause.guess(model, target, seen)
     tries = [_at(model, residual, candidate, size / candidate.scale, total) for size in sizes]
@@ -220,7 +223,8 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     noise : part of |r| [-] that says nothing: a fit that leaves half as much is good enough
     """
     total = float(np.linalg.norm(residual))
-    cause, columns = candidate.cause, candidate.columns
+    cause = candidate.cause
+    columns = candidate.columns
     if not cause.sized:
         return _fit(candidate, np.ones(1), columns[:, 0], residual, total)
     if cause.guess is not None:
@@ -246,7 +250,8 @@ def corrected(model: Model, one: Fit, left: Array) -> Fit | None:
 
     The derivative is the model's, at the fit's size.
     """
-    cause, target = one.cause, one.target
+    cause = one.cause
+    target = one.target
     scale = cause.scale(model, target)
     candidate = Candidate(cause, target, scale, np.zeros((len(left), 0)))
     place = one.size / scale
@@ -319,7 +324,8 @@ def _along(
 
 def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> Fit:
     """Return the best size near any of some large ones; noise : part of |r| [-] that says nothing."""
-    cause, total = candidate.cause, float(np.linalg.norm(residual))
+    cause = candidate.cause
+    total = float(np.linalg.norm(residual))
     if cause.linear or not cause.sized or cause.guess is not None:
         return fit(model, residual, candidate)
     sizes = [factor - 1.0 for factor in FAR_FACTORS] if cause.fraction else [*FAR, *(-size for size in FAR)]

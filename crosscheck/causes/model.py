@@ -58,7 +58,8 @@ class Model:
 
     def _marches_alike(self, subject: Subject) -> bool:
         """Return True if a march of a subject is that of the unharmed one: what is done to efforts alone needs no other."""
-        a, b = self.base, subject
+        a = self.base
+        b = subject
         return (
             not a.mechanism.is_rigid
             and a.mechanism is b.mechanism
@@ -166,7 +167,9 @@ def answered(record: Record, subject: Subject) -> Record:
     """Return an engine's record [N m], [N], [m] with what the subject does to efforts, along the motion of all joints."""
     if not subject.effort:
         return record
-    time, (mechanism, motion) = sample_times(subject.case), (subject.mechanism, subject.case.motion)
+    time = sample_times(subject.case)
+    mechanism = subject.mechanism
+    motion = subject.case.motion
     given = motion.joints(mechanism)
     if all(j.name in given for j in mechanism.joints if j.nv):
         return with_efforts(record, subject, States(time, *motion.evaluate(mechanism, time)))
@@ -196,7 +199,8 @@ def _efforts(model: Model, subject: Subject) -> Array:
 
 def _same_motion(base: Subject, subject: Subject) -> bool:
     """Return True if a rigid mechanism's closures move it, and share its efforts, as before: nothing there was touched."""
-    a, b = base.mechanism, subject.mechanism
+    a = base.mechanism
+    b = subject.mechanism
     joints = all(
         one.placement is two.placement
         and one.axis is two.axis
@@ -210,7 +214,8 @@ def _same_motion(base: Subject, subject: Subject) -> bool:
 
 
 def _solved(subject: Subject, time: Array) -> tuple[Solution, slice]:
-    case, spacing = subject.case, float(time[1] - time[0])
+    case = subject.case
+    spacing = float(time[1] - time[0])
     step = spacing if subject.mechanism.is_rigid and subject.mechanism.closures else coarse_step(subject)
     solution = solve(
         case.meshed(subject.mechanism),

@@ -179,7 +179,8 @@ def name(
     agreed : largest difference [-] that a limit allows engines with the same mechanism
     """
     bars = np.broadcast_to(np.asarray(noise, dtype=np.float64), residual.shape)
-    size, largest = float(np.abs(residual).max()), float(bars.max())
+    size = float(np.abs(residual).max())
+    largest = float(bars.max())
     if size <= largest:
         return Naming((), None, size, largest, "the difference is inside the error bars")
     asked = Question(model, residual, bars, agreed)
@@ -282,7 +283,8 @@ def _left(one: Fit) -> float:
 
 def chosen(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence: Evidence | None) -> Naming:
     """Return the naming of fits that were held against all that is known."""
-    size, largest = float(np.abs(asked.residual).max()), float(asked.bars.max())
+    size = float(np.abs(asked.residual).max())
+    largest = float(asked.bars.max())
     failing = () if evidence is None else evidence.failing
     out = tuple(one for one in heard if one.against)
     best = fits[0] if fits else None

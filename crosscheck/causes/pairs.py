@@ -20,7 +20,9 @@ AND = " + "
 NUMBERS = 4  # of a pair's sizes together: with more of them, anything can be explained
 TRIED = {True: 32, False: 4}  # pairs that are refined, by whether the mechanism is a rigid tree
 ROUNDS = {True: 8, False: 3}  # of a refinement, by whether it is rigid
-FIRST, NEXT = 4, 8  # causes without a size that are taken off first, and sized ones that are tried beside each of them
+# causes without a size that are taken off first, and sized ones that are tried beside each of them
+FIRST = 4
+NEXT = 8
 LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none
 DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
 
@@ -112,7 +114,8 @@ def _likely(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, C
     total = float(residual @ residual)
     found: list[tuple[float, int, Candidate, Candidate]] = []
     for i, (a, q) in enumerate(zip(sized[:-1], bases[:-1], strict=True)):
-        rest, others = residual - q @ (q.T @ residual), np.hstack(bases[i + 1 :])
+        rest = residual - q @ (q.T @ residual)
+        others = np.hstack(bases[i + 1 :])
         found += _beside(a, sized[i + 1 :], others - q @ (q.T @ others), rest, len(found))
     return [(a, b) for left, _, a, b in sorted(found, key=lambda one: one[:2]) if left <= LINEAR**2 * total]
 
@@ -120,7 +123,8 @@ def _likely(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, C
 def _after(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple[Candidate, Candidate]]:
     """Return pairs of a cause that is there or not and a sized one, by the columns of the subject with the first one in it."""
     there = [(float(np.linalg.norm(residual - c.columns[:, 0])), k) for k, c in enumerate(usable) if not c.cause.sized]
-    total, found = float(np.linalg.norm(residual)), []
+    total = float(np.linalg.norm(residual))
+    found = []
     for left, k in sorted(there)[:FIRST]:
         if left > LINEAR * total:
             break
@@ -139,11 +143,13 @@ def _beside(
     one: Candidate, others: list[Candidate], columns: Array, rest: Array, before: int
 ) -> list[tuple[float, int, Candidate, Candidate]]:
     """Return the residual of every other cause beside one, |rest|^2 less its gain [-], with its number and the pair."""
-    have, at = float(rest @ rest), 0
+    have = float(rest @ rest)
+    at = 0
     found: list[tuple[float, int, Candidate, Candidate]] = []
     for b in others:
         width = _rank(b)
-        block, at = columns[:, at : at + width], at + width
+        block = columns[:, at : at + width]
+        at = at + width
         if one.cause.parameters + b.cause.parameters <= NUMBERS:
             found.append((have - _gain(block, rest), before + len(found), one, b))
     return found

@@ -53,7 +53,9 @@ class Quantities:
 
     def fitted(self, fit: Fit) -> Fit:
         """Return the fit with the size that explains all quantities best (Gauss-Newton from that of the efforts)."""
-        cause, size, base = fit.cause, fit.size, self.model.base
+        cause = fit.cause
+        size = fit.size
+        base = self.model.base
         step = PROBE[base.mechanism.is_rigid] * cause.scale(self.model, fit.target)
         for _ in range(ROUNDS[base.mechanism.is_rigid]):
             here = self.model.series(cause.change(base, fit.target, size))
@@ -80,7 +82,8 @@ class Quantities:
 
     def look(self, cause: Cause, target: str) -> Fit:
         """Return the linear fit of a cause to all quantities; raises like a run."""
-        rigid, base = self.model.base.mechanism.is_rigid, self.model.base
+        rigid = self.model.base.mechanism.is_rigid
+        base = self.model.base
         if not cause.sized:
             return self.judged(Fit(cause, target, np.ones(1), 1.0, np.zeros(0)))
         step = PROBE[rigid] * cause.scale(self.model, target)
@@ -140,7 +143,8 @@ def scale_of_one(reference: Mapping[str, Series], name: str) -> float:
 def quantities(model: Model, engine: Record, reference: Record) -> Quantities:
     """Return all that two records have in common, with the bars, limits [of the range] and rounding that they agree to."""
     agreed: dict[str, float] = {}
-    limits, rigid = model.base.case.limits, model.base.mechanism.is_rigid
+    limits = model.base.case.limits
+    rigid = model.base.mechanism.is_rigid
     for quantity in COMPARED:
         limit = find(limits, quantity, engine.engine, reference.engine, engine.version)
         for names in group(reference.series, quantity).values():

@@ -102,7 +102,8 @@ def prepare(bench: Bench, models: Path) -> Setting:
     reference = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": bars})
     model = model_of(replace(subject, options={}), reference)
     clean = ask(bench, subject)
-    noise, agreed = ROUNDING, quantities(model, clean, reference).agreed
+    noise = ROUNDING
+    agreed = quantities(model, clean, reference).agreed
     if bars:
         finer = ask(bench, subject.with_options(refinement=1))
         own = max(
@@ -141,7 +142,8 @@ def softened(setting: Setting, size: float) -> Record:
     Stiffness multiplies what rounding leaves open of the loops: they carry error bars of rounding, as in `crosscheck run`.
     """
     bench = replace(setting.bench, engine="mujoco-equality")
-    mechanism, case = setting.subject.mechanism, setting.subject.case
+    mechanism = setting.subject.mechanism
+    case = setting.subject.case
     engine = adapter(ENGINES[bench.engine])
     soft = with_rounding(engine, ask(bench, setting.subject), mechanism, case, setting.subject.options)
     mixed = {}
@@ -192,7 +194,9 @@ def _numbers(candidate: Candidate, size: float) -> list[NDArray[np.float64]]:
 
 def _planted(setting: Setting, candidate: Candidate, size: float, numbers: NDArray[np.float64]) -> Planted | None:
     """Plant numbers [unit] of a cause; raises like a run."""
-    cause, target, subject = candidate.cause, candidate.target, setting.subject
+    cause = candidate.cause
+    target = candidate.target
+    subject = setting.subject
     if cause.name == SOFT:
         harmed = softened(setting, size)
         setting = widened(setting, harmed)
@@ -271,7 +275,8 @@ def loosened(closure: Closure) -> Closure:
 
 def wrong_rank(setting: Setting) -> Planted | None:
     """Let a closure of the engine's model tie less than it should; only the certificate can say so: there are no efforts."""
-    mechanism, case = setting.subject.mechanism, setting.subject.case
+    mechanism = setting.subject.mechanism
+    case = setting.subject.case
     if not mechanism.closures:
         return None
     loose = (loosened(mechanism.closures[0]), *mechanism.closures[1:])
@@ -300,7 +305,8 @@ def faults(
 
     What a bench has besides (``Bench.more``) is planted once: at the first target, in the last size.
     """
-    bench, places = setting.bench, dict[str, list[Candidate]]()
+    bench = setting.bench
+    places = dict[str, list[Candidate]]()
     wanted = causes or bench.planted
     for one in setting.known:
         if one.cause.name in wanted:

@@ -61,10 +61,13 @@ def _on(model: Model, trial: Callable[[Mechanism, Array], States]) -> Model:
 def _waves(mechanism: Mechanism, time: Array, pace: float) -> States:
     """Every scalar joint swings at a rhythm of its own, others rest; pace [-] scales speeds, its square accelerations."""
     q = np.tile(mechanism.neutral, (len(time), 1))
-    qd, qdd = np.zeros((len(time), mechanism.nv)), np.zeros((len(time), mechanism.nv))
+    qd = np.zeros((len(time), mechanism.nv))
+    qdd = np.zeros((len(time), mechanism.nv))
     for k, joint in enumerate(j for j in mechanism.joints if j.nv == j.nq == 1):
-        w, phase = 2 * np.pi * (1.0 + 0.37 * k), 0.9 * k
-        place, rate = mechanism.q_slices[joint.name].start, mechanism.v_slices[joint.name].start
+        w = 2 * np.pi * (1.0 + 0.37 * k)
+        phase = 0.9 * k
+        place = mechanism.q_slices[joint.name].start
+        rate = mechanism.v_slices[joint.name].start
         q[:, place] = SWING * np.sin(w * time + phase)
         qd[:, rate] = pace * SWING * w * np.cos(w * time + phase)
         qdd[:, rate] = -(pace**2) * SWING * w**2 * np.sin(w * time + phase)

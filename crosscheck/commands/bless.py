@@ -66,7 +66,8 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
         raise Failure(f"the baseline in {baseline} could not be written: {error}") from error
     console = Console()
     moved = [k for k in after if k in before and after[k] != before[k]]
-    new, gone = after.keys() - before.keys(), before.keys() - after.keys()
+    new = after.keys() - before.keys()
+    gone = before.keys() - after.keys()
     console.print(f"{len(good)} comparisons blessed: {len(new)} new, {len(moved)} changed, {len(gone)} dropped")
     for k in moved:
         console.print(f"  {escape(' '.join(k))}: {before[k]:.3g} -> {after[k]:.3g}", highlight=False, soft_wrap=True)

@@ -116,7 +116,8 @@ def with_all(names: Iterable[str], said: Path | None) -> Path:
 
     Raises Failure where none has.
     """
-    names, places = list(names), [said] if said is not None else [Path("models"), INSTALLED]
+    names = list(names)
+    places = [said] if said is not None else [Path("models"), INSTALLED]
     absent = [[n for n in names if not (place / n / "mechanism.toml").is_file()] for place in places]
     if [] in absent:
         return places[absent.index([])]
@@ -159,7 +160,8 @@ def _beyond(names: tuple[str, ...], said: Path | None, out: Path, jobs: int, ask
 
 def _show(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:
     """Print the matrix with numbered columns, where each cause is named alone, and the targets."""
-    console, benches = Console(), [key for key, _, _ in whole.columns[1:-1]]
+    console = Console()
+    benches = [key for key, _, _ in whole.columns[1:-1]]
     matrix = whole.rows[: -len(met)]
     table = Table("planted", box=None, header_style="dim", padding=(0, 1, 0, 0))
     for k in range(len(benches)):

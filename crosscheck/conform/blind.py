@@ -17,7 +17,11 @@ import numpy as np
 from flexinv.files.toml_tables import read_toml
 
 # Parts by which numbers change: lengths little, so that linkages still turn and loops close on the same branch.
-LENGTH, MASS, MOTION, DRIVE, SECTION = 0.02, 0.2, 0.05, 0.2, 0.1
+LENGTH = 0.02
+MASS = 0.2
+MOTION = 0.05
+DRIVE = 0.2
+SECTION = 0.1
 ENDS = ("from", "to", "at")
 OF_KEY = {
     "mass_kg": MASS,

@@ -104,7 +104,8 @@ def _rung(results: Results, name: str, engine: str) -> Rung:
 
 def _narrow(row: Comparison) -> Comparison:
     """Return a comparison, one that wider error bars explain than a rung admits as a deviation."""
-    bar, limit = row.error_bar, row.limit
+    bar = row.error_bar
+    limit = row.limit
     if row.verdict != "explained" or bar is None or limit is None or fraction(bar, row.scale or 0.0) <= WIDEST * limit:
         return row
     words = f"wider than the {short(WIDEST * limit)} that this rung admits: refine"

@@ -110,7 +110,8 @@ def lines(case: CaseConsensus, engine: str, finer: Record) -> Iterator[tuple[str
 
 def _sum(kind: str, engine: str, how: str, rows: Sequence[tuple[str, int, int]]) -> Audited:
     worst = min(rows, key=lambda row: row[2] / row[1])
-    samples, within = sum(row[1] for row in rows), sum(row[2] for row in rows)
+    samples = sum(row[1] for row in rows)
+    within = sum(row[2] for row in rows)
     return Audited(kind, engine, how, len(rows), samples, within, worst[0], worst[2] / worst[1])
 
 

@@ -39,16 +39,17 @@ from crosscheck.verdicts.compare import COMPARED, WHOLE, signal_range
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import Results
 
-CONSENSUS, CLOSED_FORM, DISAGREEMENT, SINGLE = "consensus", "closed form", "disagreement", "single"
+CONSENSUS = "consensus"
+CLOSED_FORM = "closed form"
+DISAGREEMENT = "disagreement"
+SINGLE = "single"
 REACHED = (CONSENSUS, CLOSED_FORM)
-AGREES, DISAGREES, INSIDE, OUTSIDE, ALONE, NO_PART = (
-    "agrees",
-    "disagrees",
-    "inside",
-    "outside",
-    "alone",
-    "takes no part",
-)
+AGREES = "agrees"
+DISAGREES = "disagrees"
+INSIDE = "inside"
+OUTSIDE = "outside"
+ALONE = "alone"
+NO_PART = "takes no part"
 UNNAMED = "no cause is named"
 
 
@@ -204,7 +205,8 @@ def _hindrance(task: Task, name: str, record: Record, size: float, panel: Panel)
         return "it states its error bar by itself, and no refinement that was asked for shows it"
     if no_order(record.budget.get(name, {})):
         return "its refinement has no order, so that its bar is none"
-    widest, span = float(one.error.max()), signal_range([one.values])
+    widest = float(one.error.max())
+    span = signal_range([one.values])
     if widest > max(WIDEST_BAR * span, FLOOR * size):
         return f"its bar is wider than {WIDEST_BAR:g} of the range"
     return ""

@@ -26,7 +26,9 @@ from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
 
-MANIFEST, MACHINE, KITS = "manifest.json", "machine.json", "kits"
+MANIFEST = "manifest.json"
+MACHINE = "machine.json"
+KITS = "kits"
 OURS = (
     "expected",
     "schema",

@@ -28,7 +28,10 @@ from crosscheck.verdicts.compare import WHOLE
 from flexinv.errors import InputError
 from flexinv.validation import nearest
 
-INSIDE, OUTSIDE, MISSING, SKIPPED = "inside", "outside", "missing", "skipped"
+INSIDE = "inside"
+OUTSIDE = "outside"
+MISSING = "missing"
+SKIPPED = "skipped"
 
 
 @dataclass(frozen=True)
@@ -63,12 +66,14 @@ def judged(answers: Path, corpus: Path) -> list[Judged]:
 
 def manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
     """Return the cases of a corpus by id.  Raises InputError where there is none, or it is of another format."""
-    file, write = corpus / MANIFEST, "write one with crosscheck corpus --out"
+    file = corpus / MANIFEST
+    write = "write one with crosscheck corpus --out"
     if not file.is_file():
         raise InputError(f"{file}: there is no such file, expected the manifest of a corpus; {write}")
     try:
         plain = json.loads(file.read_text(encoding="utf-8"))
-        said, cases = plain["format"], {one["id"]: one for one in plain["cases"]}
+        said = plain["format"]
+        cases = {one["id"]: one for one in plain["cases"]}
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise InputError(f"{file} is no manifest of a corpus: {error}; {write}") from None
     if said != FORMAT:

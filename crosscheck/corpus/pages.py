@@ -24,7 +24,10 @@ MEANINGS = {
     DISAGREEMENT: "intervals of different authors do not meet: who, and why, is on its page",
     SINGLE: "one author alone gives it with an error bar: no check case yet, and not counted",
 }
-WIDTH, HEIGHT, POINTS = 640.0, 150.0, 400  # of a sketch [px], [px], [-]
+# of a sketch [px], [px], [-]
+WIDTH = 640.0
+HEIGHT = 150.0
+POINTS = 400
 
 
 def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Audited] = ()) -> None:
@@ -88,7 +91,8 @@ def sketches(case: CaseConsensus) -> list[dict[str, Any]]:
     found = []
     for one in case.series:
         if one.quantity in WHOLE and one.status in REACHED and one.interval is not None:
-            low, high = float(one.interval.low.min()), float(one.interval.high.max())
+            low = float(one.interval.low.min())
+            high = float(one.interval.high.max())
             edge, line = band(case.task.time, one.interval.low, one.interval.high)
             end = float(case.task.time[-1])
             found.append(
@@ -100,7 +104,8 @@ def sketches(case: CaseConsensus) -> list[dict[str, Any]]:
 def band(time: Array, low: Array, high: Array) -> tuple[str, str]:
     """Return the points of a band and of its middle in a picture [px]; time : (samples,) [s], low, high : (samples,) [unit]."""
     rows = np.unique(np.linspace(0, time.size - 1, min(time.size, POINTS)).astype(int))
-    bottom, top = float(low.min()), float(high.max())
+    bottom = float(low.min())
+    top = float(high.max())
     span = (top - bottom) or 1.0
     x = WIDTH * (time[rows] - time[0]) / ((time[-1] - time[0]) or 1.0)
     y = [HEIGHT * (top - values[rows]) / span for values in (low, high, 0.5 * (low + high))]

@@ -42,7 +42,8 @@ def beside(case: CaseConsensus, values: Iterable[PublishedValue]) -> Iterator[Be
 def _beside(case: CaseConsensus, value: PublishedValue, one: SeriesConsensus | None) -> Beside:
     if one is None or one.interval is None or one.unit != value.unit:
         return Beside(value, None, None, None, None)
-    low, high = one.interval.low, one.interval.high
+    low = one.interval.low
+    high = one.interval.high
     if value.at_s is None:
         smallest = np.maximum(np.maximum(low, -high), 0.0)  # of magnitudes in [low, high]
         ends = float(smallest.max()), float(np.maximum(np.abs(low), np.abs(high)).max())

@@ -55,7 +55,9 @@ class Program:
 
     def __init__(self, name: str, mechanism: str, settings: Mapping[str, Any]) -> None:
         """Keep name of the engine, name of the mechanism's folder, and settings."""
-        self._name, self._mechanism, self._settings = name, mechanism, settings
+        self._name = name
+        self._mechanism = mechanism
+        self._settings = settings
 
     def version(self) -> str:
         """Return the version that crosscheck.toml states; an answer may state its own."""
@@ -107,7 +109,8 @@ class Program:
         """Return the answer of one run, ``level`` times as fine."""
         scratch = Path.cwd() / f"{self._name}-{level}"
         remove_tree(scratch)
-        kit, out = scratch / "kit", scratch / "out"
+        kit = scratch / "kit"
+        out = scratch / "out"
         out.mkdir(parents=True)
         write(mechanism, case, kit, refinement=level)
         start = clock.perf_counter()

@@ -59,7 +59,9 @@ class Fmu:
 
     def __init__(self, path: Path, mechanism: str, settings: Mapping[str, Any]) -> None:
         """Keep the file, the name of the mechanism's folder, and the settings."""
-        self._path, self._mechanism, self._settings = path, mechanism, settings
+        self._path = path
+        self._mechanism = mechanism
+        self._settings = settings
 
     def version(self) -> str:
         """Return the version that crosscheck.toml states, else that of the FMU's model description."""
@@ -85,10 +87,12 @@ class Fmu:
 
     def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
         """Return its torques [N m], [N] on the sample times.  Raises InputError where it is not what the door asks for."""
-        description, time = read_description(self._path), sample_times(case)
+        description = read_description(self._path)
+        time = sample_times(case)
         check_stateless(description, self._path)
         names, wanted, table = ports(mechanism, case, time)
-        inputs, outputs = variables(description, names, "input"), variables(description, wanted, "output")
+        inputs = variables(description, names, "input")
+        outputs = variables(description, wanted, "output")
         check_feedthrough(description, inputs, outputs)
         folder = importlib.import_module("fmpy").extract(str(self._path))
         try:
@@ -109,7 +113,8 @@ def ports(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str]
     given = set(case.motion.joints(mechanism))
     joints = [joint for joint in mechanism.joints if joint.nv and joint.name in given]
     parts = dict(zip(("q", "qd", "qdd"), case.motion.evaluate(mechanism, time), strict=True))
-    names, columns = {}, []
+    names = {}
+    columns = []
     for joint in joints:
         rate = UNITS[joint.kind][1][0]
         for part, unit in (("q", UNITS[joint.kind][0][0]), ("qd", rate), ("qdd", f"{rate}^2")):
@@ -174,14 +179,17 @@ class Instance:
     def evaluated(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
         """Return the outputs (samples, outputs) [N m], [N] at inputs (samples, inputs), and the steps until they stood [-]."""
         to, of = ([variable.valueReference for variable in part] for part in (inputs, outputs))
-        rows, most, now = [], 0, 0.0
+        rows = []
+        most = 0
+        now = 0.0
         spacing = float(time[1] - time[0])
         for row in table:
             self._fmu.setReal(to, row.tolist())
             values = np.array(self._fmu.getReal(of))
             if self.kind == "co-simulation":
                 values, steps = self._settled(of, values, now, spacing)
-                most, now = max(most, steps[0]), now + steps[1] * spacing
+                most = max(most, steps[0])
+                now = now + steps[1] * spacing
             rows.append(values)
         return np.array(rows).reshape(len(table), len(of)), most
 
@@ -193,5 +201,6 @@ class Instance:
             after = np.array(self._fmu.getReal(of))
             if np.abs(after - values).max(initial=0.0) <= STANDS * np.abs(after).max(initial=0.0):
                 return after, (steps, made)
-            values, steps = after, made
+            values = after
+            steps = made
         raise InputError(f"the FMU's outputs do not stand after {MOST_STEPS} steps with the same inputs: it has states")

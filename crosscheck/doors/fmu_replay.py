@@ -38,7 +38,9 @@ class ForwardFmu:
 
     def __init__(self, path: Path, mechanism: str, settings: Mapping[str, Any]) -> None:
         """Keep the file, the name of the mechanism's folder, and the settings: cases, version, abilities."""
-        self._path, self._mechanism, self._settings = path, mechanism, settings
+        self._path = path
+        self._mechanism = mechanism
+        self._settings = settings
 
     def version(self) -> str:
         """Return the version that crosscheck.toml states, else that of the FMU's model description."""
@@ -149,7 +151,8 @@ class Moving:
             yield self._fmu.getReal(of)
 
     def _runge_kutta(self, to: list[int], now: Array, then: Array, t: float, h: float) -> None:
-        n, middle = self._states, 0.5 * (now + then)
+        n = self._states
+        middle = 0.5 * (now + then)
         store = (ctypes.c_double * n)()
         self._fmu.getContinuousStates(store, n)
         x = np.array(store)

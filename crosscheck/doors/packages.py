@@ -15,7 +15,8 @@ from pathlib import Path
 from crosscheck.engines import ENGINES, Engine
 from flexinv.errors import InputError
 
-ENGINE_GROUP, CAUSE_GROUP = "crosscheck.engines", "crosscheck.causes"
+ENGINE_GROUP = "crosscheck.engines"
+CAUSE_GROUP = "crosscheck.causes"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 REFERENCE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*(\.[A-Za-z_]\w*)*)?")
 

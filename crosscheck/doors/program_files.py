@@ -20,7 +20,8 @@ MODELS = "mechanism.toml"  # a folder with one is a model
 CACHES = ("__pycache__", "node_modules")
 WRITTEN = (".db", ".sqlite", ".sqlite3", ".log")  # suffixes of what programs write as they run
 SETTINGS = "crosscheck.toml"
-MOST_FILES, MOST_BYTES = 5_000, 500_000_000
+MOST_FILES = 5_000
+MOST_BYTES = 500_000_000
 
 
 def digest_files(named: Iterable[Path], project: Path) -> dict[str, str]:

@@ -45,7 +45,8 @@ class Recorded:
 
     def __init__(self, folder: Path, there: bool) -> None:
         """Keep the folder; there : False where no mechanism was named, as when engines are listed."""
-        self._folder, self._there = folder, there
+        self._folder = folder
+        self._there = there
 
     def version(self) -> str:
         """Return nothing: an answer states its own."""

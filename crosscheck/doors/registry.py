@@ -20,7 +20,9 @@ from crosscheck.verdicts.plan import Plan, Task
 from flexinv.errors import InputError
 
 SHOWN = 5  # changed files that a message names
-COMMAND, FMU, RECORD = "crosscheck.doors.command", "crosscheck.doors.fmu", "crosscheck.doors.record"
+COMMAND = "crosscheck.doors.command"
+FMU = "crosscheck.doors.fmu"
+RECORD = "crosscheck.doors.record"
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,8 @@ def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
         program = Program(name, shlex.join(row.command), _digest(told), files)
         return replace(engine, limits=config.limits(name, row)), program
     if row.fmu is not None:
-        path, every = folder / row.fmu, _files(folder, row.fmu)
+        path = folder / row.fmu
+        every = _files(folder, row.fmu)
         if not every:
             raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
         told |= {"fmu": str(path)}

@@ -34,7 +34,8 @@ def lines(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> tuple[Chec
 
 
 def _line(what: str, unit: str, ours: Array, theirs: Array, words: str = "") -> Check:
-    error, scale = float(np.abs(ours - theirs).max(initial=0.0)), float(np.abs(ours).max(initial=0.0))
+    error = float(np.abs(ours - theirs).max(initial=0.0))
+    scale = float(np.abs(ours).max(initial=0.0))
     return Check("", "", "B", what, unit, error <= EXACT * (scale or 1.0), error, scale, EXACT, words)
 
 
@@ -75,7 +76,8 @@ def _both(
 def _axes(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
     gaps = {}
     for joint, seat in seats.items():
-        one, two = first.members[seat.first], second.members[seat.second]
+        one = first.members[seat.first]
+        two = second.members[seat.second]
         if one.kind in SCALARS and one.kind == two.kind:
             gaps[joint] = (one.axis, seat.sign * seat.frame.rotation @ two.axis)
     if gaps:

@@ -65,7 +65,8 @@ def compare(
     Raises InputError for what cannot be read, matched or compared.
     """
     begun = clock.perf_counter()
-    families, strict = checked(tolerance, judge), flag("strict", strict)
+    families = checked(tolerance, judge)
+    strict = flag("strict", strict)
     stated = renaming("match", match, "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}')
     first, second = describe_pair(a, b)
     found = replace(compared(first, second, tolerance, stated, tuple(ignore)), unproven=unproven)
@@ -106,7 +107,8 @@ def compared(
 
     stated : joints of the second by those of the first; ignored : names of features that are left out
     """
-    first, second = with_dynamics(first), with_dynamics(second)
+    first = with_dynamics(first)
+    second = with_dynamics(second)
     lifted = first, second
     proofs = prove(first), prove(second)
     rooted = rooted_alike(first.mechanism, second.mechanism, stated)
@@ -123,7 +125,8 @@ def compared(
     size = max(_size(one), _size(two))
     printed = Digits(Sheet(one, first.printed), Sheet(two, second.printed))
     found = _least(one, two, dict(pairs.pairs), size, printed)
-    trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
+    trees = found.trees
+    seats = {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
     told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]

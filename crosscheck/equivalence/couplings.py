@@ -34,7 +34,8 @@ def with_couplings(
     one difference, of the coordinate, and counts as a difference of what drives add: a convention is what no torque feels.
     """
     back = {theirs: ours for ours, theirs in pairs.items()}
-    ours, plain = dict(_laws(one)), dict(_laws(two, back))
+    ours = dict(_laws(one))
+    plain = dict(_laws(two, back))
     theirs = {key: _mapped(law, back, seats) for key, law in plain.items()}
     apart = [key for key in ours if key in theirs and not _same(ours[key], theirs[key], tolerance)]
     told = list(found)
@@ -42,7 +43,8 @@ def with_couplings(
     follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats, counted, tolerance)
     told = [_felt(difference, follows) for difference in told]
     for key in [*ours, *(k for k in theirs if k not in ours)]:
-        a, b = ours.get(key), theirs.get(key)
+        a = ours.get(key)
+        b = theirs.get(key)
         place = "joints " + ", ".join(sorted(key))
         if a is None or b is None:
             side, law = ("A", a) if b is None else ("B", b)
@@ -123,7 +125,8 @@ def _normal(law: Law) -> Law:
 
 def _mapped(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Law:
     """B's law in A's coordinates: q_B = sign (q_A - offset)."""
-    factors, offset = {}, law[1]
+    factors = {}
+    offset = law[1]
     for name, factor in law[0].items():
         ours = back.get(name, name)
         seat = seats.get(ours)

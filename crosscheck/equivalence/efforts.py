@@ -18,10 +18,14 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Mechanism, Placement
 from flexinv.rigid.joint_torques import joint_torques
 
-RANDOM, ALONG, SEED = 60, 100, 20
+RANDOM = 60
+ALONG = 100
+SEED = 20
 REACH = {"revolute": np.pi, "helical": np.pi, "prismatic": 0.5}
 Law = Callable[[Mechanism, Array, Array, Array], Array]
-PERIOD, WAVES = 10.0, 4  # [s], harmonics of the exciting motion
+# [s], harmonics of the exciting motion
+PERIOD = 10.0
+WAVES = 4
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,10 @@ class States:
 def states_of(tree: Tree, seed: int = SEED, count: tuple[int, int] = (RANDOM, ALONG)) -> States:
     """Return random states, then samples of an exciting motion, within stated limits [rad], [m]; count : of each [-]."""
     rng = np.random.default_rng(seed)
-    q, poses, qd, qdd = {}, {}, {}, {}
+    q = {}
+    poses = {}
+    qd = {}
+    qdd = {}
     for joint, k in tree.moving.items():
         member = tree.members[k]
         size = KINDS[member.kind].v
@@ -71,14 +78,16 @@ def states_of(tree: Tree, seed: int = SEED, count: tuple[int, int] = (RANDOM, AL
 
 def _bounds(member: Member) -> tuple[float, float]:
     reach = REACH[member.kind]
-    low, high = max(member.limits.lower, -reach), min(member.limits.upper, reach)
+    low = max(member.limits.lower, -reach)
+    high = min(member.limits.upper, reach)
     return (low, high) if high - low > 0.1 * reach else (-reach, reach)
 
 
 def _wave(rng: np.random.Generator, count: int, reach: float) -> Array:
     """Position, rate and acceleration (3, samples) of a Fourier series that stays within the reach [rad], [m]."""
     rate = 2 * np.pi / PERIOD * np.arange(1, WAVES + 1)[:, None]
-    size, phase = rng.dirichlet(np.ones(WAVES))[:, None] * reach, rng.uniform(0, 2 * np.pi, WAVES)[:, None]
+    size = rng.dirichlet(np.ones(WAVES))[:, None] * reach
+    phase = rng.uniform(0, 2 * np.pi, WAVES)[:, None]
     turn = rate * np.linspace(0.0, PERIOD, count) + phase
     return np.stack(
         [
@@ -110,17 +119,24 @@ def efforts(
     names = joints if joints is not None else {name: name for name in states.qd}
     back = {theirs: ours for ours, theirs in names.items()}
     count = len(next(iter(states.qd.values())))
-    q, qd = np.tile(mechanism.neutral, (count, 1)), np.zeros((count, mechanism.nv))
-    qdd, columns = np.zeros((count, mechanism.nv)), {}
+    q = np.tile(mechanism.neutral, (count, 1))
+    qd = np.zeros((count, mechanism.nv))
+    qdd = np.zeros((count, mechanism.nv))
+    columns = {}
     for joint in mechanism.joints:
         for k in range(2) if joint.kind == "universal" else (None,):
             name = joint.name if k is None else f"{joint.name}.{k + 1}"
             if name not in back or not joint.nv:
                 continue
-            own, at, vat = back[name], mechanism.q_slices[joint.name], mechanism.v_slices[joint.name]
+            own = back[name]
+            at = mechanism.q_slices[joint.name]
+            vat = mechanism.v_slices[joint.name]
             if k is not None:
-                at, vat = slice(at.start + k, at.start + k + 1), slice(vat.start + k, vat.start + k + 1)
-            q[:, at], qd[:, vat], qdd[:, vat] = _configuration(joint.kind, states, own), states.qd[own], states.qdd[own]
+                at = slice(at.start + k, at.start + k + 1)
+                vat = slice(vat.start + k, vat.start + k + 1)
+            q[:, at] = _configuration(joint.kind, states, own)
+            qd[:, vat] = states.qd[own]
+            qdd[:, vat] = states.qdd[own]
             columns[own] = vat
     torque = law(mechanism, q, qd, qdd)
     return {name: torque[:, vat] for name, vat in columns.items()}
@@ -143,16 +159,22 @@ def of_tree(tree: Tree, states: States) -> dict[str, Array]:
 
 def mapped(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> States:
     """Return states of A as states of B, by joint of A [rad], [m]."""
-    q, poses, qd, qdd = {}, {}, {}, {}
+    q = {}
+    poses = {}
+    qd = {}
+    qdd = {}
     for joint, k in tree.moving.items():
-        seat, kind = seats[joint], tree.members[k].kind
+        seat = seats[joint]
+        kind = tree.members[k].kind
         if kind in SCALARS:
             q[joint] = seat.sign * (states.q[joint] - seat.offset)
-            qd[joint], qdd[joint] = seat.sign * states.qd[joint], seat.sign * states.qdd[joint]
+            qd[joint] = seat.sign * states.qd[joint]
+            qdd[joint] = seat.sign * states.qdd[joint]
             continue
         back = _velocity_map(kind, seat.frame)
         poses[joint] = [on(on(inverse(seat.frame), pose), seat.frame) for pose in states.poses[joint]]
-        qd[joint], qdd[joint] = states.qd[joint] @ back.T, states.qdd[joint] @ back.T
+        qd[joint] = states.qd[joint] @ back.T
+        qdd[joint] = states.qdd[joint] @ back.T
     return States(q, poses, qd, qdd)
 
 

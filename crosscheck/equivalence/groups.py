@@ -30,7 +30,8 @@ FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction
 
 def missing_links(pair: Pair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
-    one, there = pair.one, moved(pair.seat.frame, pair.two.inertia)
+    one = pair.one
+    there = moved(pair.seat.frame, pair.two.inertia)
     ours = dict(one.parts)
     theirs = {name: moved(pair.seat.frame, body) for name, body in pair.two.parts}
     for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
@@ -47,7 +48,8 @@ def one_body(pair: Pair) -> list[Difference]:
     Bodies have counterparts by their names; or one body of either is what the whole of the other leaves beside its others,
     however the other merged or split them.
     """
-    ours, theirs = dict(pair.one.parts), {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
+    ours = dict(pair.one.parts)
+    theirs = {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
     if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
         found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
         # What is no more than rounding of turned frames is put right with it.
@@ -69,7 +71,8 @@ def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
     """The differences of one body of A, where those are fewer than those of the whole."""
     if len(ours) < max(2, len(pair.one.parts)):
         return []
-    whole, there = _named(body_differences(pair)), moved(pair.seat.frame, pair.two.inertia)
+    whole = _named(body_differences(pair))
+    there = moved(pair.seat.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
         rest = sum_of(other for own, other in ours.items() if own != name)
@@ -81,7 +84,8 @@ def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
 
 def _one_of_theirs(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
     """The difference of one body of B, where that body's alone stands for two or more of the whole."""
-    whole, one = list(body_differences(pair)), pair.one.inertia
+    whole = list(body_differences(pair))
+    one = pair.one.inertia
     if len(theirs) < max(2, len(pair.two.parts)) or len(_named(whole)) < 2:
         return []
     for name, body in theirs.items():
@@ -216,7 +220,8 @@ def _factor(first: Tree, difference: Difference, name: str) -> float | None:
     changes = [(k, value) for k, field_name, value in difference.changes if field_name == name]
     if len(changes) != 1:
         return None
-    before, after = _value(first.members[changes[0][0]], name).ravel(), np.asarray(changes[0][1]).ravel()
+    before = _value(first.members[changes[0][0]], name).ravel()
+    after = np.asarray(changes[0][1]).ravel()
     square = float(before @ before)
     factor = float(before @ after) / square if square else None
     if factor is None or np.abs(after - factor * before).max() > 1e-6 * max(np.abs(after).max(), np.abs(before).max()):

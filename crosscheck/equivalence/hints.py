@@ -67,7 +67,8 @@ def tensor_hints(one: Inertia, two: Inertia) -> tuple[str, ...]:
 
 
 def _tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
-    a, b = one.tensor, two.tensor
+    a = one.tensor
+    b = two.tensor
     scale = max(float(np.abs(a).max()), float(np.abs(b).max()))
     largest = float(np.abs(a).max())
     for factor, words in FACTORS.items():

@@ -138,7 +138,8 @@ def _minimal(
     bench: Bench, always: list[Difference], acting: list[Difference], whole: Mapping[str, Array], tolerance: float
 ) -> tuple[list[Difference], list[Difference]]:
     """Leave out, one after the other, what leaves no more than the tolerance; then all of a link, then all of rigid bodies."""
-    kept, unseen = list(acting), []
+    kept = list(acting)
+    unseen = []
 
     def left_out(group: list[Difference]) -> bool:
         rest = [d for d in kept if d not in group]

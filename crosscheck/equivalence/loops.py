@@ -127,7 +127,8 @@ def _gaps(one: Tied, other: Tied) -> tuple[float, float]:
 
 def _tied(side: Side) -> Iterator[Tied]:
     """Closures of one side, each with its ends in A's frames, the joint that comes first in the alphabet first."""
-    poses, number = side.tree.poses(), {member.name: k for k, member in enumerate(side.tree.members)}
+    poses = side.tree.poses()
+    number = {member.name: k for k, member in enumerate(side.tree.members)}
     for closure in side.mechanism.closures:
         if closure.kind == "coupling":
             continue
@@ -138,7 +139,8 @@ def _tied(side: Side) -> Iterator[Tied]:
 def _ordered(closure: Closure, ends: list[tuple[str, Placement]]) -> Tied:
     links = (closure.first.link, closure.second.link)
     if ends[1][0] < ends[0][0]:
-        ends, links = ends[::-1], links[::-1]
+        ends = ends[::-1]
+        links = links[::-1]
     return Tied(closure.kind, (ends[0][0], ends[1][0]), ends[0][1], ends[1][1], closure.axis, links)
 
 

@@ -22,7 +22,9 @@ DRIVES = {
     "friction": ("dry friction", "N m", "N"),
     "stiffness": ("spring stiffness", "N m/rad", "N/m"),
 }
-START, SIGN, ZERO = "pose at zero", "sign of coordinate", "zero of coordinate"
+START = "pose at zero"
+SIGN = "sign of coordinate"
+ZERO = "zero of coordinate"
 LEFT_LIMITS = (
     "its limits are the same numbers in both files, so that one of them allows other places: looks like a mistake"
 )
@@ -75,7 +77,9 @@ def differences(pair: Pair) -> Iterator[Difference]:
 
 def joint_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of kind, place, axis [m], [rad], and of how the coordinate counts."""
-    one, two, seat = pair.one, pair.two, pair.seat
+    one = pair.one
+    two = pair.two
+    seat = pair.seat
     if one.kind != two.kind:
         own = (pair.change("kind", two.kind), pair.change("axis", seat.frame.rotation @ two.axis))
         yield Difference("rigid", "kind of joint", pair.joint, 1.0, "-", one.kind, two.kind, own, structural=True)
@@ -106,8 +110,10 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
 
 
 def _placement(pair: Pair) -> Iterator[Difference]:
-    one, rest = pair.one, pair.seat.rest
-    way, turn = float(np.linalg.norm(rest.position)), angle(rest.rotation)
+    one = pair.one
+    rest = pair.seat.rest
+    way = float(np.linalg.norm(rest.position))
+    turn = angle(rest.rotation)
     target = on(one.placement, rest)
     if one.kind == "free":
         yield from _start(pair, target, way, turn)
@@ -150,14 +156,16 @@ def _start(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[D
 
 def body_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of mass [kg], centre of mass [m] and tensor [kg m^2] of a link."""
-    one, there = pair.one, moved(pair.seat.frame, pair.two.inertia)
+    one = pair.one
+    there = moved(pair.seat.frame, pair.two.inertia)
     if abs(there.mass - one.mass) > SAME * max(one.mass, there.mass):
         yield _scalar(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
     gap = float(np.linalg.norm(there.com - one.com))
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
         shown = vector_text(one.com), vector_text(there.com)
         hints = vector_hints(there.com, one.com)
-        changes, digits = (pair.change("com", there.com),), VECTOR * pair.of_body("com")
+        changes = (pair.change("com", there.com),)
+        digits = VECTOR * pair.of_body("com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
     elif gap > 0.0:
         yield Difference("rigid", "", pair.link, 0.0, "-", "", "", (pair.change("com", there.com),))
@@ -165,17 +173,21 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
     if off > SAME * max(float(np.abs(one.tensor).max()), float(np.abs(there.tensor).max())):
         shown = _tensor(one.tensor), _tensor(there.tensor)
         hints = tensor_hints(one.inertia, there)
-        changes, digits = (pair.change("tensor", there.tensor),), pair.of_body("tensor")
+        changes = (pair.change("tensor", there.tensor),)
+        digits = pair.of_body("tensor")
         yield Difference("rigid", "inertia tensor", pair.link, off, "kg m^2", *shown, changes, hints, printed=digits)
 
 
 def drive_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of rotor, damping, friction, spring, gear [-] and limits."""
-    one, two, seat = pair.one, pair.two, pair.seat
+    one = pair.one
+    two = pair.two
+    seat = pair.seat
     if one.kind == "fixed":
         return
     for name, (cause, turning, sliding) in DRIVES.items():
-        ours, theirs = getattr(one, name), getattr(two, name)
+        ours = getattr(one, name)
+        theirs = getattr(two, name)
         if abs(ours - theirs) > SAME * max(abs(ours), abs(theirs)):
             unit = sliding if one.kind == "prismatic" else turning
             yield _scalar(pair, "drive", cause, name, theirs, unit)
@@ -191,13 +203,15 @@ def drive_differences(pair: Pair) -> Iterator[Difference]:
 
 def _limits(pair: Pair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
-    ours, theirs = pair.one.limits, _mapped(pair.two.limits, pair.seat)
+    ours = pair.one.limits
+    theirs = _mapped(pair.two.limits, pair.seat)
     # Where the coordinate counts otherwise and its range was left, that is one thing, which the convention says.
     left = (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits)
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS[2:] if left else BOUNDS:
-        a, b = _binding(getattr(ours, name)), _binding(getattr(theirs, name))
+        a = _binding(getattr(ours, name))
+        b = _binding(getattr(theirs, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
             changes = (pair.change(f"limits {name}", b),)
@@ -217,7 +231,8 @@ def _binding(limit: float) -> float:
 
 def _left_limits(pair: Pair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
-    ours, theirs = pair.one.limits, pair.two.limits
+    ours = pair.one.limits
+    theirs = pair.two.limits
     if not np.isfinite(ours.lower) or not _close(ours, theirs):
         return ()
     seats = [pair.seat]

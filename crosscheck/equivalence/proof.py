@@ -24,12 +24,16 @@ from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
-SAMPLES, SEED = 16, 34
+SAMPLES = 16
+SEED = 34
 HELD = 1e-9  # of the range of a joint's effort
 SINGLE = 1e-5  # the same, of models in single precision
 # Rounding of a sum over the whole tree, relative to the largest effort: some hundred operations of 1e-16 each.
 ROUNDING = 1e-13
-PROVEN, SOURCE, UNPROVEN, LOST = "proven", "the source itself", "not proven", "not reproduced"
+PROVEN = "proven"
+SOURCE = "the source itself"
+UNPROVEN = "not proven"
+LOST = "not reproduced"
 
 
 @dataclass(frozen=True)

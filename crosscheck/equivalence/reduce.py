@@ -52,7 +52,8 @@ def _fixed_pairs(first: Tree, second: Tree) -> dict[int, int]:
 
 
 def _apart(one: Tree, two: Tree, pairs: dict[int, int], a: int, b: int) -> bool:
-    parent, other = one.members[a].parent, two.members[b].parent
+    parent = one.members[a].parent
+    other = two.members[b].parent
     return pairs.get(parent, -1) != other if parent >= 0 else other >= 0
 
 
@@ -63,7 +64,8 @@ def _held(tree: Tree, other: Tree, joints: dict[str, str], side: str) -> Iterato
     for name, k in tree.moving.items():
         if name in joints:
             continue
-        kind, without = tree.members[k].kind, "fixed" if name in fixed else "none"
+        kind = tree.members[k].kind
+        without = "fixed" if name in fixed else "none"
         if name in other.moving and other.members[other.moving[name]].kind != kind:
             if side == "A":
                 yield _other_kind(name, kind, other.members[other.moving[name]].kind)
@@ -96,11 +98,14 @@ def _rehung(one: Tree, two: Tree, pairs: dict[int, int]) -> tuple[Tree, dict[int
 
     Each that hangs elsewhere is a difference.  Returned are the tree, and the numbers of the second by those of the first.
     """
-    back, found, poses = {b: a for a, b in pairs.items()}, [], one.poses()
+    back = {b: a for a, b in pairs.items()}
+    found = []
+    poses = one.poses()
     members = []
     for other, index in sorted(back.items()):
         parent = two.members[other].parent
-        carrier, member = back.get(parent, -1), one.members[index]
+        carrier = back.get(parent, -1)
+        member = one.members[index]
         if carrier != member.parent:
             a_name, b_name = (one.members[k].name if k >= 0 else "world" for k in (member.parent, carrier))
             where = f"joint {member.joint}"

@@ -22,7 +22,10 @@ WORDS = {
     "convention": "conventions",
     "limits": "limits",
 }
-EQUAL, DIFFERENT, INCOMPARABLE, NOT_PROVEN = "equal", "different", "not comparable", "not proven"
+EQUAL = "equal"
+DIFFERENT = "different"
+INCOMPARABLE = "not comparable"
+NOT_PROVEN = "not proven"
 CODES = {EQUAL: 0, DIFFERENT: 1, INCOMPARABLE: 2, NOT_PROVEN: 2}
 REPAIRED = 1e-9  # of range: what a repair may leave
 

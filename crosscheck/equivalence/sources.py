@@ -75,7 +75,8 @@ def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
 
     So is gravity [m/s^2], which a URDF does not state.  Two of one name are told apart by their folders.  Raises InputError.
     """
-    first, second = describe(a), describe(b)
+    first = describe(a)
+    second = describe(b)
     if _floats(first) != _floats(second):
         first = _freed(first, a) if not first.root_stated and _floats(second) else first
         second = _freed(second, b) if not second.root_stated and _floats(first) else second
@@ -85,7 +86,8 @@ def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
         labels = list(_apart(*names))
         if labels[0] == labels[1]:
             labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
-        first, second = replace(first, label=labels[0]), replace(second, label=labels[1])
+        first = replace(first, label=labels[0])
+        second = replace(second, label=labels[1])
     return first, second
 
 
@@ -274,7 +276,8 @@ def _live(source: Any) -> Description:
         if engine.requires not in sys.modules or "-" in engine.name:
             continue
         adapter: Any = loaded(engine.module)
-        lifts, lift = offered(adapter, "lifts"), offered(adapter, "lift")
+        lifts = offered(adapter, "lifts")
+        lift = offered(adapter, "lift")
         if lifts is not None and lift is not None and lifts(source):
             found: Description = lift(source)
             return replace(found, reader=engine.name)

@@ -131,7 +131,8 @@ class Tree:
 
     def changed(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
         """Return the tree with other fields, (member or -1 for the tree itself, field, value) each [unit of it]."""
-        members, own = list(self.members), {}
+        members = list(self.members)
+        own = {}
         for index, name, value in changes:
             if index < 0:
                 own[name] = value
@@ -199,7 +200,10 @@ def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
 
     What is merged into the world is left out, but for its pose where it carries a member: it does not move.
     """
-    still, number, seats, members = set(still), {-1: -1}, {-1: (-1, Placement())}, []  # type: ignore[var-annotated]
+    still = set(still)
+    number = {-1: -1}
+    seats = {-1: (-1, Placement())}
+    members = []  # type: ignore[var-annotated]
     for k, member in enumerate(tree.members):
         carrier, place = seats[member.parent]
         here = on(place, member.placement)

@@ -31,7 +31,9 @@ WIDEST = 2.0  # half width of 95 % of a normal distribution: more would be a ban
 USUAL = 0.6  # of the samples have at most the sd that is meant by it: where a joint nearly stands it is wider
 NORMAL = 1.6448536269514722  # half width of 90 % of a normal distribution, in standard deviations
 TURNS = 6  # rates v_0 that are tried: so many steps of 2 from that below which a joint stands
-LEAST, MOST = 1e-4, 1e2  # of the mean square: where a and b stop
+# of the mean square: where a and b stop
+LEAST = 1e-4
+MOST = 1e2
 MORE = 2  # numbers that s(v) has beside a constant: each is worth 2 of the cost (Akaike), neighbours that agree count as one
 
 
@@ -127,9 +129,11 @@ def margins(task: Problem, found: Fit) -> Margins:
     machine = task.machine
     rates = task.pick([_rates(machine, run) for run in task.runs])
     extra = task.pick([_of_runs(machine, found, run) for run in task.runs])
-    out, factor = [], []
+    out = []
+    factor = []
     for c, (channel, rate, more) in enumerate(zip(machine.channels, rates, extra, strict=True)):
-        held, unsure = found.held[c], found.unsure[c]
+        held = found.held[c]
+        unsure = found.unsure[c]
         slowest = machine.settings.still_rad_per_s
         known = channel.sense == "effort" and slowest > 0.0
         law = scatter(rate, held, unsure, float(found.agree[c]), slowest) if known else None
@@ -165,7 +169,8 @@ def _of_parameters(machine: Machine, found: Fit, run: Run, value: Array) -> Arra
 
 def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
     """Scatter of friction between runs, and what a joint holds while it stands, (samples, channels)."""
-    values, spacing = machine.space.values(found.z), float(run.time[1] - run.time[0])
+    values = machine.space.values(found.z)
+    spacing = float(run.time[1] - run.time[0])
     columns = []
     for channel in machine.channels:
         if channel.sense != "effort":
@@ -210,9 +215,12 @@ def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_
     A prediction is nan where there is none, outside of all blocks: "all samples" are those that it has.
     """
     assert run.measured is not None
-    counted, out = run.counted if chosen is None else chosen, []
+    counted = run.counted if chosen is None else chosen
+    out = []
     for c, channel in enumerate(machine.channels):
-        u, y, known = counted[:, c], run.measured[:, c], np.isfinite(told.value[:, c])
+        u = counted[:, c]
+        y = run.measured[:, c]
+        known = np.isfinite(told.value[:, c])
         if u.sum() < 10:
             continue
         e = y[u] - told.value[u, c]

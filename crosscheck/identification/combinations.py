@@ -83,13 +83,15 @@ def _pursued(information: Array, k: int) -> tuple[list[int], float]:
     whole = float(information[k, k])
     rest = whole
     while rest > 1.0 and len(others) < MOST:
-        best, least = -1, rest
+        best = -1
+        least = rest
         for j in range(len(information)):
             if j == k or j in others or information[j, j] <= 0.0:
                 continue
             now = _rest(information, k, [*others, j])
             if now < least:
-                best, least = j, now
+                best = j
+                least = now
         if best < 0 or least > 0.9 * rest:
             break
         others.append(best)
@@ -122,7 +124,8 @@ def _physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
         ]
         slope[np.ix_(here, here)] = np.column_stack(columns) * errors
         for k, quantity, unit in zip(here, QUANTITIES, UNITS, strict=True):
-            keys[k], units[k] = (quantity, name), unit
+            keys[k] = (quantity, name)
+            units[k] = unit
     return keys, units, slope
 
 

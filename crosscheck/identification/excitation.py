@@ -21,7 +21,9 @@ from crosscheck.identification.response import Measured, response
 Array = NDArray[np.float64]
 HARMONICS = 5
 RAMP = 0.1  # of the duration, from rest and to rest
-CANDIDATES, REFINED = 12, 12  # series drawn, and small changes of the best one
+# series drawn, and small changes of the best one
+CANDIDATES = 12
+REFINED = 12
 SHRINK = 0.3  # size of the changes
 ALLOWED = 0.9  # of a limit
 
@@ -52,7 +54,9 @@ def proposed_motion(machine: Machine, found: Fit, log: Log, seconds: float = 10.
         tried = random.normal(size=shape) if k < CANDIDATES else best + SHRINK * random.normal(size=shape)
         score, variance = _score(machine, found, tried, seconds, bounds)
         if score < least:
-            best, least, after = tried, score, variance
+            best = tried
+            least = score
+            after = variance
     before = np.sqrt(np.diag(found.covariance))
     names = machine.space.names()
     news = [k for k in range(len(names)) if np.sqrt(after[k]) < TOLD <= before[k]]
@@ -68,9 +72,11 @@ Bounds = tuple[float, float, float]  # middle, half range, largest rate
 
 def _bounds(machine: Machine, seen: Measured, k: int) -> Bounds:
     limits = machine.mechanism.joint_of[seen.names[k]].limits
-    low, high = seen.q[:, k].min(), seen.q[:, k].max()
+    low = seen.q[:, k].min()
+    high = seen.q[:, k].max()
     if np.isfinite([limits.lower, limits.upper]).all():
-        low, high = limits.lower, limits.upper
+        low = limits.lower
+        high = limits.upper
     rate = limits.velocity if np.isfinite(limits.velocity) else float(np.abs(seen.qd[:, k]).max())
     return float(low + high) / 2.0, ALLOWED * float(high - low) / 2.0, ALLOWED * float(rate)
 

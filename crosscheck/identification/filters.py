@@ -47,8 +47,10 @@ def _forth_and_back(x: Array, spacing: float, bandwidth: float) -> Array:
     sections, rest = _sections(spacing, bandwidth)
     count = x.shape[1]
     pad = min(count - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
-    ahead, behind = 2.0 * x[:, :1] - x[:, pad:0:-1], 2.0 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
-    longer, at = np.hstack([ahead, x, behind]), rest[:, None, :]
+    ahead = 2.0 * x[:, :1] - x[:, pad:0:-1]
+    behind = 2.0 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
+    longer = np.hstack([ahead, x, behind])
+    at = rest[:, None, :]
     forth = sosfilt(sections, longer, zi=at * longer[:, :1])[0]
     back = sosfilt(sections, forth[:, ::-1], zi=at * forth[:, -1:])[0]
     return np.ascontiguousarray(back[:, ::-1][:, pad : pad + count])
@@ -77,7 +79,8 @@ def _sampled(spacing: float, frequency: float, damping: float) -> tuple[Array, A
     """Numerator, denominator, and the state in which the filter stands still on 1."""
     w = 2.0 * np.pi * frequency
     numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * damping * w, w * w]), spacing, "foh")
-    b, a = np.ravel(numerator), np.ravel(denominator)
+    b = np.ravel(numerator)
+    a = np.ravel(denominator)
     return b, a, lfilter_zi(b, a)
 
 

@@ -110,7 +110,8 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     z = _scanned(task, measured, z) if start is None else z
     told = noise(_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
     for _ in range(ROUNDS):
-        (z, slopes), last = _minimum(task, measured, told.weight, z, mean, root), told.weight
+        z, slopes = _minimum(task, measured, told.weight, z, mean, root)
+        last = told.weight
         told = noise(_residuals(task, measured, z), slopes, root)
         if np.abs(told.weight / last - 1.0).max() < STEADY:
             break
@@ -134,7 +135,8 @@ def _scanned(task: Problem, measured: list[Array], z: Array) -> Array:
             tried[k] += step
             cost = left(tried)
             if cost < least:
-                z, least = tried, cost
+                z = tried
+                least = cost
     return z
 
 
@@ -217,7 +219,9 @@ def _leave_out(
 
     One Gauss-Newton step: (H - J_b^T J_b) dz = -J_b^T r_b;  variance J_b (H - J_b^T J_b)^-1 J_b^T.
     """
-    moved, held, unsure = [], [np.zeros_like(e) for e in errors], [np.zeros_like(e) for e in errors]
+    moved = []
+    held = [np.zeros_like(e) for e in errors]
+    unsure = [np.zeros_like(e) for e in errors]
     for block in np.unique(np.concatenate(label)):
         rows = [k == block for k in label]
         inside = [j[r] for j, r in zip(scaled, rows, strict=True)]

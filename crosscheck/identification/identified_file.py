@@ -42,7 +42,8 @@ Tables = dict[str, dict[str, tuple[Any, str]]]
 
 def write_identified(found: Identified, base: Path, file: Path) -> None:
     """Write the overlay of a mechanism file [kg], [m], [kg m^2], [N m s/rad], [N m]; base : that file; file : where to write."""
-    mechanism, space = found.machine.mechanism, found.machine.space
+    mechanism = found.machine.mechanism
+    space = found.machine.space
     data = read_layers(base)[0]
     rows = {(row.parameter, row.place): row for row in found.parameters}
     tables: Tables = {}
@@ -66,12 +67,14 @@ def _words(row: Row) -> str:
 def _links(found: Identified, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> None:
     if "urdf" in data:
         return
-    mechanism, space = found.machine.mechanism, found.machine.space
+    mechanism = found.machine.mechanism
+    space = found.machine.space
     ten = ten_of(space, mechanism, space.values(found.fit.z))
     for k, link in enumerate(mechanism.links):
         if link.name not in space.factors:
             continue
-        mass, com = float(ten[k][0]), ten[k][1:4] / ten[k][0]
+        mass = float(ten[k][0])
+        com = ten[k][1:4] / ten[k][0]
         own = {q: rows[q, link.name] for q in LINKS}
         inertia = {n: own[f"I{n}"].value for n in ("xx", "yy", "zz", "xy", "xz", "yz")}
         inside = "; ".join(f"{n} {_words(own[f'I{n}'])}" for n in ("xx", "yy", "zz"))

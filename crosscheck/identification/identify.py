@@ -104,8 +104,10 @@ def identify(
     def told_of(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:
         return [(run, predict(machine, found, q, run)) for run in some]
 
-    shown, others = told_of(runs), told_of([make_run(machine, log) for log in held])
-    seen, unseen = judged(machine, shown), judged(machine, others)
+    shown = told_of(runs)
+    others = told_of([make_run(machine, log) for log in held])
+    seen = judged(machine, shown)
+    unseen = judged(machine, others)
     words = failures(machine, [*given, *held], [*seen, *unseen]) + words
     return Identified(machine, task, found, q, table, seen, unseen, shown, others, words)
 

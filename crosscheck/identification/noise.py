@@ -46,7 +46,8 @@ def noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Array) -> N
     seen = [autocovariance(r) for r in residuals]
     behind = [_alike(own) for own in seen]
     lasting = np.array([r.mean() for r in residuals])
-    told, spectra = _noise(behind, lasting), [_Slopes.of(j) for j in slopes]
+    told = _noise(behind, lasting)
+    spectra = [_Slopes.of(j) for j in slopes]
     for _ in range(ROUNDS):
         before = told
         behind = [_alike(own + more) for own, more in zip(seen, _taken(behind, told, spectra, root), strict=True)]

@@ -206,7 +206,8 @@ def _one(
 ) -> Parameter:
     joint = mechanism.joint_of.get(place)
     slides = joint is not None and joint.kind == "prismatic"
-    unit, known = kind.unit[slides], before(mechanism, settings, kind, place) if value is None else value
+    unit = kind.unit[slides]
+    known = before(mechanism, settings, kind, place) if value is None else value
     if kind.positive and known <= 0.0:
         raise InputError(
             f"identify.toml, [[free]] {kind.name} of {place}: nothing is known of it before (the mechanism says 0), expected "
@@ -258,7 +259,8 @@ def with_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
     for link in mechanism.links:
         beam = link.beam
         if beam is not None:
-            factor, section = values.get(("beam stiffness", link.name), 1.0), beam.section
+            factor = values.get(("beam stiffness", link.name), 1.0)
+            section = beam.section
             rate = values.get(("beam damping", link.name))
             stiff = section.stiffness * factor
             stiff[:, GJ] *= values.get(("torsion stiffness", link.name), 1.0)

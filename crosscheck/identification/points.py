@@ -86,7 +86,8 @@ class PointMotion:
 
 def point_motion(settings: IdentifyTable, mesh: Mesh, nodes: NodalMotion) -> PointMotion:
     """Return the motion of the sensors of a mechanism that `with_points` has given nodes for them [m], [m/s^2]."""
-    sensors, samples = point_sensors(settings), len(nodes.x)
+    sensors = point_sensors(settings)
+    samples = len(nodes.x)
     x, a = np.zeros((2, samples, len(sensors)))
     axis = np.zeros((samples, len(sensors), 3))
     for k, sensor in enumerate(sensors):

@@ -18,7 +18,9 @@ from flexinv.model.mechanism import Joint, Mechanism
 
 SMALL = 0.05  # of the effort's spread: a first value of what the mechanism says nothing of: friction, rotor inertia
 QUICK = 0.02  # of the largest rate: slower joints stand
-KNOWN, UNKNOWN = 0.5, 1.5  # relative errors of friction and rotor inertia: with and without a value of the mechanism
+# relative errors of friction and rotor inertia: with and without a value of the mechanism
+KNOWN = 0.5
+UNKNOWN = 1.5
 DRAWN = 0.2  # relative error of masses that are drawn, not weighed
 LOAD = 0.1  # of the mass that moves: a tool or payload that nobody wrote down
 WIDEST = 2.5  # relative error of a mass: a factor of twelve
@@ -103,7 +105,9 @@ def _free(mechanism: Mechanism, log: Log, found: Found) -> Iterator[str]:
     for name, own in found.items():
         if "effort" not in own:
             continue
-        joint, column, (rate, acceleration) = mechanism.joint_of[name], own["effort"], quickest[name]
+        joint = mechanism.joint_of[name]
+        column = own["effort"]
+        rate, acceleration = quickest[name]
         spread = float(np.std(log.column(column.name))) * EFFORTS[column.unit]
         small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _at_motor(column) else 1.0)
         known = {

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 NAMES = ("a", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
 # Rows and columns of the tensor in the order of `flexinv.rigid.torque_regressor`: xx, xy, yy, xz, yz, zz.
-ROWS, COLUMNS = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
+ROWS = [0, 0, 1, 0, 1, 2]
+COLUMNS = [0, 1, 1, 2, 2, 2]
 QUANTITIES = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", "m", "m", "m", *("kg m^2",) * 6)
 
@@ -50,7 +51,8 @@ def believable(ten: Array, radius: float) -> Array:
     A point mass has no inertia of its own, and no logarithm: S about the centre of mass is raised to m radius^2 / 3 per axis.
     """
     pseudo = pseudo_inertia(ten)
-    mass, h = pseudo[3, 3], pseudo[:3, 3]
+    mass = pseudo[3, 3]
+    h = pseudo[:3, 3]
     spread = pseudo[:3, :3] - np.outer(h, h) / mass
     values, vectors = np.linalg.eigh(spread)
     raised = vectors @ np.diag(np.maximum(values, mass * radius**2 / 3.0)) @ vectors.T
@@ -83,7 +85,8 @@ def widths(factor: Array, relative: float) -> Array:
 
 def about_com(ten: Array) -> Array:
     """Return mass [kg], centre of mass [m] and inertia about it [kg m^2], (..., 10), of m, h, I (..., 10) about the origin."""
-    mass, c = ten[..., :1], ten[..., 1:4] / ten[..., :1]
+    mass = ten[..., :1]
+    c = ten[..., 1:4] / ten[..., :1]
     outer = c[..., :, None] * c[..., None, :]
     steiner = np.trace(outer, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - outer
     return np.concatenate([mass, c, ten[..., 4:] - mass * steiner[..., ROWS, COLUMNS]], axis=-1)

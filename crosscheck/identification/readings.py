@@ -98,7 +98,8 @@ class Machine:
         for name, gauge in self.settings.gauges.items():
             out.append(Channel(f"gauge/{name}", "rad", name, "gauge", 1.0, ANGLES[gauge.unit], gauge.column))
         for one in point_sensors(self.settings):
-            name, unit = f"{one.kind}/{one.place}", POINT_UNITS[one.kind]
+            name = f"{one.kind}/{one.place}"
+            unit = POINT_UNITS[one.kind]
             out.append(Channel(name, unit, one.place, one.kind, 1.0, self._point_factor(one), one.column))
         return tuple(out)
 
@@ -108,7 +109,8 @@ class Machine:
         return ACCELERATIONS[self.settings.accelerometers[one.name].unit]
 
     def _factor(self, name: str) -> float:
-        effort, joint = self.settings.joints[name].effort, self.mechanism.joint_of[name]
+        effort = self.settings.joints[name].effort
+        joint = self.mechanism.joint_of[name]
         assert effort is not None
         if effort.unit != "A":
             return EFFORTS[effort.unit]
@@ -128,14 +130,16 @@ def motion_of(machine: Machine, log: Log) -> Measured:
 
     Raises InputError: a column missing, constant numbers where every joint stands, angles in degrees that are said to be radians.
     """
-    settings, time = machine.settings, log.time - log.time[0]
+    settings = machine.settings
+    time = log.time - log.time[0]
     bandwidth = min(settings.motion_Hz or WIDER * settings.bandwidth_Hz, HIGHEST / log.spacing)
     if settings.bandwidth_Hz > HIGHEST / log.spacing:
         raise InputError(
             f"{log.name}: sampled at {1 / log.spacing:.4g} Hz, too slow for a bandwidth of {settings.bandwidth_Hz:g} Hz; "
             f"write bandwidth_Hz = {0.3 / log.spacing:.3g} or less in identify.toml"
         )
-    columns, rates = [], {}
+    columns = []
+    rates = {}
     for k, (name, table) in enumerate(settings.joints.items()):
         raw = log.column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
         _check_angle(machine, log, name, raw)
@@ -145,7 +149,8 @@ def motion_of(machine: Machine, log: Log) -> Measured:
     grid = time.tobytes()
     q, qd, qdd = (np.column_stack(parts) for parts in zip(*(_splined(grid, c.tobytes()) for c in columns), strict=True))
     for k, rate in rates.items():
-        qd[:, k], qdd[:, k] = rate, CubicSpline(time, rate)(time, 1)
+        qd[:, k] = rate
+        qdd[:, k] = CubicSpline(time, rate)(time, 1)
     return Measured(time, tuple(settings.joints), q, qd, qdd)
 
 
@@ -185,7 +190,8 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
 
     once : its response is asked for at one set of values
     """
-    settings, motion = machine.settings, motion_of(machine, log)
+    settings = machine.settings
+    motion = motion_of(machine, log)
     sliding = np.column_stack(
         [
             np.ones(len(log.time), dtype=bool)
@@ -296,7 +302,8 @@ def drive_effort(machine: Machine, joint: str, rate: Array, acceleration: Array,
 @lru_cache(maxsize=64)  # a difference quotient by one parameter leaves most joints as they were
 def _drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float, ...]) -> Array:
     """The effort of a rotor and of friction (samples,) by its seven numbers."""
-    v, a = np.frombuffer(rate), np.frombuffer(acceleration)
+    v = np.frombuffer(rate)
+    a = np.frombuffer(acceleration)
     rotor, viscous, coulomb, turn, share, wide, skew = numbers
     side = np.tanh(v / turn)
     dry = coulomb * side * (1.0 + share * np.exp(-((v / wide) ** 2))) + skew * np.abs(side)

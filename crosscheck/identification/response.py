@@ -86,7 +86,8 @@ def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
     """Return the mechanism whose links carry one body each with m, h, I (10,) [kg], [kg m], [kg m^2]."""
 
     def body(name: str, ten: Array) -> tuple[Body, ...]:
-        mass, com = ten[0], ten[1:4] / ten[0]
+        mass = ten[0]
+        com = ten[1:4] / ten[0]
         tensor = np.zeros((3, 3))
         tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
         tensor -= mass * (com @ com * np.eye(3) - np.outer(com, com))
@@ -185,7 +186,8 @@ def _by_regressor(
     def matrix(gravity: Array) -> Array:
         return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
 
-    gravity, known = np.asarray(mechanism.gravity), {p.key for p in space.parameters}
+    gravity = np.asarray(mechanism.gravity)
+    known = {p.key for p in space.parameters}
     level = torque_regressor(mechanism, q, qd, qdd).matrix[:, rows]
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
     slopes = [(matrix(tilted(gravity, *(TILT * np.eye(2)["xy".index(k[-1])]))) - level) / TILT for k in free_tilts]
@@ -225,10 +227,12 @@ def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array
     q = np.tile(mechanism.neutral, (len(motion.time), 1))
     qd, qdd = np.zeros((2, len(motion.time), mechanism.nv))
     for k, name in enumerate(motion.names):
-        part, row = mechanism.q_slices[name], mechanism.v_slices[name].start
+        part = mechanism.q_slices[name]
+        row = mechanism.v_slices[name].start
         angle = motion.q[:, k : k + 1]
         q[:, part] = angle if part.stop - part.start == 1 else np.hstack([np.cos(angle), np.sin(angle)])
-        qd[:, row], qdd[:, row] = motion.qd[:, k], motion.qdd[:, k]
+        qd[:, row] = motion.qd[:, k]
+        qdd[:, row] = motion.qdd[:, k]
     return q, qd, qdd
 
 
@@ -301,7 +305,8 @@ def _linear_in_masses(
 
     def columns(values: Mapping[Key, float]) -> Told:
         (level, _, points), state = marched(values, known)
-        base, out = efforts(values, known, state), []
+        base = efforts(values, known, state)
+        out = []
         for name, ten in known.items():
             for k in range(PARAMETERS):
                 size = max(abs(float(ten[k])), 1e-3 * float(ten[0]))

@@ -247,10 +247,8 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
             _check_point(point, mechanism, top.inner(kind).inner(name))
     for free in table.free:
         if free.relative is None and free.error is None:
-            given, expected = (
-                f"[[free]] {free.parameter} without either",
-                "relative [-] or error [unit]: a believable error",
-            )
+            given = f"[[free]] {free.parameter} without either"
+            expected = "relative [-] or error [unit]: a believable error"
             raise top.inner("free").wrong("relative", given, expected, "relative = 0.3")
     if table.night is not None and bool(table.night.hold_out) == (table.night.blocks is not None):
         given = "both" if table.night.hold_out else "neither hold_out nor blocks"

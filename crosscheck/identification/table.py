@@ -56,7 +56,8 @@ def rows(space: Space, found: Fit) -> list[Row]:
     values, vectors = np.linalg.eigh(found.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     normal = random.normal(size=(DRAWS, count))
-    after, before = found.z + normal @ root.T, random.normal(size=(DRAWS, count))
+    after = found.z + normal @ root.T
+    before = random.normal(size=(DRAWS, count))
     keys = [p.key for p in space.parameters]
     out: list[Row] = []
     for k, one in enumerate(space.parameters):
@@ -70,7 +71,8 @@ def rows(space: Space, found: Fit) -> list[Row]:
         errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])
         at = [keys.index((MASS, f"{name}.{n}")) for n in NAMES]
         value, known = (about_com(moved(factor, errors * drawn[:, at])) for drawn in (after, before))
-        here, there = about_com(moved(factor, errors * found.z[at])), about_com(moved(factor, np.zeros(len(NAMES))))
+        here = about_com(moved(factor, errors * found.z[at]))
+        there = about_com(moved(factor, np.zeros(len(NAMES))))
         for k, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
             told = bool(np.std(value[:, k]) < TOLD * np.std(known[:, k]))
             out.append(_row((quantity, name, unit), float(here[k]), value[:, k], float(there[k]), known[:, k], told))

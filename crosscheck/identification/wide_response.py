@@ -20,7 +20,9 @@ from scipy.signal.windows import hann
 Array = NDArray[np.float64]
 PERIODS = (3.0, 8.0)  # of the bandwidth in a segment, at least and at most
 HIGHEST = 0.4  # of the sampling rate
-SEGMENTS, LEAST = 13, 6  # that make a good spectrum of a short log, and one at all
+# that make a good spectrum of a short log, and one at all
+SEGMENTS = 13
+LEAST = 6
 SEEN = 0.2  # least coherence^2 of a frequency that says anything
 NEIGHBOURS = 1.5  # frequencies that say the same behind a Hann window
 PHASE = 0.5  # [rad] by which a rotor inertia alone misses the phase of a drive
@@ -63,14 +65,16 @@ def wide_response(angle: Array, effort: Array, spacing: float, bandwidth: float)
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
 def _response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) -> WideResponse | None:
-    angle, effort = np.frombuffer(columns), np.frombuffer(efforts)
+    angle = np.frombuffer(columns)
+    effort = np.frombuffer(efforts)
     least, most = (round(periods / (bandwidth * spacing)) for periods in PERIODS)
     count = max(least, min(most, 2 * len(angle) // (SEGMENTS + 1)))
     segments = 2 * len(angle) // max(count, 1) - 1
     if segments < LEAST or bandwidth > 0.5 * HIGHEST / spacing:
         return None
     bend = np.diff(angle, 2) / spacing**2
-    a, e = _segments(bend.tobytes(), count), _segments(effort[1:-1].tobytes(), count)
+    a = _segments(bend.tobytes(), count)
+    e = _segments(effort[1:-1].tobytes(), count)
     frequency = np.fft.rfftfreq(count, spacing)
     own, other, both = (np.mean(s, axis=0) for s in (np.abs(a) ** 2, np.abs(e) ** 2, a.conj() * e))
     kept = (frequency >= bandwidth) & (frequency <= HIGHEST / spacing) & (own > 0.0)

@@ -70,7 +70,8 @@ def case_file(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseFile
     """Return all that ``case.json`` says; refinement : times [-] by which step and mesh are to be finer."""
     if refinement > 1:
         case = replace(case, step=case.step / refinement)
-    said, asked = mechanism_data(mechanism), case_data(mechanism, case, refinement)
+    said = mechanism_data(mechanism)
+    asked = case_data(mechanism, case, refinement)
     plain = {"mechanism": said.model_dump(mode="json"), "case": asked.model_dump(mode="json")}
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
     return CaseFile(format=FORMAT, digest=digest, mechanism=said, case=asked)
@@ -230,7 +231,8 @@ def _beam(beam: Beam) -> BeamData:
 
 
 def _joint(joint: Joint) -> JointData:
-    q, v = KINDS[joint.kind].q, KINDS[joint.kind].v
+    q = KINDS[joint.kind].q
+    v = KINDS[joint.kind].v
     plain = {
         key: getattr(joint, key)
         for key in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight")

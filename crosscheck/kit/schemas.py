@@ -96,7 +96,8 @@ def _alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:
 
 def _reached(root: str, definitions: dict[str, Any]) -> dict[str, Any]:
     """Return the definitions that a schema uses."""
-    found, ahead = {root}, [root]
+    found = {root}
+    ahead = [root]
     while ahead:
         refs = {part["$ref"].rsplit("/", 1)[-1] for part in _parts(definitions[ahead.pop()]) if "$ref" in part}
         ahead += refs - found

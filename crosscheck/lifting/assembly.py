@@ -83,7 +83,8 @@ def assembled(
     Raises InputError for a loop that a joint closes for which there is no closure.
     """
     every = list(joints)
-    waiting, spare = [one for one in every if not one.closes], [one for one in every if one.closes]
+    waiting = [one for one in every if not one.closes]
+    spare = [one for one in every if one.closes]
     frames: dict[str, Placement] = {WORLD: Placement()}
     made: list[Joint] = []
     stack = [WORLD]

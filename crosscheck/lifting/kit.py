@@ -38,7 +38,8 @@ def lift_kit(path: Path) -> Description:
         first = next((one for one in error.errors() if one["loc"] == ("format",)), error.errors()[0])
         where = ".".join(map(str, first["loc"])) or "the top of the file"
         if where == "format" and str(first["input"]).startswith("crosscheck-case/"):
-            given, known = f'format "{first["input"]}"', f'"{FORMAT}": this crosscheck knows no other'
+            given = f'format "{first["input"]}"'
+            known = f'"{FORMAT}": this crosscheck knows no other'
             raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
         raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
     features = tuple(attached_features(said.springs, said.forces))

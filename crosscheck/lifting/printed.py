@@ -34,7 +34,9 @@ def printed_of_urdf(robot: Element) -> dict[tuple[str, str], float]:
     for link in robot.findall("link"):
         found.update(_inertial(link))
     for joint in robot.findall("joint"):
-        name, origin, axis = joint.get("name", ""), joint.find("origin"), joint.find("axis")
+        name = joint.get("name", "")
+        origin = joint.find("origin")
+        axis = joint.find("axis")
         found[name, "position"] = half_digit(_get(origin, "xyz"))
         found[name, "rotation"] = half_digit(_get(origin, "rpy"))
         found[name, "axis"] = half_digit(_get(axis, "xyz"))
@@ -46,11 +48,14 @@ def printed_of_urdf(robot: Element) -> dict[tuple[str, str], float]:
 
 
 def _inertial(link: Element) -> Iterator[tuple[tuple[str, str], float]]:
-    name, inertial = link.get("name", ""), link.find("inertial")
+    name = link.get("name", "")
+    inertial = link.find("inertial")
     if inertial is None:
         return
-    origin, entries = inertial.find("origin"), inertial.find("inertia")
-    turn, texts = half_digit(_get(origin, "rpy")), [_get(entries, key) for key in INERTIAS]
+    origin = inertial.find("origin")
+    entries = inertial.find("inertia")
+    turn = half_digit(_get(origin, "rpy"))
+    texts = [_get(entries, key) for key in INERTIAS]
     yield (name, "mass"), half_digit(_get(inertial.find("mass"), "value"))
     yield (name, "com"), half_digit(_get(origin, "xyz"))
     yield (name, "tensor"), max(map(half_digit, texts)) + turn * _largest(texts)
@@ -75,7 +80,8 @@ def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
     found: dict[tuple[str, str], float] = {}
     poses: dict[str, tuple[float, float]] = {}
     for link in root.iter("link"):
-        name, inertial = link.get("name", ""), link.find("inertial")
+        name = link.get("name", "")
+        inertial = link.find("inertial")
         poses[name] = _pose_digits(link)
         if inertial is not None:
             way, turn = _pose_digits(inertial)
@@ -84,7 +90,8 @@ def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
             found[name, "com"] = way
             found[name, "tensor"] = max(map(half_digit, texts)) + turn * _largest(texts)
     for joint in root.iter("joint"):
-        name, none = joint.get("name", ""), (0.0, 0.0)
+        name = joint.get("name", "")
+        none = (0.0, 0.0)
         ends = [poses.get((joint.findtext(end) or "").strip(), none) for end in ("parent", "child")]
         way, turn = (sum(digits[k] for digits in (*ends, _pose_digits(joint))) for k in (0, 1))
         found[name, "rotation"] = turn
@@ -102,8 +109,10 @@ def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits that an MJCF's bodies and joints state themselves: [kg], [m], [kg m^2], [-]."""
     found: dict[tuple[str, str], float] = {}
     for body, way, turn in _bodies(root, 0.0, 0.0):
-        name, inertial = body.get("name", ""), body.find("inertial")
-        found[name, "position"], found[name, "rotation"] = way, turn
+        name = body.get("name", "")
+        inertial = body.find("inertial")
+        found[name, "position"] = way
+        found[name, "rotation"] = turn
         if inertial is not None:
             texts = (inertial.get("diaginertia"), inertial.get("fullinertia"))
             words = [word for text in texts for word in (text or "").split()]
@@ -112,7 +121,8 @@ def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
             found[name, "tensor"] = half_digit(" ".join(words)) + 2 * half_digit(inertial.get("quat")) * _largest(words)
         for joint in body.iter("joint"):
             own = joint.get("name", "")
-            found[own, "position"], found[own, "rotation"] = way + half_digit(joint.get("pos")), turn
+            found[own, "position"] = way + half_digit(joint.get("pos"))
+            found[own, "rotation"] = turn
             found[own, "axis"] = half_digit(joint.get("axis"))
             for key, ours in (("armature", "rotor_inertia"), ("damping", "damping"), ("frictionloss", "friction")):
                 found[own, ours] = half_digit(joint.get(key))

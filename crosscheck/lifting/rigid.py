@@ -77,7 +77,8 @@ def quaternion(rotation: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Return a x b [any unit] of two plain vectors (3,): numpy's own takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 

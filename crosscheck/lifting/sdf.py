@@ -77,7 +77,8 @@ def _model(model: Element, scope: str, path: Path, found: Stated) -> None:
         return
     inner = _scoped(scope, model.get("name", ""))
     for link in model.findall("link"):
-        name, where = _scoped(inner, link.get("name", "")), f'{path}: <link name="{link.get("name", "")}">'
+        name = _scoped(inner, link.get("name", ""))
+        where = f'{path}: <link name="{link.get("name", "")}">'
         mass = link.find("inertial/fluid_added_mass")
         if mass is not None:
             entries = {key: float(_first(mass, key, 0.0, where)) for key in ADDED}
@@ -91,7 +92,8 @@ def _model(model: Element, scope: str, path: Path, found: Stated) -> None:
 
 
 def _joint(joint: Element, scope: str, path: Path, found: Stated) -> None:
-    name, where = _scoped(scope, joint.get("name", "")), f'{path}: <joint name="{joint.get("name", "")}">'
+    name = _scoped(scope, joint.get("name", ""))
+    where = f'{path}: <joint name="{joint.get("name", "")}">'
     axes = [axis for axis in (joint.find("axis"), joint.find("axis2")) if axis is not None]
     friction = [_first(axis, "dynamics/friction", 0.0, where) for axis in axes]
     if any(friction):

@@ -54,19 +54,24 @@ def lift_urdf(path: Path, base: str = "fixed") -> Description:
 
 def mimics(robot: Element, mechanism: Mechanism, path: Path) -> tuple[tuple[Closure, ...], list[str]]:
     """Return couplings  q - multiplier q_of = offset [-], [rad], [m],  and in words those of joints that cannot be coupled."""
-    made, dropped, here = [], [], Attachment(WORLD)
+    made = []
+    dropped = []
+    here = Attachment(WORLD)
     for element in robot.findall("joint"):
-        mimic, name = element.find("mimic"), element.get("name", "")
+        mimic = element.find("mimic")
+        name = element.get("name", "")
         if mimic is None:
             continue
-        other, where = mimic.get("joint", ""), location(path, element, "mimic")
+        other = mimic.get("joint", "")
+        where = location(path, element, "mimic")
         kinds = [mechanism.joint_of[n].kind for n in (name, other) if n in mechanism.joint_of]
         if len(kinds) < 2 or name == other:
             dropped.append(f"mimic of {name}: it names the joint {other!r}, which is none of the others")
         elif "fixed" in kinds:
             dropped.append(f"mimic of {name}: one of the two joints is fixed")
         elif set(kinds) <= {*GEARED, "continuous"}:
-            factor, offset = urdf_number(mimic, "multiplier", 1.0, where), urdf_number(mimic, "offset", 0.0, where)
+            factor = urdf_number(mimic, "multiplier", 1.0, where)
+            offset = urdf_number(mimic, "offset", 0.0, where)
             made.append(
                 Closure(f"mimic {name}", "coupling", here, here, factors=((name, 1.0), (other, -factor)), offset=offset)
             )
@@ -81,13 +86,15 @@ def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[s
     rotors: dict[str, float] = {}
     dropped: list[str] = []
     for element in robot.findall("transmission"):
-        kind, joints = _text(element.find("type")) or element.get("type", ""), element.findall("joint")
+        kind = _text(element.find("type")) or element.get("type", "")
+        joints = element.findall("joint")
         if len(joints) != 1 or ("Simple" not in kind and kind):
             dropped.append(
                 f"transmission {element.get('name', '')!r} of type {kind or 'none'!r}: only simple ones are read"
             )
             continue
-        name, ratio = joints[0].get("name", ""), 1.0
+        name = joints[0].get("name", "")
+        ratio = 1.0
         for place in (element, *joints, *element.findall("actuator")):
             if text := _text(place.find("mechanicalReduction")):
                 try:

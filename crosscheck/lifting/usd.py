@@ -104,7 +104,8 @@ class _Stage:
 
     def named(self, kind: str, prims: list[Any]) -> dict[Any, str]:
         """Return names of bodies or joints by prim path [-]: where one stands twice, the path; said in `dropped`."""
-        plain, paths = [p.GetName() for p in prims], [p.GetPath() for p in prims]
+        plain = [p.GetName() for p in prims]
+        paths = [p.GetPath() for p in prims]
         names = unique_names(plain, [str(path).lstrip("/") for path in paths], (WORLD,))
         self.dropped += name_words(kind, plain, names)
         return dict(zip(paths, names, strict=True))
@@ -175,7 +176,9 @@ class _Stage:
             return mass_of_shape(shape, prim, self.cache)
 
         found = UsdPhysics.RigidBodyAPI(prim).ComputeMassProperties(measured)
-        mass, moments, com = found[0], np.array(found[1], dtype=float), np.array(found[2], dtype=float)
+        mass = found[0]
+        moments = np.array(found[1], dtype=float)
+        com = np.array(found[2], dtype=float)
         if not shapes and ("mass" in missing or "inertia" in missing):
             raise InputError(
                 f"{self.path}\n  given:    body {prim.GetName()!r} without {' and '.join(missing)}, and without colliders\n"
@@ -187,14 +190,17 @@ class _Stage:
         """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
         from pxr import UsdPhysics
 
-        name, steps = self.joint_names[prim.GetPath()], self.steps(prim)
+        name = self.joint_names[prim.GetPath()]
+        steps = self.steps(prim)
         joint = UsdPhysics.Joint(prim)
-        first, second = self.end(joint, 0), self.end(joint, 1)
+        first = self.end(joint, 0)
+        second = self.end(joint, 1)
         if first[0] == second[0] or not steps:
             words = f"both of its ends are on {first[0]}" if steps else "all of its axes are free"
             self.dropped.append(f"joint {name}: {words}")
             return
-        closes, ends = bool(joint.GetExcludeFromArticulationAttr().Get()), [first]
+        closes = bool(joint.GetExcludeFromArticulationAttr().Get())
+        ends = [first]
         kind = steps[0][0]
         single = len(steps) == 1 and kind in ("revolute", "prismatic") and not closes
         self.told[prim.GetPath()] = Told(prim, name if single else "", kind, self.units.coordinate(kind))
@@ -237,7 +243,8 @@ class _Stage:
         slides, turns = (
             [f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot")
         )
-        name, steps = self.joint_names[prim.GetPath()], [("prismatic", axis) for axis in slides]
+        name = self.joint_names[prim.GetPath()]
+        steps = [("prismatic", axis) for axis in slides]
         if len(turns) == 2:
             one, two = (axis[-1] for axis in turns)
             self.dropped.append(
@@ -294,8 +301,10 @@ class _Stage:
 
     def limits(self, prim: Any, name: str, kind: str, axis: str) -> Limits:
         """Return the limits of a joint [rad], [m], [N m], [N], [rad/s], [m/s]; gains of its drive are told."""
-        unit, force = self.units.coordinate(kind), self.units.effort(kind)
-        turn, keys = ("angular" if kind == "revolute" else "linear"), ("physics:lowerLimit", "physics:upperLimit")
+        unit = self.units.coordinate(kind)
+        force = self.units.effort(kind)
+        turn = "angular" if kind == "revolute" else "linear"
+        keys = ("physics:lowerLimit", "physics:upperLimit")
         six = prim.GetTypeName() == "PhysicsJoint"
         if six:
             turn = f"{'rot' if kind == 'revolute' else 'trans'}{axis}"
@@ -318,7 +327,8 @@ class _Stage:
         """Return gravity (3,) [m/s^2] as the scene states it, and whether there is a scene that does."""
         from pxr import UsdPhysics
 
-        down, prims = -AXES[self.up], scenes(self.stage)
+        down = -AXES[self.up]
+        prims = scenes(self.stage)
         if not prims:
             return self.world @ down * EARTH, False
         if not pulls(prims[0]):
@@ -345,7 +355,8 @@ def _rotation(quaternion: Any) -> Array:
     """The rotation (3, 3) [-] of one of Gf's quaternions; of none, or of zeros, which mean that, the identity."""
     if quaternion is None:
         return np.eye(3)
-    w, (x, y, z) = float(quaternion.GetReal()), (float(c) for c in quaternion.GetImaginary())
+    w = float(quaternion.GetReal())
+    x, y, z = (float(c) for c in quaternion.GetImaginary())
     size = np.sqrt(w * w + x * x + y * y + z * z)
     if size == 0.0:
         return np.eye(3)

@@ -85,7 +85,8 @@ def _of_body(prim: Any, name: str) -> Iterator[Feature]:
 
 def _of_unknown(prim: Any) -> Iterator[Feature]:
     """Yield a joint whose type usd-core does not know, such as a gear of PhysX, and tendons."""
-    kind, place = str(prim.GetTypeName()), f"prim {prim.GetPath()}"
+    kind = str(prim.GetTypeName())
+    place = f"prim {prim.GetPath()}"
     if kind.startswith("Physx") and kind.endswith("Joint"):
         ratio = number(prim, "physics:gearRatio") or number(prim, "physics:ratio") or 0.0
         yield Feature("gear", place, {"kind": kind, "ratio": ratio}, felt=False)

@@ -230,11 +230,13 @@ def _law_of(one: Told) -> tuple[Any, float, float] | None:
     prim = one.prim
     enabled = prim.GetAttribute("newton:mimicEnabled").Get()
     if targets := prim.GetRelationship("newton:mimicJoint").GetTargets():
-        factor, offset = number(prim, "newton:mimicCoef1"), number(prim, "newton:mimicCoef0")
+        factor = number(prim, "newton:mimicCoef1")
+        offset = number(prim, "newton:mimicCoef0")
         law = targets[0], 1.0 if factor is None else factor, offset or 0.0
         return law if enabled is None or enabled else None
     if targets := prim.GetRelationship("mjc:target").GetTargets():
-        factor, offset = number(prim, "mjc:coef1"), (number(prim, "mjc:coef0") or 0.0)
+        factor = number(prim, "mjc:coef1")
+        offset = number(prim, "mjc:coef0") or 0.0
         in_degrees = offset / DEGREE if one.kind in TURNS else offset  # MuJoCo's is in radians, always
         return targets[0], 1.0 if factor is None else factor, in_degrees
     for axis in ("rotX", "rotY", "rotZ", "transX", "transY", "transZ"):

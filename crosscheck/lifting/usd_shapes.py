@@ -63,7 +63,8 @@ def _solid(shape: Any, scale: Array) -> tuple[float, Array, Array]:
         return volume, np.zeros(3), 0.4 * volume * radius**2 * np.eye(3)
     if kind in ("Cylinder", "Capsule"):
         order = ALONG[shape.GetAttribute("axis").Get()]
-        across, along = scale[order[0]], scale[order[2]]
+        across = scale[order[0]]
+        along = scale[order[2]]
         if abs(across - scale[order[1]]) <= EVEN * across and (
             kind == "Cylinder" or abs(along - across) <= EVEN * across
         ):
@@ -77,7 +78,8 @@ def _solid(shape: Any, scale: Array) -> tuple[float, Array, Array]:
 def _round(kind: str, radius: float, height: float, order: list[int]) -> tuple[float, Array, Array]:
     """Cylinder, or cylinder with half balls at its ends, about its centre."""
     tube = np.pi * radius**2 * height
-    axial, across = tube * radius**2 / 2, tube * (radius**2 / 4 + height**2 / 12)
+    axial = tube * radius**2 / 2
+    across = tube * (radius**2 / 4 + height**2 / 12)
     volume = tube
     if kind == "Capsule":
         balls = 4 / 3 * np.pi * radius**3

@@ -12,7 +12,9 @@ from crosscheck.linting.finding import Finding, error, warning
 from flexinv.model.links import impossible
 from flexinv.model.mechanism import Array, Inertia
 
-HEAVY, LIGHT = 1000.0, 1e-6  # [kg]: heavier or lighter links look like grams or tonnes
+# [kg]: heavier or lighter links look like grams or tonnes
+HEAVY = 1000.0
+LIGHT = 1e-6
 FAR = 10.0  # [m]: a centre of mass that far from its joint looks like mm
 WIDE = 10.0  # radius of gyration over the size of the machine from which on a tensor looks like g mm^2, or like a typing error
 SIDE = 0.02  # relative: how much left and right may differ
@@ -44,7 +46,8 @@ def body_findings(links: Mapping[str, Stated], size: float) -> Iterator[Finding]
 
 
 def _own(link: Stated, size: float) -> Iterator[Finding]:
-    place, body = f"link {link.name}", link.inertia
+    place = f"link {link.name}"
+    body = link.inertia
     if not all(np.all(np.isfinite(part)) for part in (body.mass, body.com, body.tensor)):
         yield error("number", place, "NaN or infinite", "an inertia of numbers", "the measured or computed numbers")
         return
@@ -75,7 +78,8 @@ def _moments(body: Inertia) -> str:
 
 
 def _units(link: Stated, size: float) -> Iterator[Finding]:
-    place, body = f"link {link.name}", link.inertia
+    place = f"link {link.name}"
+    body = link.inertia
     if body.mass > HEAVY:
         yield warning("mass", place, f"{body.mass:g} kg", "looks like grams", f'<mass value="{body.mass / 1000:g}"/>')
     elif 0 < body.mass < LIGHT and body.tensor.max() > body.mass * size**2:
@@ -145,7 +149,9 @@ def _partners(name: str) -> Iterator[str]:
 
 
 def _differ(left: Stated, right: Stated) -> Iterator[Finding]:
-    a, b, place = left.inertia, right.inertia, f"links {left.name}, {right.name}"
+    a = left.inertia
+    b = right.inertia
+    place = f"links {left.name}, {right.name}"
     if abs(a.mass - b.mass) > SIDE * max(a.mass, b.mass):
         yield warning(
             "left and right",

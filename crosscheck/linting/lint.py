@@ -60,7 +60,8 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
 
     Raises InputError for what cannot be read at all.
     """
-    strict, meshes = flag("strict", strict), flag("meshes", meshes)
+    strict = flag("strict", strict)
+    meshes = flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and path.is_file() and is_xml(path) and kind_of(path) == "urdf":
         found = [*_xml_findings(path), *urdf_findings(read_xml(path), path, meshes)]
@@ -84,7 +85,8 @@ def lint_each(
         try:
             found.append(way(source, strict, meshes))
         except InputError as problem:
-            words, name = str(problem), Path(str(source)).name
+            words = str(problem)
+            name = Path(str(source)).name
             finding = error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
             found.append(Linted(name, (finding,), strict, words))
     return found
@@ -133,7 +135,8 @@ def machine_findings(description: Description) -> Iterator[Finding]:
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
     yield from body_findings(links, float(sum(lengths[-6:])) or 1.0)
     for joint in mechanism.joints:
-        low, high = joint.limits.lower, joint.limits.upper
+        low = joint.limits.lower
+        high = joint.limits.upper
         if low > high:
             yield error(
                 "limit", f"joint {joint.name}", f"{low:g} to {high:g}", "lower is above upper", "the two exchanged"

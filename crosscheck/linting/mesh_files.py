@@ -23,7 +23,9 @@ from flexinv.model.mechanism import Array
 
 LARGEST = 64 << 20  # [byte] of a mesh file that is read
 READ = (".stl", ".obj", ".ply", ".off")
-STL_HEAD, STL_TRIANGLE = 84, 50  # [byte]
+# [byte]
+STL_HEAD = 84
+STL_TRIANGLE = 50
 WRITE = "the mesh exported again; a tool such as meshlab or trimesh shows where it breaks"
 REFUSED = "readers that load meshes refuse the file, or crash"
 COUNTED = re.compile(rb"^element +\w+ +(\d+)", re.MULTILINE)  # of PLY

@@ -58,8 +58,10 @@ def _all_points(parts: list[Element], meshes: Mapping[str, MeshFile]) -> Array |
 
 
 def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
-    place, body = f"link {link.name}", link.inertia
-    low, high = points.min(axis=0), points.max(axis=0)
+    place = f"link {link.name}"
+    body = link.inertia
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
     if size and diagonal > WIDE * size:
         why = f"the machine extends {size:.3g} m: looks like mm"

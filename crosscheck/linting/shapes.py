@@ -26,16 +26,16 @@ def shape_findings(robot: Element) -> Iterator[Finding]:
     carried = {_end(joint, "child"): joint for joint in robot.findall("joint")}
     for link in robot.findall("link"):
         name = link.get("name", "")
-        touched, seen = link.findall("collision"), link.findall("visual")
+        touched = link.findall("collision")
+        seen = link.findall("visual")
         if link.find("inertial") is not None or not (touched or seen) or not _moves(name, carried):
             continue
         if touched:
-            given, why = (
-                "collides, and has no <inertial>",
-                f"MuJoCo takes {_taken(touched)}, {MADE_UP}, Pinocchio and Drake nothing",
-            )
+            given = "collides, and has no <inertial>"
+            why = f"MuJoCo takes {_taken(touched)}, {MADE_UP}, Pinocchio and Drake nothing"
         else:
-            given, why = "is seen, and has no <inertial>", f"{MADE_UP}, MuJoCo, Pinocchio and Drake nothing"
+            given = "is seen, and has no <inertial>"
+            why = f"{MADE_UP}, MuJoCo, Pinocchio and Drake nothing"
         write = "<inertial> with mass and tensor; of zeros, if it weighs nothing, which all readers take alike"
         yield warning("shape without inertia", f"link {name}", given, why, write)
 

@@ -22,7 +22,9 @@ INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
 KINDS = (*MOVING, "fixed")
 TURNS = 4 * np.pi  # [rad]: a limit beyond two turns looks like degrees
-FAR, LONG = 20.0, 10.0  # [m] of a joint's origin, and of a sliding joint's limits: looks like mm
+# [m] of a joint's origin, and of a sliding joint's limits: looks like mm
+FAR = 20.0
+LONG = 10.0
 STRONG = 1e5  # [N m], [N]
 
 
@@ -105,9 +107,11 @@ def _links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
         for j in robot.findall("joint")
         if j.get("type") in MOVING and j.find("child") is not None
     }
-    links, problems = {}, []
+    links = {}
+    problems = []
     for link in robot.findall("link"):
-        name, inertial = link.get("name", ""), link.find("inertial")
+        name = link.get("name", "")
+        inertial = link.find("inertial")
         found = None if inertial is None else _inertia(inertial)
         if inertial is not None and found is None:
             write = '<mass value="1.0"/> <inertia ixx="0.01" ixy="0" .../> with finite numbers'
@@ -173,7 +177,8 @@ def _weighs(name: str, links: dict[str, Stated], children: dict[str, list[Elemen
 
 
 def _joint(joint: Element) -> Iterator[Finding]:
-    name, kind = f"joint {joint.get('name')}", joint.get("type", "")
+    name = f"joint {joint.get('name')}"
+    kind = joint.get("type", "")
     if kind not in KINDS:
         yield error("kind of joint", name, kind or "none", "no reader knows it", f"one of {', '.join(KINDS)}")
         return
@@ -300,7 +305,8 @@ def _mimics(robot: Element) -> Iterator[Finding]:
         mimic = joint.find("mimic")
         if mimic is None:
             continue
-        name, other = joint.get("name", ""), mimic.get("joint", "")
+        name = joint.get("name", "")
+        other = mimic.get("joint", "")
         if other not in kinds or other == name:
             yield error(
                 "mimic", f"joint {name}", f"mimics {other!r}", "there is no such other joint", "a joint of the file"
@@ -342,7 +348,8 @@ def _transmissions(robot: Element) -> Iterator[Finding]:
         for part in element.iter("mechanicalReduction"):
             text = (part.text or "").strip()
             if values(Element("x", value=text), "value", (1.0,)) is None:
-                where, given = f"transmission {element.get('name')}", f"mechanicalReduction {text[:60]!r}"
+                where = f"transmission {element.get('name')}"
+                given = f"mechanicalReduction {text[:60]!r}"
                 yield error("transmission", where, given, "readers take 1, or refuse the file", "the gear as a number")
         kind = (element.findtext("type") or element.get("type") or "").strip()
         if len(named) > 1 or (kind and "Simple" not in kind):

@@ -37,7 +37,8 @@ ROUNDING = 1e-12
 
 # How a bar was made where the runs show no order, or are too few to show one.
 UNORDERED = "no order: the runs come no closer to each other"
-TWO, TWO_EXTRAPOLATED = "difference of two runs", "what the extrapolation changes"
+TWO = "difference of two runs"
+TWO_EXTRAPOLATED = "what the extrapolation changes"
 NO_ORDER = (UNORDERED, TWO, TWO_EXTRAPOLATED)
 # Of what extrapolation adds to the finest run, the part that it may be wrong by, whatever the change from extrapolation to
 # extrapolation says: an order that three runs fit exactly (a single number, say) leaves no change.
@@ -82,7 +83,8 @@ def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
     spread = np.max([np.abs(reported - one) for one in levels], axis=0)
     if len(levels) < 3:
         return Estimate(largest_nearby(spread), None, TWO)
-    first, second = levels[-2] - levels[-3], levels[-1] - levels[-2]
+    first = levels[-2] - levels[-3]
+    second = levels[-1] - levels[-2]
     size = max(_rms(one) for one in levels)
     if max(_rms(first), _rms(second)) <= ROUNDING * size:
         return Estimate(largest_nearby(spread), None, "rounding", reported, largest_nearby(spread))
@@ -155,7 +157,8 @@ def with_bars(
     "order": {family: observed order or None}, "how": {family: words}, "bars": {family: largest half-width},
     "left": {family: largest half-width of what its runs tend to}}.
     """
-    made, budget = dict(values), {}
+    made = dict(values)
+    budget = {}
     for name, one in values.items():
         bars = {f.name: _of_family(f, name) for f in families}
         known = {k: e for k, e in bars.items() if e is not None}

@@ -137,7 +137,8 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
         ("joint-space mass matrix", "kg m^2, kg", "mass_matrix"),
         ("gravity torque", "N m, N", "gravity"),
     ):
-        a, b = getattr(theirs, name), getattr(ours, name)
+        a = getattr(theirs, name)
+        b = getattr(ours, name)
         if a is not None and b is not None:
             yield _line(what, unit, np.asarray(a), np.asarray(b), EXACT)
     for what, unit, name, limit in (
@@ -154,7 +155,8 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
         ("closure points", "m", "closure_points", EXACT),
         ("closure axes", "-", "closure_axes", EXACT),
     ):
-        a, b = getattr(theirs, name), getattr(ours, name)
+        a = getattr(theirs, name)
+        b = getattr(ours, name)
         both = [key for key in b if key in a]
         if both:
             yield _worst(what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, name in EACH)

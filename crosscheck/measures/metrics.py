@@ -22,8 +22,10 @@ def sprague_geers(ours: Array, theirs: Array) -> dict[str, float]:
     size = max(float(np.abs(ours).max()), float(np.abs(theirs).max()))
     if size == 0.0 or not np.isfinite(size):
         return {}
-    a, b = ours / size, theirs / size
-    oo, tt = float(a @ a), float(b @ b)
+    a = ours / size
+    b = theirs / size
+    oo = float(a @ a)
+    tt = float(b @ b)
     if oo == 0.0 or tt == 0.0:
         return {}
     magnitude = float(np.sqrt(oo / tt) - 1.0)

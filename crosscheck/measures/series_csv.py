@@ -140,7 +140,8 @@ def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -
 
 def write(path: Path, time: Array, found: Iterable[Series]) -> None:
     """Write times [s] and series with their error bars, every number with all its digits.  Raises OSError."""
-    header, columns = [TIME], [time]
+    header = [TIME]
+    columns = [time]
     for one in found:
         header.append(f"{one.name} [{one.unit}]")
         columns.append(one.values)

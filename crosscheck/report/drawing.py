@@ -15,10 +15,17 @@ Array = NDArray[np.float64]
 Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
 FRAMES = 6  # instants in a drawing
 FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
-WIDTH, HEIGHT, MARGIN = 160.0, 120.0, 8.0  # [px] of the drawing
+# [px] of the drawing
+WIDTH = 160.0
+HEIGHT = 120.0
+MARGIN = 8.0
 FAINTEST = 0.15  # of the first instant; 1 is the last one's
-AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(25.0)  # from where a mechanism in space is seen
-RIGID, BENDS = "#646c76", "#2a78d0"  # 3 : 1 at least on white and on the dark page, as graphics need it (WCAG 1.4.11)
+# from where a mechanism in space is seen
+AZIMUTH = np.radians(-60.0)
+ELEVATION = np.radians(25.0)
+# 3 : 1 at least on white and on the dark page, as graphics need it (WCAG 1.4.11)
+RIGID = "#646c76"
+BENDS = "#2a78d0"
 
 
 def samples(count: int) -> list[int]:
@@ -65,7 +72,8 @@ def seen(x: Array, axes: tuple[int, int] | None) -> Array:
 
 def fitted(x: Array) -> Callable[[Array], Array]:
     """Return the map of points (points, 2) [m] into the drawing [px], by one scale in both directions."""
-    low, high = x.min(axis=0), x.max(axis=0)
+    low = x.min(axis=0)
+    high = x.max(axis=0)
     room = np.array([WIDTH, HEIGHT]) - 2 * MARGIN
     size = np.maximum(high - low, np.finfo(float).tiny)
     scale = float((room / size).min()) if (high - low).any() else 1.0

@@ -70,7 +70,8 @@ def _measured(row: Comparison) -> dict[str, str]:
 
 
 def _accept(row: Comparison) -> str:
-    file, again = f"models/{row.mechanism}/cases.toml", f"crosscheck run {row.mechanism}/{row.case}"
+    file = f"models/{row.mechanism}/cases.toml"
+    again = f"crosscheck run {row.mechanism}/{row.case}"
     if row.limit is None:
         return f"state a limit with its reason in {file}"
     if _kind(row) == "unblessed":

@@ -96,7 +96,8 @@ def _studies(results: Results) -> Iterable[tuple[str, ...]]:
 
 
 def _where(row: object) -> str:
-    mechanism, case = getattr(row, "mechanism", getattr(row, "name", "")), getattr(row, "case", "")
+    mechanism = getattr(row, "mechanism", getattr(row, "name", ""))
+    case = getattr(row, "case", "")
     return f"{mechanism}/{case}" if case else mechanism
 
 

@@ -110,7 +110,8 @@ def _spectrum(results: Results, case: CaseRow, records: Mapping[str, Record], na
         for r in results.runs
         if (r.mechanism, r.case) == (case.mechanism, case.case) and r.engine in records and name in r.peaks
     }
-    lines, axis = {}, np.zeros(0)
+    lines = {}
+    axis = np.zeros(0)
     for engine, record in records.items():
         if name in record.series:
             spectrum = ringing(record.time, record.series[name].values, case.rest)

@@ -99,7 +99,8 @@ def version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str,
         known.setdefault(row["night"], {})[row["package"]] = row["version"]
     marks = []
     for number, (before, after) in enumerate(pairwise(shown), 1):
-        old, new = known.get(before.id, {}), known.get(after.id, {})
+        old = known.get(before.id, {})
+        new = known.get(after.id, {})
         changed = [f"{p} {old[p]} to {v}" for p, v in sorted(new.items()) if p in old and old[p] != v]
         if changed:
             marks.append({"night": number, "text": ", ".join(changed)})

@@ -359,7 +359,8 @@ def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}" if number else ""
 
 
-_COMPARISONS, _STUDIES = ("comparison", "comparisons", "limit"), ("study", "studies", "target")
+_COMPARISONS = ("comparison", "comparisons", "limit")
+_STUDIES = ("study", "studies", "target")
 
 
 def _all_within(number: int, one: str, many: str, limit: str) -> str:

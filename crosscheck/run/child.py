@@ -88,7 +88,8 @@ def refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> 
 
 def _answer(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: Case) -> Record:
     """Return the record of an adapter; bars of an engine from outside that nobody asked for are marked as such."""
-    name, options = job["engine"], job["options"]
+    name = job["engine"]
+    options = job["options"]
     if "settings" in job or (name in ENGINES and ENGINES[name].module == job["module"]):
         return of_door(adapter.run(mechanism, case, name, options))
     return of_package(adapter, mechanism, case, name, options)

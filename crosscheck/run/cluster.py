@@ -116,7 +116,8 @@ def luggage(what: Any) -> dict[str, bytes]:
     """
     if not isinstance(what, Task):
         return {}
-    folder, urdf = what.folder.resolve(), what.mechanism.urdf
+    folder = what.folder.resolve()
+    urdf = what.mechanism.urdf
     inside = urdf is None or urdf.resolve().is_relative_to(folder) or not urdf.resolve().is_relative_to(folder.parent)
     files = [f for f in sorted(folder.rglob("*")) if f.is_file()] if inside else []
     if (size := sum(f.stat().st_size for f in files)) > LARGEST_MODEL:

@@ -200,7 +200,8 @@ def call(job: Mapping[str, Any], folder: Path, limit: float, children: Children)
 
 
 def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
-    job_file, log_file = folder / "job.json", folder / "printed.txt"
+    job_file = folder / "job.json"
+    log_file = folder / "printed.txt"
     job_file.write_text(json.dumps(job), encoding="utf-8")
     work = folder / "work"
     work.mkdir()
@@ -209,7 +210,8 @@ def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Childr
             process = children.begin(job, job_file, work, log.fileno())
         except InterruptedError as error:
             return Ending("error", str(error), "", 0.0)
-        start, late = clock.monotonic(), ""
+        start = clock.monotonic()
+        late = ""
         try:
             process.wait(limit)
         except subprocess.TimeoutExpired:

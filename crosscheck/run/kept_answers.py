@@ -39,7 +39,8 @@ from crosscheck.verdicts.results import machine, now
 
 LARGEST = 2_000_000_000  # [bytes] of a folder of answers: some ten runs of everything
 KEPT = ("ok", "skipped")
-ENDING, TIMES = ".answer", "times.json"
+ENDING = ".answer"
+TIMES = "times.json"
 METADATA = ".dist-info", ".egg-info"  # ends of the names of folders
 TOLD = ("NUMBA_", "FLEXINV_")  # beginnings of variables of the environment that computations hear
 WHERE = "CROSSCHECK_KEPT"

@@ -77,7 +77,8 @@ def _refined(
     shared: Shared, task: Task, records: Mapping[str, Record], rows: list[Comparison], lines: Iterable[Check]
 ) -> list[Comparison]:
     """Return the comparisons of a pair, those that a coarse reference leaves open judged with finer ones."""
-    had, reference = Finer(), records.get(REFERENCE)
+    had = Finer()
+    reference = records.get(REFERENCE)
     while reference is not None and (one := wanted(rows, reference, had)) is not None:
         had = one
         reference = _attempt(shared, task, ENGINES[REFERENCE], {**AGAIN, **one.options}).record

@@ -14,7 +14,9 @@ ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
 MARK = "CROSSCHECK_JOB"  # variable by which all that a fresh process has started can be found
 DEPTH = 20  # rounds of killing: a process that starts others faster than that is left to the death of its group
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
-PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
+# linux/prctl.h
+PR_SET_PDEATHSIG = 1
+PR_SET_CHILD_SUBREAPER = 36
 
 
 def environment() -> dict[str, str]:

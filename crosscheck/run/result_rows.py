@@ -24,7 +24,8 @@ from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, Stu
 
 def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
     """Return every comparison of one case, and the limits of engines of this run that none of them asked for."""
-    rows, used = [], []
+    rows = []
+    used = []
     for name, record in records.items():
         for reference in references(task.case.limits, name):
             other = records.get(reference) or absent(reference)

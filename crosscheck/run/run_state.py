@@ -145,7 +145,8 @@ class State:
 
     def repeats(self) -> Iterator[Job]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
-        rows, known = self.results.comparisons, self.work.options.baseline
+        rows = self.results.comparisons
+        known = self.work.options.baseline
         wanted = {(c.mechanism, c.case, e) for c in rows if doubtful(c) for e in (c.engine, c.reference)}
         worse = {(c.mechanism, c.case, c.engine) for c in rows if baseline.is_worse(c, known)}
         for task in self.work.plan.tasks:
@@ -253,7 +254,8 @@ class State:
 
     def finish(self) -> Results:
         """Return the complete results, and write them; where that fails they say so."""
-        order, studies = list(self.work.engines), [study.name for study in self.work.studies]
+        order = list(self.work.engines)
+        studies = [study.name for study in self.work.studies]
         cases = [(c.mechanism, c.case) for c in self.results.cases]
 
         def place(row: RunRow | Comparison | Check | Diagnosis) -> tuple[int, int]:

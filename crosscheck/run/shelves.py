@@ -20,7 +20,10 @@ from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task
 
 # [s], rough: the beginning of a process; a step of a rigid link and of a beam; a study.  They only order what never ran.
-BEGIN, RIGID, BEAM, STUDY = 0.1, 1e-5, 2e-3, 30.0
+BEGIN = 0.1
+RIGID = 1e-5
+BEAM = 2e-3
+STUDY = 30.0
 
 
 @dataclass

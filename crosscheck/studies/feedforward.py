@@ -22,7 +22,8 @@ from flexinv.tracking.task_file import PathTask, load_tasks
 
 Array = NDArray[np.float64]
 # What stable inversion has to reach in an engine that bends: of the path's length, and against the other two.
-REACHED, BETTER = 1e-3, 30.0
+REACHED = 1e-3
+BETTER = 30.0
 # Rigid arms: the torque is linear between samples, an error of h^2 / 8 times its second derivative, 1e-5 of the path.
 OF_RIGID = 1e-4
 LONGEST = (

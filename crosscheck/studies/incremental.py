@@ -16,7 +16,9 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.joint_torques import joint_torques
 
 STEPS = (10, 20, 50, 100, 200, 400)  # the paper's, and two more in which the leading term of the error stands alone
-MODEL, LAWS = "rigid_3r", ("cycloid", "quintic")  # cases of the paper's motion
+# cases of the paper's motion
+MODEL = "rigid_3r"
+LAWS = ("cycloid", "quintic")
 # The one-sided formulas at the ends have an error c h^2 (1 + h / T + ...) with the motion's time scale T = 1 / (2 pi) s.
 # From h = 1/200 to 1/400 s that makes the observed order log2((1 + 0.031) / (1 + 0.016)) = 0.02 larger or smaller.
 SLACK = 0.02

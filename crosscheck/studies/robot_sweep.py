@@ -99,7 +99,8 @@ def robot_table(
     names : of ``robot_names()``, all by default; samples : random states of each robot and base
     progress : called with (name, robots done, robots in all)
     """
-    folder, chosen = robots_folder(), robot_names() if names is None else list(names)
+    folder = robots_folder()
+    chosen = robot_names() if names is None else list(names)
     rows = []
     for done, name in enumerate(chosen):
         if progress is not None:
@@ -111,7 +112,8 @@ def robot_table(
 
 def bases(name: str) -> tuple[str, ...]:
     """Return the bases that a robot is computed with."""
-    folder, stem = name.split("/", 1)[0], Path(name).stem
+    folder = name.split("/", 1)[0]
+    stem = Path(name).stem
     moves = any(word.startswith(WALK_OR_FLY) for word in (folder, stem))
     return ("fixed", "free") if moves else ("fixed",)
 

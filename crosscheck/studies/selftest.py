@@ -17,7 +17,8 @@ from crosscheck.verdicts.results import StudyRow
 ENOUGH = 0.95  # of the faults that matter have to be named
 FEWEST = 25  # causes
 ALL = (*DICTIONARY, RANK)  # each of them has to be named alone somewhere
-ALONE, NOWHERE = "alone", "nowhere"
+ALONE = "alone"
+NOWHERE = "nowhere"
 MARKS = {"alone": "●", "first": "◐", "in the set": "○", "another": "✗", "none": "–", "unseen": "·", "silent": "●"}
 WORDS = (
     "● named alone, ◐ named first, ○ in the printed set that the motion cannot tell apart, ✗ another cause, – none named, "

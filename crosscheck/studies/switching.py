@@ -128,7 +128,8 @@ def engine_rows(
     name: str, mechanism: Mechanism, case: Case, parts: list[Separate], bound: float
 ) -> Iterator[dict[str, Any]]:
     """Yield one row per phase of an engine; differences over the range of the whole torque, and their bound [-]."""
-    module, time = adapter(ENGINES[name]), sample_times(case)
+    module = adapter(ENGINES[name])
+    time = sample_times(case)
     whole = module.run(mechanism, case, name, OPTIONS)
     span = max(np.ptp(one.values) for one in whole.series.values() if one.quantity == "torque")
     for part in parts:
@@ -218,7 +219,8 @@ def _given(solution: Solution, now: Mechanism, case: Case, sample: int) -> set[s
     names = [j.name for j in now.joints if j.name in case.motion.joints(now)]
     if not now.closures:
         return set(names)
-    mesh, q = build(now), np.concatenate([solution.q[sample, solution.mechanism.q_slices[j.name]] for j in now.joints])
+    mesh = build(now)
+    q = np.concatenate([solution.q[sample, solution.mechanism.q_slices[j.name]] for j in now.joints])
     rest = np.zeros((1, now.nv))
     motions = null_space(
         constraint_jacobian(mesh, rigid_motion(mesh, q[None], rest, rest), constraint_rows(mesh))[0], rcond=1e-9

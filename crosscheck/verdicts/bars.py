@@ -73,7 +73,8 @@ def chosen_reference(record: Record, names: Sequence[str], allowed: float | None
     widest = own.widest(names)
     if allowed is None or widest is None or widest <= PART * allowed:
         return own
-    values, bars = dict(own.values), dict(own.bars)
+    values = dict(own.values)
+    bars = dict(own.bars)
     for name in names:
         one = record.series[name]
         if one.refined is not None and one.left is not None and float(one.left.max()) < (own.bars[name] or 0.0):
@@ -113,7 +114,8 @@ class Bars:
 
         verdict, message : by the limit alone, "within" or "deviation"
         """
-        largest, widest = max(self.errors.values()), self.widest
+        largest = max(self.errors.values())
+        widest = self.widest
         coarse = widest is not None and widest > PART * maximum
         if verdict == "within":
             open_ = coarse and largest + (widest or 0.0) > maximum
@@ -145,7 +147,8 @@ class Bars:
         if any(error > (self.ours[n] or 0.0) + (self.theirs[n] or 0.0) for n, error in self.errors.items()):
             return "deviation", message
         worst = max(self.errors, key=lambda name: self.errors[name])
-        ours, theirs = self.ours[worst] or 0.0, self.theirs[worst] or 0.0
+        ours = self.ours[worst] or 0.0
+        theirs = self.theirs[worst] or 0.0
         both = f"{message}; the error bars add up to {ours + theirs:.3g}"
         if lost := next((self.unordered[n] for n in over if self.unordered.get(n)), ""):
             return "deviation", f"{both}, but explain nothing: refined, the runs of {lost} come no closer to each other"

@@ -29,7 +29,8 @@ from crosscheck.verdicts.results import Results
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Move, Signal, describe_signals, find_moves, read_signals, write_signals
 
-METRICS, BLESSED = "metrics.csv", "blessed.json"
+METRICS = "metrics.csv"
+BLESSED = "blessed.json"
 HEAD = ("mechanism", "case", "engine", "reference", "quantity", "unit", "fraction")
 HOW = 'crosscheck bless --reason "..."'
 UNBLESSED = "there is no blessed value for it yet"
@@ -162,7 +163,8 @@ def gone(rows: Iterable[Comparison], baseline: Baseline) -> list[Key]:
 
 def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
     """Return the comparisons that can be blessed, and why others cannot: what is beyond its limit, or failed."""
-    good, bad = [], []
+    good = []
+    bad = []
     for row in results.comparisons:
         name = f"{row.mechanism}/{row.case} {row.engine} {row.quantity} [{row.unit}]"
         if row.verdict == "skipped":

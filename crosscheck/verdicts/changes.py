@@ -46,7 +46,8 @@ def between(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:
     models = [_indexed(rows_of(database, MODEL, n), ("mechanism", "case_name")) for n in (before.id, after)]
     versions = [{r["package"]: r["version"] for r in rows_of(database, VERSION, n)} for n in (before.id, after)]
     timings = [_indexed(rows_of(database, TIMING, n), ("mechanism", "case_name", "engine")) for n in (before.id, after)]
-    ran, ran_before = {k[:3] for k in new}, {k[:3] for k in old}
+    ran = {k[:3] for k in new}
+    ran_before = {k[:3] for k in old}
     causes = [_indexed(rows_of(database, CAUSE, n), CAUSES) for n in (before.id, after)]
     return {
         "night": before.folder or before.started,
@@ -80,7 +81,8 @@ def _list_moves(database: sql.Engine, before: int, after: int) -> list[dict[str,
     old, new = (_indexed(rows_of(database, SIGNAL, n), SERIES) for n in (before, after))
     found = []
     for name in old.keys() & new.keys():
-        was, now = old[name], new[name]
+        was = old[name]
+        now = new[name]
         bars = was["bar"] + now["bar"]
         largest = max((abs(now[what] - was[what]), what) for what in ("peak", "rms"))
         size = max(was["size"], now["size"])
@@ -122,7 +124,8 @@ def _moved(old: Row, new: Row) -> bool:
 
 def _bars(row: Row) -> float:
     """Return the error bars of a comparison over the range of the signal [-]; 0 where it has none."""
-    bar, scale = row["error_bar"], row["scale"]
+    bar = row["error_bar"]
+    scale = row["scale"]
     return float(bar / scale) if bar is not None and scale else 0.0
 
 

@@ -139,7 +139,8 @@ def group(series: Mapping[str, Series], quantity: str) -> dict[str, list[str]]:
 
 
 def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Comparison:
-    ours, theirs = pair.engine.series, pair.reference.series
+    ours = pair.engine.series
+    theirs = pair.reference.series
     common = [n for n in names if n in ours]
     if not common:
         return _row(pair, quantity, unit, "skipped", f"{pair.engine.engine} does not give it")
@@ -170,7 +171,8 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
 
 def _bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
     """Return the bars of a series as a comparison shows them [unit]: checked ones of both sides, and what an engine states."""
-    ours, theirs = checked_bar(pair.engine, name), taken.bars[name]
+    ours = checked_bar(pair.engine, name)
+    theirs = taken.bars[name]
     both = None if ours is None or theirs is None else ours + theirs
     sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": stated_bar(pair.engine, name)}
     return {"error_bar": both, **sides}

@@ -43,7 +43,8 @@ def _table(name: str, *columns: tuple[str, type[sql.types.TypeEngine[Any]] | sql
 
 
 # Names may be as long as a folder's; MySQL wants a length for what it indexes only.
-Text, Float = sql.Text, sql.Double
+Text = sql.Text
+Float = sql.Double
 NIGHT = sql.Table(
     "night",
     _meta,

@@ -107,7 +107,8 @@ def _every_name_fits(
 
 def case_row(one: Task) -> CaseRow:
     """Return the row of a report about the case itself."""
-    mechanism, case = one.mechanism, one.case
+    mechanism = one.mechanism
+    case = one.case
     return CaseRow(
         mechanism=one.folder.name,
         case=case.name,

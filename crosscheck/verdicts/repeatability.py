@@ -33,7 +33,8 @@ def scattered(row: Comparison, reference: Record, shaken: Sequence[Record]) -> C
 
 def _share(row: Comparison, record: Record, reference: Record) -> float | None:
     """Return the largest distance of a record from the reference in the quantity of a comparison, over its range [-]."""
-    ours, theirs = record.series, reference.series
+    ours = record.series
+    theirs = reference.series
     names = [
         n for n, one in theirs.items() if (one.quantity, one.unit) == (row.quantity, row.unit)
         and n in ours and ours[n].values.shape == one.values.shape

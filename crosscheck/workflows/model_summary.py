@@ -33,7 +33,8 @@ class Portrait:
 
 def portrait(task: Task) -> Portrait:
     """Return flexinv's view of a mechanism and its case.  Raises FlexinvError where the case cannot be solved."""
-    case, mechanism = task.case, task.case.meshed(task.mechanism)
+    case = task.case
+    mechanism = task.case.meshed(task.mechanism)
     solution = solve(
         mechanism, case.motion, case.step, end=case.end, spectral_radius=case.spectral_radius, initial=case.initial,
         start=case.start,
@@ -144,7 +145,8 @@ def _one_line(lines: list[drawing.Stroke]) -> Array:
 
 def strokes(solution: Solution, k: int) -> list[drawing.Stroke]:
     """Return the lines to draw of sample ``k``: (2, 3) [m] from every node to its parent, and on to the tips."""
-    mesh, x = solution.mesh, solution.nodes.x[k]
+    mesh = solution.mesh
+    x = solution.nodes.x[k]
     lines = [
         (np.stack([x[p] if p >= 0 else np.zeros(3), x[n]]), bool(mesh.kind[n] == SECTION))
         for n, p in enumerate(mesh.parent)

@@ -30,11 +30,12 @@ from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
 
-LEAST, ROOM = (
-    50_000_000,
-    2.5,
-)  # [bytes] of a night at least; times its size: itself, its copy, what is written meanwhile
-LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
+# [bytes] of a night at least; times its size: itself, its copy, what is written meanwhile
+LEAST = 50_000_000
+ROOM = 2.5
+LATEST = "latest"
+LOCK = "nightly.lock"
+HOLDER = "nightly.json"
 
 
 class NightRunning(RuntimeError):
@@ -241,7 +242,8 @@ def exchange(folder: Path, latest: Path) -> None:
     if latest.exists() and (others := owned.foreign(latest)):
         raise FileExistsError(f"{latest} holds {others[0]}, which crosscheck did not write: move it away")
     with TemporaryDirectory(prefix=f".{latest.name}-", dir=latest.parent, ignore_cleanup_errors=True) as beside:
-        new, old = Path(beside) / "new", Path(beside) / "old"
+        new = Path(beside) / "new"
+        old = Path(beside) / "old"
         shutil.copytree(folder, new, ignore=shutil.ignore_patterns(owned.LOCK, owned.HOLDER))
         if latest.exists():
             latest.rename(old)

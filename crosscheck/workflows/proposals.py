@@ -30,7 +30,8 @@ NO_LIMIT = "# no limit for "
 FINEST = 1e-12
 # Of the range.  What is beyond the error bars may stay below this for ``FOR_A_WHILE`` [days]: refined runs of one model
 # agree to it in every example here, and estimates of errors are sometimes too small (at a start, at a jump).
-SMALL, FOR_A_WHILE = 1e-3, 90
+SMALL = 1e-3
+FOR_A_WHILE = 90
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,11 @@ def propose(rows: Iterable[Comparison], today: datetime.date) -> list[Proposal]:
     return out
 
 
-COVERED, BEYOND, UNKNOWN, COARSE, APART = "covered", "beyond", "unknown", "coarse", "apart"
+COVERED = "covered"
+BEYOND = "beyond"
+UNKNOWN = "unknown"
+COARSE = "coarse"
+APART = "apart"
 
 
 def _kind(pairs: list[tuple[float, float | None]]) -> tuple[str, float]:

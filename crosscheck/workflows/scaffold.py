@@ -18,7 +18,10 @@ FOLDER = Path(__file__).resolve().parents[1] / "starters"
 TEMPLATES = tuple(sorted(folder.name for folder in FOLDER.iterdir() if folder.is_dir()))
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 # What a joint of a URDF does in its first case: a fifth of its range about the middle, or this where it has no limits.
-SWING, SLIDE, PART = 30.0, 0.1, 0.2  # [deg], [m], [-]
+# [deg], [m], [-]
+SWING = 30.0
+SLIDE = 0.1
+PART = 0.2
 URDF = """title = {title}
 source = {source}
 
@@ -115,13 +118,17 @@ def _motion(joint: Joint) -> str:
     key = f"joints.{_toml(joint.name)}"
     if joint.kind == "free":
         return f"{key} = {{ at_xyz_m = [0, 0, 0], at_quaternion = [0, 0, 0, 1] }}"
-    lower, upper = joint.limits.lower, joint.limits.upper
+    lower = joint.limits.lower
+    upper = joint.limits.upper
     angle = joint.kind != "prismatic"
     usual = np.radians(SWING) if angle else SLIDE
-    first, last = -usual / 2, usual / 2
+    first = -usual / 2
+    last = usual / 2
     if np.isfinite([lower, upper]).all() and upper > lower:
-        middle, half = (lower + upper) / 2, min(PART * (upper - lower), usual) / 2
-        first, last = middle - half, middle + half
+        middle = (lower + upper) / 2
+        half = min(PART * (upper - lower), usual) / 2
+        first = middle - half
+        last = middle + half
     if angle:
         return f"{key} = {{ from_deg = {np.degrees(first):.4g}, to_deg = {np.degrees(last):.4g} }}"
     return f"{key} = {{ from_m = {first:.4g}, to_m = {last:.4g} }}"

@@ -26,9 +26,12 @@ from flexinv.validation import number, refuse
 
 TaskOf = Callable[[Mechanism, Array, Settings], Task]
 # Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
-FINEST, COARSEST = 1e-9, 0.1
+FINEST = 1e-9
+COARSEST = 0.1
 # Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
-FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
+FEWEST_IN_RUN = 40
+FEWEST_IN_STRETCH = 16
+MOST_IN_RUN = 160
 # After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
 # (From 14 on the accelerations of such short steps are rounding; with 7 a damped arm takes four times as long to 1e-5:
 # docs/studies/accuracy.py.)
@@ -69,7 +72,8 @@ def solve_problem(
         return prescribe(meshed, motion, steps, own, start, start_rate, progress)
 
     given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
-    breaks, span = getattr(motion, "breaks", ()), (0.0, last_time(motion, options.get("end")))
+    breaks = getattr(motion, "breaks", ())
+    span = (0.0, last_time(motion, options.get("end")))
     problem = problem_of(mechanism, task_of, settings, accuracy, breaks, motion.jumps, span)
     return replace(problem, marched=not mechanism.is_rigid or not (given or mechanism.closures))
 
@@ -106,7 +110,9 @@ def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, las
     graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
     ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
     counts = np.ceil(np.diff(ends) / longest * (1 - SAME)).astype(int).tolist()
-    kept, joined, steps = [0], counts[:1], np.diff(ends) / counts
+    kept = [0]
+    joined = counts[:1]
+    steps = np.diff(ends) / counts
     for k in range(1, len(counts)):
         alike = abs(steps[k] - steps[k - 1]) <= SAME * longest
         if alike and not any(abs(ends[k] - t) <= SAME * span for t in jumps):
@@ -139,7 +145,8 @@ def accurate(problem: Problem) -> Solution:
         settings = solution.settings | said
         return replace(solution, torque_error=_rounding(solution), tip_error=tips, settings=settings)
     answer = refine(refinement)
-    level, steps = answer.levels[-1], [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
+    level = answer.levels[-1]
+    steps = [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
     first = extrapolated(level.mesh.mechanism, steps, answer.weight)
     found = second_step(level.mesh, first)
     solution = solution_of(level.mesh, first, level.settings, found)
@@ -147,7 +154,9 @@ def accurate(problem: Problem) -> Solution:
         jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
         work = energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
-    asked, count, rounding = problem.accuracy, solution.torque.shape[1], _rounding(solution)
+    asked = problem.accuracy
+    count = solution.torque.shape[1]
+    rounding = _rounding(solution)
     if (rounding > asked * answer.ranges.torque).any():
         raise unreached(refinement, answer)
     torque = answer.bars[:, :count] * answer.ranges.torque + rounding
@@ -172,14 +181,16 @@ def energy_defect(first: FirstStep, found: SecondStepArrays, seams: Sequence[int
     Between the samples, which are far apart, the power is a spline of degree 5 in every stretch between ``seams`` [-]; where it
     jumps, the value before the jump is the spline's own.
     """
-    motion, power = first.trajectory.motion, (found.tau * first.joints[1]).sum(axis=1) - first.trajectory.energy[:, 2]
+    motion = first.trajectory.motion
+    power = (found.tau * first.joints[1]).sum(axis=1) - first.trajectory.energy[:, 2]
     if first.applied is not None:
         spin = np.einsum("snij,snj->sni", motion.rotation, motion.omega)
         power = power + (first.applied.force * motion.v + first.applied.moment * spin).sum(axis=(1, 2))
     energy = found.kinetic + found.potential + first.trajectory.energy[:, 0]
     worked = np.zeros(len(energy))
     for start, end in pairwise([0, *seams, len(energy) - 1]):
-        own, ends = slice(start, end if end in jumps else end + 1), slice(start + 1, end + 1)
+        own = slice(start, end if end in jumps else end + 1)
+        ends = slice(start + 1, end + 1)
         time = first.time[own]
         spline = scipy.interpolate.make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
         worked[ends] = worked[start] + spline(first.time[ends]) - spline(first.time[start])

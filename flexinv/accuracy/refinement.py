@@ -31,10 +31,12 @@ from flexinv.typing import Array
 
 SHARE_OF_STEPS = 0.7  # part of what is asked that errors of steps may take; the mesh gets what is left
 # An expansion below the first order is none; the second is taken for granted where nothing shows one.
-LEAST_ORDER, ASSUMED_ORDER = 0.5, 2.0
+LEAST_ORDER = 0.5
+ASSUMED_ORDER = 2.0
 MARGIN = 1.5  # what an order seen on so few rungs may be off by, as a factor on the bar
 # A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
-MOST_RUNGS, TRIPLES_SEEN = 4, 3
+MOST_RUNGS = 4
+TRIPLES_SEEN = 3
 # More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
 MOST_NODE_STEPS = 2_000_000
 # Meshes of beams, (times the elements of the mechanism, order), each better than that before.
@@ -67,7 +69,8 @@ class Quantities(NamedTuple):
     def errors(self, one: Quantities, other: Quantities) -> Array:
         """Return differences (samples, quantities) in parts of these ranges [-]: efforts, tips, free coordinates side by side."""
         tip = np.linalg.norm(one.tip - other.tip, axis=2)
-        torque, free = np.abs(one.torque - other.torque), np.abs(one.free - other.free)
+        torque = np.abs(one.torque - other.torque)
+        free = np.abs(one.free - other.free)
         return np.hstack([torque / self.torque, tip / self.tip, free / self.free])
 
     def apart(self, one: Quantities, other: Quantities) -> Array:
@@ -77,7 +80,8 @@ class Quantities(NamedTuple):
 
 def quantities(mesh: Mesh, first: FirstStep) -> Quantities:
     """Return the results of the second step [N m], [N], [m] and the coordinates of the passive joints [rad], [m], [-]."""
-    m, found = mesh.mechanism, second_step(mesh, first)
+    m = mesh.mechanism
+    found = second_step(mesh, first)
     tau = with_drives(m, first, found.tau, found.reaction)[0]
     free = [j.name in first.smooth for j in m.joints for _ in range(j.nq)]
     return Quantities(tau[:, m.actuated], np.swapaxes(found.tip, 0, 1), first.joints[0][:, np.array(free, dtype=bool)])
@@ -85,9 +89,11 @@ def quantities(mesh: Mesh, first: FirstStep) -> Quantities:
 
 def ranges(mesh: Mesh, known: Quantities) -> Quantities:
     """Return the ranges of quantities over time [N m], [N], [m], [rad], none below `SMALLEST_RANGE`."""
-    m, tiny = mesh.mechanism, np.finfo(float).tiny
+    m = mesh.mechanism
+    tiny = np.finfo(float).tiny
     force = np.array([f for joint in m.joints for f in KINDS[joint.kind].translations], dtype=bool)[m.actuated]
-    torque, peak = np.ptp(known.torque, axis=0), np.abs(known.torque).max(axis=0)
+    torque = np.ptp(known.torque, axis=0)
+    peak = np.abs(known.torque).max(axis=0)
     for own in (force, ~force):
         torque[own] = np.maximum(torque[own], SMALLEST_RANGE * peak[own].max(initial=0.0))
     tip = np.maximum(np.linalg.norm(np.ptp(known.tip, axis=0), axis=1), SMALLEST_RANGE * mesh.length)
@@ -213,14 +219,17 @@ class Refinement:
         """Return a run [m, rad, s, N], made where it is not yet."""
         if (mesh, finer) in self.levels:
             return self.levels[mesh, finer]
-        p, grid, mechanism = self.problem, self.problem.grid, meshed(self.problem.mechanism, mesh)
+        p = self.problem
+        grid = self.problem.grid
+        mechanism = meshed(self.problem.mechanism, mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
         try:
             made, first = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
         except ConvergenceError as error:
-            self.failure, self.levels[mesh, finer] = error, None
+            self.failure = error
+            self.levels[mesh, finer] = None
             return None
         first = thinned(first, (len(first.time) - 1) // (kept * grid.total))
         self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, quantities(made, first))
@@ -259,7 +268,8 @@ def _coarsest(refinement: Refinement) -> tuple[int, int]:
     while refinement.level(0, rung(index + 2)) is None:
         index += 1
         _check_budget(refinement, index, None)
-    mesh, finer = 0, rung(index + 2)
+    mesh = 0
+    finer = rung(index + 2)
     asked = (1.0 - SHARE_OF_STEPS) * refinement.problem.accuracy
     last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
     while mesh < last and _mesh_apart(refinement, mesh, finer).max() > asked:
@@ -291,9 +301,11 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     """Return the answer of the two finer of three runs [-], with the order seen since the answer ``before``."""
     a, b, c = three
     found = [level.found.rows(level.kept // a.kept) for level in three]
-    coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
+    coarse = mixed(found[:2], weights((a.finer, b.finer)))
+    fine = mixed(found[1:], weights((b.finer, c.finer)))
     bars = (scale := ranges(c.mesh, found[2])).apart(fine, coarse)
-    apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
+    apart = float(bars.max())
+    order = ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
     contraction = (c.finer / a.finer) ** (max(order, LEAST_ORDER) / 2)
@@ -303,7 +315,8 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
 
 def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
-    (a, _, c), found = three, [level.found.rows(level.kept // three[0].kept) for level in three]
+    a, _, c = three
+    found = [level.found.rows(level.kept // three[0].kept) for level in three]
     scale = ranges(c.mesh, found[2])
     first, second, both = (scale.apart(found[k], found[j]) for k, j in ((1, 0), (2, 1), (2, 0)))
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
@@ -317,7 +330,8 @@ def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
 
 def _mesh_apart(refinement: Refinement, mesh: int, finer: int) -> Array:
     """Differences (samples, quantities) of a mesh to the next one at 1/``finer`` of the coarsest step, infinite if one fails."""
-    here, there = refinement.level(mesh, finer), refinement.level(mesh + 1, finer)
+    here = refinement.level(mesh, finer)
+    there = refinement.level(mesh + 1, finer)
     if here is None or there is None:
         return np.array([[np.inf]])
     return ranges(there.mesh, there.found).apart(there.found, here.found)
@@ -341,7 +355,8 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
     p = refinement.problem
     if answer is None:
         return refinement.failure or ConvergenceError(f"mechanism '{p.mechanism.name}': no step leads to a motion")
-    shortest, reached = p.grid.spacing(answer.levels[-1].finer), answer.bar if np.isfinite(answer.bar) else answer.apart
+    shortest = p.grid.spacing(answer.levels[-1].finer)
+    reached = answer.bar if np.isfinite(answer.bar) else answer.apart
     size = 10.0 ** np.floor(np.log10(reached))
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "

@@ -82,7 +82,9 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
         mine[done] = n
         if n >= len(tasks.design):
             return done
-        d, m, h = tasks.design[n], tasks.motion[n], at(results.histories, n)
+        d = tasks.design[n]
+        m = tasks.motion[n]
+        h = at(results.histories, n)
         for i in range(room.masses.over.shape[0]):
             for j in range(3):
                 room.masses.over[i, j] = designs.over[d, i, j]
@@ -106,11 +108,14 @@ def _march_one(system, tasks, motion, out):
 
     An instant that is not reached among the parts is counted down from -1.
     """
-    joint, given, early = tasks.joint[motion], tasks.given[motion], tasks.early[motion]
+    joint = tasks.joint[motion]
+    given = tasks.given[motion]
+    early = tasks.early[motion]
     status, instant, count, size = planar_march(system, tasks.scheme, joint, True, given, tasks.row, out)
     if status != SUDDEN_START:
         return status, instant, count, size
-    nowhere, first = joint[:0], 1 + early.shape[0] // SUBSTEPS
+    nowhere = joint[:0]
+    first = 1 + early.shape[0] // SUBSTEPS
     status, instant, count, size = planar_march(system, tasks.first_scheme, nowhere, False, early, tasks.early_row, out)
     if status != CONVERGED:
         return status, -1 - instant, count, size

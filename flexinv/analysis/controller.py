@@ -77,8 +77,12 @@ class Flexible:
 
     def __init__(self, mechanism: Mechanism, scheme: Scheme, tau: Array) -> None:
         """Allocate the arrays of a mechanism, its kernels compiled; efforts are written into ``tau`` (nv,) [N m], [N]."""
-        mesh, still = build(mechanism), np.zeros(mechanism.nv)
-        self.mechanism, self.nq, self.nv, self.tau = mechanism, mechanism.nq, mechanism.nv, tau
+        mesh = build(mechanism)
+        still = np.zeros(mechanism.nv)
+        self.mechanism = mechanism
+        self.nq = mechanism.nq
+        self.nv = mechanism.nv
+        self.tau = tau
         self.passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
         self.applied = bool(mechanism.springs or mechanism.forces)
         self.winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints)
@@ -87,14 +91,19 @@ class Flexible:
         self.flat = None if in_space else PlanarMarch.of(mesh, set())
         self.joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, still, still)))
         masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
-        out, driven = self.solver.instant, mechanism.actuated.astype(float)
+        out = self.solver.instant
+        driven = mechanism.actuated.astype(float)
         self.frames = Frames(*(part[0] for part in out[:6]))
         self.instant = Instant(out.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
-        freedoms, table, moves = mesh.freedoms.copy(), np.zeros((5, mesh.size)), mesh.v_index >= 0
+        freedoms = mesh.freedoms.copy()
+        table = np.zeros((5, mesh.size))
+        moves = mesh.v_index >= 0
         table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
         freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
-        self.nodes, drives = nodes_of(mesh), Drives(freedoms, mesh.slide, mesh.turn, table)
-        self.scheme, self.early = scheme, start_up(scheme)
+        self.nodes = nodes_of(mesh)
+        drives = Drives(freedoms, mesh.slide, mesh.turn, table)
+        self.scheme = scheme
+        self.early = start_up(scheme)
         self.system: System | PlanarSystem
         march_in: Any
         if self.flat is None:
@@ -102,13 +111,18 @@ class Flexible:
             loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
             self.arguments: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
         else:
-            march_in, self.system, row = planar_march, self.flat.system, np.zeros(1, dtype=np.int64)
+            march_in = planar_march
+            self.system = self.flat.system
+            row = np.zeros(1, dtype=np.int64)
             self.given = np.zeros((1, int(moves.sum()), 3))
             self.arguments = np.zeros((0, 3)), False, self.given, row, out
         self.march = compiled(march_in, self.system, scheme, *self.arguments)
-        self.parts, now = (self.nodes, drives, masses, self.frames), (mechanism.neutral.copy(), driven, driven)
+        self.parts = (self.nodes, drives, masses, self.frames)
+        now = (mechanism.neutral.copy(), driven, driven)
         self.torques = compiled(guarded_torques, *self.parts, now, self.instant, driven)
-        self.early_steps, self.previous, self.wound = 0, list[Array](), dict[str, float]()
+        self.early_steps = 0
+        self.previous = list[Array]()
+        self.wound = dict[str, float]()
 
     def taken(self) -> Taken:
         """Return a copy of all that a step changes [m, rad, s, N]."""
@@ -119,7 +133,8 @@ class Flexible:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
         for own, part in zip(self._numbers(), taken.numbers, strict=True):
             own[...] = part
-        self.early_steps, self.previous = taken.early_steps, [part.copy() for part in taken.previous]
+        self.early_steps = taken.early_steps
+        self.previous = [part.copy() for part in taken.previous]
         self.wound.clear()
         self.wound.update(taken.wound)
 
@@ -135,7 +150,8 @@ class Flexible:
         joints = stand(self.solver, now, 0.0, initial, "at the start")
         self._set_torques(*now)
         self.instant.account[:] = *self._energies(now[1]), 0.0, 0.0, 0.0, self.scheme.h
-        self.early_steps, self.previous = EARLY * begin_step(self.solver, joints, self.scheme, "at the start"), now
+        self.early_steps = EARLY * begin_step(self.solver, joints, self.scheme, "at the start")
+        self.previous = now
         if self.flat is not None:
             self.flat.load_from_space(self.solver.state, self.solver.border.ties)
         return self.tau
@@ -148,19 +164,25 @@ class Flexible:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.arguments)
         if status != CONVERGED:
-            turned, when = (self.flat or self.solver).turned(count), "in a step of the controller"
+            turned = (self.flat or self.solver).turned(count)
+            when = "in a step of the controller"
             raise step_failure(self.solver.mesh, self.passive, (status, count, size), when, self.scheme.h, turned)
 
     def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
         """Make a step soon after a sudden start, between two calls as values, rates and accelerations have it [m, rad, s]."""
-        now, m = [q.copy(), qd.copy(), qdd.copy()], self.mechanism
+        now = [q.copy(), qd.copy(), qdd.copy()]
+        m = self.mechanism
         for joint in m.joints:
             if not joint.actuated:  # what is given of it is not looked at
-                own, rates = m.q_slices[joint.name], m.v_slices[joint.name]
-                now[0][own], now[1][rates], now[2][rates] = self.previous[0][own], 0.0, 0.0
+                own = m.q_slices[joint.name]
+                rates = m.v_slices[joint.name]
+                now[0][own] = self.previous[0][own]
+                now[1][rates] = 0.0
+                now[2][rates] = 0.0
         for part in between(m, self.previous, now, self.scheme.h, SUBSTEPS):
             self.advance(self.early, *part)
-        self.early_steps, self.previous = self.early_steps - 1, now
+        self.early_steps = self.early_steps - 1
+        self.previous = now
         if self.early_steps == 0:
             end_early((self.flat or self.solver).system.state)
 
@@ -178,7 +200,8 @@ class Flexible:
 
     def _judge(self, holds: float, potential: float, qd: Array) -> None:
         """Raise ConvergenceError where more energy [J] is there than drives and loads have put in."""
-        mesh, step = self.solver.mesh, self.scheme.h
+        mesh = self.solver.mesh
+        step = self.scheme.h
         held, at_start, _, work, worked, steps, _ = self.instant.account.tolist()
         from_nowhere = holds + potential - held - at_start - work
         most = held + worked + abs(potential - at_start) + float(carried(mesh, qd[None], self.passive)[0])
@@ -191,7 +214,9 @@ class Flexible:
 
     def _energies(self, qd: Array) -> tuple[float, float, float]:
         """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
-        one, motion, (_, _, *masses) = self.instant, self.solver.instant.motion, self.parts
+        one = self.instant
+        motion = self.solver.instant.motion
+        _, _, *masses = self.parts
         held, potential, power = instant_energies(*masses, one.stored, one.driven, self.tau, qd)
         if (applied := applied_forces(self.solver.mesh, motion, np.zeros(1))) is not None:
             turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
@@ -200,7 +225,9 @@ class Flexible:
 
     def _set_torques(self, q: Array, qd: Array, qdd: Array) -> None:
         """Set the torques, with springs in joints that turn on, less what springs between points and given forces do."""
-        motion, mesh, driven = self.solver.instant.motion, self.solver.mesh, self.mechanism.actuated
+        motion = self.solver.instant.motion
+        mesh = self.solver.mesh
+        driven = self.mechanism.actuated
         instant_torques(*self.parts, self.instant.line, (q, qd, qdd), self.tau)
         if self.winds:
             self.tau += np.where(driven, winding(self.mechanism, q[None], self.wound), 0.0)
@@ -301,7 +328,9 @@ class Controller:
 
     def _checked(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
-        m, names, now = self.mechanism, [f"controller: {name}" for name in ("q", "qd", "qdd")], []
+        m = self.mechanism
+        names = [f"controller: {name}" for name in ("q", "qd", "qdd")]
+        now = []
         for name, part, size in zip(names, given, (m.nq, m.nv, m.nv), strict=True):
             own = np.array(floats(name, part))
             if own.shape != (size,) or not np.isfinite(own).all():

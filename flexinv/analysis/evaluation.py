@@ -55,13 +55,18 @@ class FirstStep:
 def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: SecondStepArrays | None = None) -> Solution:
     """Return the Solution of both steps [N m], [N], efforts of drives and springs included; found : of the second, where made."""
     found = second_step(mesh, first) if found is None else found
-    mechanism, (q, qd, qdd), time, loops = mesh.mechanism, first.joints, first.time, first.loops
+    mechanism = mesh.mechanism
+    q, qd, qdd = first.joints
+    time = first.time
+    loops = first.loops
     tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
     if loops is not None and loops.left.size == 0:  # rigid loops have it from the allocation, a march only here
         loops = replace(loops, left=tau * ~mechanism.actuated)
-    internal, stations = dict[str, Array](), dict[str, Array]()
+    internal = dict[str, Array]()
+    stations = dict[str, Array]()
     for name, own, order, station in _points(mesh):
-        part, stations[name] = first.trajectory.internal[:, own], station.copy()
+        part = first.trajectory.internal[:, own]
+        stations[name] = station.copy()
         if (order == part.shape[2]).all():  # not copied where they stand so in memory
             internal[name] = part.reshape(len(part), -1, 6)
         else:
@@ -90,7 +95,8 @@ def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Ar
     """Return efforts (samples, nv) [N m], [N] of both sides with joints' rotors, damping, friction, springs, less couplings'."""
     if mechanism.drive_table[:4].any():
         own = own_efforts(mechanism, *first.joints, direction=_direction(mechanism, first.joints[1], first.smooth))
-        tau, reaction = tau + own, reaction + own
+        tau = tau + own
+        reaction = reaction + own
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
@@ -99,14 +105,17 @@ def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
 
     One compiled pass reads every sample once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the same step by step.
     """
-    none, shapes = np.empty((0, 0, 0)), found_shapes(mesh, len(first.time))
-    trajectory, applied = first.trajectory, first.applied
+    none = np.empty((0, 0, 0))
+    shapes = found_shapes(mesh, len(first.time))
+    trajectory = first.trajectory
+    applied = first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
     found = SecondStepArrays(*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    given, line = Given(*map(for_kernels, series)), np.empty((mesh.size, 6))
+    given = Given(*map(for_kernels, series))
+    line = np.empty((mesh.size, 6))
     second_step_samples(skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
 
@@ -114,7 +123,8 @@ def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
 def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
     """Return the shapes of the parts of `SecondStepArrays` [-]."""
     k = skeleton(mesh)
-    nodal, joints = (samples, mesh.size, 3), (samples, mesh.mechanism.nv)
+    nodal = (samples, mesh.size, 3)
+    joints = (samples, mesh.mechanism.nv)
     named = [(len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3)]
     return [nodal, nodal, joints, joints, *named, *4 * [(samples,)], (samples, 6)]
 
@@ -134,7 +144,8 @@ def skeleton(mesh: Mesh) -> Skeleton:
     numbers = [list(mesh.joint_node.values()), [n for n, _ in end]]
     numbers += [[int(mesh.section_nodes[link.name][k]) for link in m.beams] for k in (0, -1)]
     joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
-    points, gravity = np.array([point for _, point in end], float).reshape(-1, 3), np.array(m.gravity, dtype=float)
+    points = np.array([point for _, point in end], float).reshape(-1, 3)
+    gravity = np.array(m.gravity, dtype=float)
     moved = mesh.freedoms, mesh.v_index, mesh.slide, mesh.turn
     return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)
 
@@ -154,7 +165,8 @@ def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | Non
     """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
     wrench = np.dstack([wrenches.force, np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)])
-    samples, shapes = len(wrench), ((*mesh.elements.weight.shape, 6), (3,), (0,))
+    samples = len(wrench)
+    shapes = ((*mesh.elements.weight.shape, 6), (3,), (0,))
     internal, energy, multipliers = (np.zeros((samples, *shape)) for shape in shapes)
     return Trajectory(*motion.parts, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
 
@@ -179,7 +191,8 @@ def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> A
 @kept_with_owner()
 def _points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
     """Name of each beam, which elements are its own, their orders, and where their points are."""
-    e, out = mesh.elements, []
+    e = mesh.elements
+    out = []
     for index, link in enumerate(mesh.mechanism.links):
         own = np.flatnonzero(e.link == index)
         if link.beam is not None and len(own):

@@ -59,7 +59,8 @@ def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array
 
 def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
     """A record of what ``of`` makes of the arrays in ``records``, also those within other records; all else is the last's."""
-    last, made = records[-1], dict[str, Any]()
+    last = records[-1]
+    made = dict[str, Any]()
     by_name = hasattr(last, "_fields")  # a named tuple
     for name in last._fields if by_name else [field.name for field in fields(last)]:
         values = [getattr(one, name) for one in records]
@@ -76,7 +77,8 @@ def _coordinates(mechanism: Mechanism, parts: Sequence[Array], weight: Array) ->
     """Coordinates (samples, nq): linear, and on the unit sphere for quaternions and angles as (cos, sin)."""
     out = combined(parts, weight)
     for joint in mechanism.joints:
-        kind, own = KINDS[joint.kind], mechanism.q_slices[joint.name]
+        kind = KINDS[joint.kind]
+        own = mechanism.q_slices[joint.name]
         if kind.circle or kind.has_quaternion:
             ball = [part[:, own.stop - (2 if kind.circle else 4) : own.stop] for part in parts]
             value = combined([part * np.sign((part * ball[-1]).sum(axis=1, keepdims=True)) for part in ball], weight)
@@ -103,8 +105,11 @@ def largest_nearby(values: Array, part: float = NEARBY) -> Array:
     """
     half = int(np.ceil(part * len(values)))
     outside = np.full((half, *values.shape[1:]), -np.inf)
-    largest, reach, width = np.concatenate([outside, values, outside]), 1, 2 * half + 1
+    largest = np.concatenate([outside, values, outside])
+    reach = 1
+    width = 2 * half + 1
     while reach < width:
         more = min(reach, width - reach)
-        largest, reach = np.maximum(largest[:-more], largest[more:]), reach + more
+        largest = np.maximum(largest[:-more], largest[more:])
+        reach = reach + more
     return largest

@@ -99,7 +99,8 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     A level that is only touched is reached, too.  Raises InputError where the motion is not the one of the solution.
     """
     of_kind("solution", solution, Solution)
-    m, time = solution.mechanism, solution.time
+    m = solution.mechanism
+    time = solution.time
     asked = [
         _Asked(column, name, float(getattr(joint.limits, name)))
         for column, joint in enumerate(_joints_of_columns(m))
@@ -134,7 +135,8 @@ def _prescribed(solution: Solution, motion: Motion) -> Mask:
 
     Raises InputError where the motion is not that of the solution.
     """
-    m, given = solution.mechanism, set(motion.joints(solution.mechanism))
+    m = solution.mechanism
+    given = set(motion.joints(solution.mechanism))
     ends = solution.time[[0, -1]]
     q = motion.evaluate(m, ends, "right")[0]
     own = np.array([joint.name in given for joint in _joints_of_columns(m)], dtype=bool)
@@ -156,7 +158,8 @@ def _parts(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -> dict[str, A
     """Positions (samples, nv), nan of joints that have none, rates and efforts, by quantity."""
     places = np.full_like(qd, np.nan)
     for joint in mechanism.joints:
-        own, at = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
+        own = q[:, mechanism.q_slices[joint.name]]
+        at = mechanism.v_slices[joint.name]
         if joint.nv == 1:
             places[:, at] = scalar_coordinate(joint, own)[:, None]
         elif KINDS[joint.kind].scalar:
@@ -166,7 +169,8 @@ def _parts(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -> dict[str, A
 
 def _between_exactly(solution: Solution, motion: Motion, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
     """Limits of what can be evaluated at any instant."""
-    m, time = solution.mechanism, solution.time
+    m = solution.mechanism
+    time = solution.time
     efforts = any(one.quantity == "effort" for one in asked) or bool(m.closures)
     evaluate = _evaluation(solution, motion, efforts)
     marks = {
@@ -188,7 +192,9 @@ def _between_exactly(solution: Solution, motion: Motion, asked: list[_Asked]) ->
 
 def _evaluation(solution: Solution, motion: Motion, efforts: bool) -> Callable[[Array], dict[str, Array]]:
     """Times (n,) [s] -> positions, rates and, where wanted, efforts there, (n, nv) each."""
-    m, mesh, given = solution.mechanism, solution.mesh, motion.joints(solution.mechanism)
+    m = solution.mechanism
+    mesh = solution.mesh
+    given = motion.joints(solution.mechanism)
     passive = {joint.name for joint in m.joints if joint.nv} - set(given)
     places = {name: solution.q[0, m.q_slices[name]] for name in passive}
     settings = Settings(float(solution.settings["step"]))
@@ -214,7 +220,8 @@ def _between_samples(solution: Solution, asked: list[_Asked]) -> dict[_Asked, Li
     """Limits of joints that move on quintics between samples."""
     if not asked:
         return {}
-    m, time = solution.mechanism, solution.time
+    m = solution.mechanism
+    time = solution.time
     parts = _parts(m, solution.q, solution.qd, solution.torque_all)
     places = np.nan_to_num(parts["upper"])
     position = join_samples(time, [places, solution.qd, solution.qdd])
@@ -247,7 +254,8 @@ def _at_samples(mechanism: Mechanism, one: _Asked, time: Array, values: Array) -
     """A limit against values (samples, signs) at samples alone."""
     largest = values.max(axis=1)
     over = np.flatnonzero(largest >= one.level)
-    at, reached = int(np.argmax(largest)), float(time[over[0]]) if len(over) else None
+    at = int(np.argmax(largest))
+    reached = float(time[over[0]]) if len(over) else None
     peak = float(largest[at])
     return _use(mechanism, one, peak, float(time[at]), (reached, peak > one.level), AT_STEPS)
 

@@ -44,7 +44,9 @@ def rigid_loops(task: Task) -> FirstStep:
     into phases, solved one after the other by the same equations.  Raises InputError for closures that meet with unequal
     velocities and for drives that cannot hold the mechanism, ConvergenceError at singular configurations and lost branches.
     """
-    mesh, time, m = task.mesh, task.time, task.mesh.mechanism
+    mesh = task.mesh
+    time = task.time
+    m = task.mesh.mechanism
     joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive), task.knots)
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
@@ -54,7 +56,8 @@ def rigid_loops(task: Task) -> FirstStep:
     wrenches = own_wrenches(mesh, motion, forces)
     tree = project(mesh, motion, forces, wrenches) + own_efforts(m, q, qd, qdd)
     parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches]  # phase by phase
-    shares, width = parts[0], max(part.preload.shape[2] for part in parts)
+    shares = parts[0]
+    width = max(part.preload.shape[2] for part in parts)
     if len(parts) > 1:
         missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
@@ -75,7 +78,8 @@ def rigid_loops(task: Task) -> FirstStep:
 
 def _between(task: Task) -> MotionBetween:
     """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
-    mesh, unknown = task.mesh, stated_of(task.mesh.mechanism, task.passive)
+    mesh = task.mesh
+    unknown = stated_of(task.mesh.mechanism, task.passive)
 
     def nodes(times: Array) -> NodalMotion:
         at = np.union1d(task.time, times)
@@ -101,25 +105,34 @@ def _phased_motion(
     been held against them.
     """
     m = mesh.mechanism
-    pieces, original = phases(m, time), constraint_rows(mesh)
+    pieces = phases(m, time)
+    original = constraint_rows(mesh)
     if len(pieces) == 1 and pieces[0].active.all():
         only = [Stretch(pieces[0], original)]
         if unknown.any() or not len(original.closure):
             return closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
-        given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
+        given = history(time)
+        motion = NodalMotion.unwritten(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
-    whole, begins = history(time), np.zeros(len(m.closures), dtype=bool)
-    stretches, impacts, before = list[Stretch](), list[Impact](), None
+    whole = history(time)
+    begins = np.zeros(len(m.closures), dtype=bool)
+    stretches = list[Stretch]()
+    impacts = list[Impact]()
+    before = None
     for piece in pieces:
         span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
-        stretch, at = Stretch(piece, original), float(time[piece.first])
+        stretch = Stretch(piece, original)
+        at = float(time[piece.first])
         if before is not None:
             state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
             stretch, begins = _caught(mesh, stretches[-1], piece, state, at)
-        begun, rows = None if before is None else before[0], stretch.rows.of(piece.active)
+        begun = None if before is None else before[0]
+        rows = stretch.rows.of(piece.active)
         found = closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
-            rates, rest = (before[1], found[1][0]), np.zeros((1, m.nv))  # which the impulses change at once
+            # which the impulses change at once
+            rates = (before[1], found[1][0])
+            rest = np.zeros((1, m.nv))
             one, two = ((rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
             shares = _shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
             impulses = shares.tau[0], shares.multipliers[0]
@@ -133,7 +146,8 @@ def _phased_motion(
 
 def _caught(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion, time: float) -> tuple[Stretch, Mask]:
     """The stretch of a phase and which closures begin to act: frames that are captured as they lie, the others have met."""
-    m, begins = mesh.mechanism, phase.active & ~last.phase.active
+    m = mesh.mechanism
+    begins = phase.active & ~last.phase.active
     captures = begins & np.array([c.capture for c in m.closures])
     rows = captured(m, constraint_rows(mesh), last.rows, motion, captures)
     check_meeting(mesh, rows, motion, begins, time)
@@ -154,8 +168,10 @@ def _energy_jumps(time: Array, impacts: list[Impact]) -> Array:
 
 def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
-    m, active = mesh.mechanism, stretch.phase.active
-    rows, pick = stretch.rows.of(active), active[stretch.rows.closure]
+    m = mesh.mechanism
+    active = stretch.phase.active
+    rows = stretch.rows.of(active)
+    pick = active[stretch.rows.closure]
     g = constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
     found = share_out(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():
@@ -172,7 +188,9 @@ def closed_task(task: Task) -> Task:
     links would have: beams yield, and so decide how drives share the work.
     Raises InputError unless the motion is that of the drives, ConvergenceError where the loops do not close.
     """
-    mesh, m, start = task.mesh, task.mesh.mechanism, float(task.steps[0])
+    mesh = task.mesh
+    m = task.mesh.mechanism
+    start = float(task.steps[0])
     unknown = stated_of(m, task.passive)
     given = "the motion gives a joint without a drive", "give the motion of the drives, or write actuated = true"
     left = "the motion leaves out a drive", "write actuated = false: drives cannot share the work here yet"
@@ -207,8 +225,11 @@ def _start(
 
 def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
     """Return a first step with its closures' forces [N], [N m] among those applied, from multipliers that each step has found."""
-    m, time, trajectory = mesh.mechanism, first.time, first.trajectory
-    motion, stretches = trajectory.motion, switching.stretches
+    m = mesh.mechanism
+    time = first.time
+    trajectory = first.trajectory
+    motion = trajectory.motion
+    stretches = switching.stretches
     pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
     efforts = trajectory.multipliers @ stretches[0].rows.gear
     # the energy that closures absorb from one sample to the next: zero for short steps
@@ -246,7 +267,8 @@ class Switching:
 
     def __init__(self, mesh: Mesh, phase: Phase, ties: Ties | None) -> None:
         """Let the closures of the first phase act, with the frames [m] that the mechanism states."""
-        rows, self.impacts = constraint_rows(mesh), list[Impact]()
+        rows = constraint_rows(mesh)
+        self.impacts = list[Impact]()
         self.stretches = [Stretch(phase, rows)]
         if ties is not None:
             set_ties(ties, rows, phase.active)
@@ -257,7 +279,9 @@ class Switching:
         joints, qd : right-hand limit of the prescribed motion there [m, rad, s]; time [s]
         Raises InputError for frames that have not met or move against each other (`reactions.check_meeting`).
         """
-        mesh, s, sample = solver.mesh, solver.state, phase.first
+        mesh = solver.mesh
+        s = solver.state
+        sample = phase.first
         one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
         stretch, begins = _caught(mesh, self.stretches[-1], phase, one, time)
         # the rest, below `reactions.APART`: the next step shall not jerk it away
@@ -265,13 +289,16 @@ class Switching:
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0
-        before, impulses = _rates(solver, qd), solver.collide(joints)
+        before = _rates(solver, qd)
+        impulses = solver.collide(joints)
         accept(s)
         solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
         record_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
-            two, after = out.rows(sample, sample + 1).motion, _rates(solver, qd)
-            sides, pushed = ((one, before), (two, after)), closure_wrenches(mesh, two, rows, impulses[None])[0]
+            two = out.rows(sample, sample + 1).motion
+            after = _rates(solver, qd)
+            sides = ((one, before), (two, after))
+            pushed = closure_wrenches(mesh, two, rows, impulses[None])[0]
             self.impacts.append(impact_of(mesh, rows, begins, sides, jump_efforts(mesh, sides, pushed), impulses, time))
 
 

@@ -68,15 +68,22 @@ def motor_side(solution: Solution) -> dict[str, MotorSide]:
 
 
 def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
-    m, n, at = solution.mechanism, drive.ratio, solution.mechanism.v_slices[joint.name].start
-    tau, rate, acceleration = solution.torque_all[:, at], solution.qd[:, at], solution.qdd[:, at]
+    m = solution.mechanism
+    n = drive.ratio
+    at = solution.mechanism.v_slices[joint.name].start
+    tau = solution.torque_all[:, at]
+    rate = solution.qd[:, at]
+    acceleration = solution.qdd[:, at]
     angle = scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
         own = n**2 * drive.rotor_inertia * acceleration + n * friction(replace(drive, static=0.0), n * rate)
         transmitted = tau - own
     else:
-        transmitted, lag = tau, _lag(drive, solution.time, tau, joint.name)
-        angle, rate, acceleration = angle + lag[0], rate + lag[1], acceleration + lag[2]
+        transmitted = tau
+        lag = _lag(drive, solution.time, tau, joint.name)
+        angle = angle + lag[0]
+        rate = rate + lag[1]
+        acceleration = acceleration + lag[2]
     torque = n * drive.rotor_inertia * acceleration + friction(drive, n * rate) + transmitted / n
     current = torque / drive.torque_constant if drive.torque_constant else np.full_like(torque, np.nan)
     return MotorSide(n * angle, n * rate, n * acceleration, torque, current, transmitted)
@@ -87,7 +94,8 @@ def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array
     of = f"drive of joint {name!r}"
     if len(time) < FEWEST:
         raise InputError(f"{of}: {len(time)} samples, expected {FEWEST} or more: take a smaller step")
-    found, coarse = _second(drive, time, tau), _second(drive, time[::2], tau[::2])
+    found = _second(drive, time, tau)
+    coarse = _second(drive, time[::2], tau[::2])
     change = np.abs(found[2][::2] - coarse[2]).max()
     if change > ROUGH * np.abs(found[2]).max():
         raise InputError(
@@ -101,7 +109,9 @@ def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array
 def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]:
     spline = scipy.interpolate.make_interp_spline(time, tau, k=5)
     rate, second = (spline.derivative(k)(time) for k in (1, 2))
-    k, d, step = drive.stiffness, drive.damping, float(time[1] - time[0])
+    k = drive.stiffness
+    d = drive.damping
+    step = float(time[1] - time[0])
     if not d:
         return tau / k, rate / k, second / k
     # k delta + d delta' = tau and its derivatives, from rest: delta' = 0, d delta'' = tau' at the first sample
@@ -111,6 +121,7 @@ def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]
 
 def _filtered(k: float, d: float, step: float, force: Array, start: float) -> Array:
     """x of k x + d x' = force (samples,), exact for a force that is linear between samples."""
-    part, trend = float(np.exp(-k / d * step)), np.diff(force) / step * d / k
+    part = float(np.exp(-k / d * step))
+    trend = np.diff(force) / step * d / k
     push = (force[1:] - trend - part * (force[:-1] - trend)) / k
     return np.append(start, scipy.signal.lfilter([1.0], [1.0, -part], push, zi=[part * start])[0])

@@ -29,7 +29,8 @@ def link_mass(link: Link) -> float:
     bodies = sum(body.inertia.mass for body in link.bodies)
     if link.beam is None:
         return bodies
-    section, stations = link.beam.section, np.concatenate([[0.0], link.beam.section.stations, [1.0]])
+    section = link.beam.section
+    stations = np.concatenate([[0.0], link.beam.section.stations, [1.0]])
     density = np.interp(stations, section.stations, section.mass_per_length)  # linear between, constant beyond
     return bodies + link.beam.length * float(np.trapezoid(density, stations))
 
@@ -40,7 +41,8 @@ def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
     It starts where the case does, without a case near its zero if it closes there; a singular start the line names.
     Raises ConvergenceError where the loops stay open.
     """
-    mesh, start = build(mechanism), start_of(mechanism, case)
+    mesh = build(mechanism)
+    start = start_of(mechanism, case)
     at = closed_anywhere(mesh, start) if case is None else closed_near(mesh, start)
     here = mobility(mesh, at)
     found = min([here, *(mobility(mesh, q) for q in places_near(mesh, at))], key=lambda one: one.freedoms)
@@ -65,7 +67,8 @@ def overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
 
     Drives that are not zero stand with their joints, when closures act [s] with these; stiffness and mass of a beam: at its root.
     """
-    moving, closures = [j for j in mechanism.joints if j.nv], mechanism.closures
+    moving = [j for j in mechanism.joints if j.nv]
+    closures = mechanism.closures
     beams = [(link.name, link.beam) for link in mechanism.links if link.beam is not None]
     joints = {
         "joint": [j.name for j in moving], "kind": [j.kind for j in moving],

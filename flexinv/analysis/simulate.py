@@ -55,18 +55,23 @@ def simulate(
     began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
 
     def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
-        mesh, moves = build(meshed), {j.name for j in meshed.joints if j.nv}
-        stated, first = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), at_rest), float(steps[0])
+        mesh = build(meshed)
+        moves = {j.name for j in meshed.joints if j.nv}
+        stated = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), at_rest)
+        first = float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:
             state = consistent_start(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
         began.append((stated, state[0], state[1]))
-        history, jumps, efforts = still(*state), tuple(_jumps(table[0])), _efforts(meshed, table, own.step)
+        history = still(*state)
+        jumps = tuple(_jumps(table[0]))
+        efforts = _efforts(meshed, table, own.step)
         return Task(mesh, steps, history, history, moves, own, jumps, efforts=efforts, progress=progress)
 
     if accuracy is None and step is not None:
         step = number("step", step, "a positive number of seconds, for example step=1e-3")
-        span, settings = table[0][-1] - table[0][0], checked(step, spectral_radius, EXACT, initial)
+        span = table[0][-1] - table[0][0]
+        settings = checked(step, spectral_radius, EXACT, initial)
         count = round(span / step)
         if count < 1:
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
@@ -78,8 +83,10 @@ def simulate(
     else:
         from flexinv.accuracy.accurate import accurate, check_accuracy, problem_of
 
-        asked, settings = check_accuracy(accuracy, step), checked(1.0, spectral_radius, EXACT, initial)
-        span, jumps = (float(table[0][0]), float(table[0][-1])), _jumps(table[0])
+        asked = check_accuracy(accuracy, step)
+        settings = checked(1.0, spectral_radius, EXACT, initial)
+        span = (float(table[0][0]), float(table[0][-1]))
+        jumps = _jumps(table[0])
         solution = accurate(problem_of(mechanism, free_task, settings, asked, table[0], jumps, span))
     if at_rest:  # an equilibrium may leave what was stated of the start
         check_static(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
@@ -88,7 +95,9 @@ def simulate(
 
 def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], at_rest: bool) -> Stated:
     """The known values of the start; ``at_rest``: passive joints may be stated where beams are bent, loops are closed unbent."""
-    m, q, qd = mechanism, mechanism.neutral, np.zeros(mechanism.nv)
+    m = mechanism
+    q = mechanism.neutral
+    qd = np.zeros(mechanism.nv)
     for name, value in places.items():
         q[m.q_slices[name]] = value
     for name, value in rates.items():
@@ -122,7 +131,8 @@ def _jumps(time: Array) -> Array:
 
 
 def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:
-    (time, torque), jumps = table, np.append(_jumps(table[0]), np.inf)
+    time, torque = table
+    jumps = np.append(_jumps(table[0]), np.inf)
 
     def efforts(at: Array, before: bool) -> Array:
         after = np.minimum(np.searchsorted(jumps, at - SAME_TIME * step), len(jumps) - 1)

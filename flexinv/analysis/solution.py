@@ -150,7 +150,8 @@ class Solution(ByValue):
     @property
     def energy_exchanged(self) -> float:
         """Return the energy exchanged [J], the scale of `energy_error`: work put in and taken out, the widest change of one."""
-        b, power = self.balance, np.abs(self.torque_all * self.qd).sum(axis=1)
+        b = self.balance
+        power = np.abs(self.torque_all * self.qd).sum(axis=1)
         widest = max(float(np.ptp(energy)) for energy in (b.kinetic, b.potential, b.elastic))
         return float(np.trapezoid(power, self.time)) + widest
 
@@ -183,13 +184,16 @@ class Solution(ByValue):
         """Raise ConvergenceError where the steps lose or make more than `MOST_LOST` of the energy exchanged [J]."""
         if not self.marched:
             return
-        duration, mesh = float(self.time[-1] - self.time[0]), self.mesh
+        duration = float(self.time[-1] - self.time[0])
+        mesh = self.mesh
         slow = 0.5 * float(mesh.mass.sum()) * (STANDING * mesh.length / duration) ** 2
         is_driven = any(joint.actuated for joint in self.mechanism.joints)
         held = (DRIFT if is_driven else UNDRIVEN_DRIFT) * float(self.balance.kinetic.max())
         if float(np.abs(self.balance.work).max()) <= MOST_LOST * float(np.ptp(self.balance.kinetic)) + slow + held:
             return  # less than what the sums below would allow
-        error, exchanged, step = self.energy_error, self.energy_exchanged, float(self.settings["step"])
+        error = self.energy_error
+        exchanged = self.energy_exchanged
+        step = float(self.settings["step"])
         if error <= MOST_LOST * exchanged + slow + held:
             return
         first = float(self.time[int(np.argmax(np.abs(self.balance.work) > 0.5 * error))])
@@ -209,10 +213,12 @@ class Solution(ByValue):
 
     def frame(self) -> pd.DataFrame:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
-        m, columns = self.mechanism, dict[str, Array]()
+        m = self.mechanism
+        columns = dict[str, Array]()
         places = np.full_like(self.qd, np.nan)  # angles or lengths; some joints have none (rotations in space)
         for joint in m.joints:
-            own, at = self.q[:, m.q_slices[joint.name]], m.v_slices[joint.name]
+            own = self.q[:, m.q_slices[joint.name]]
+            at = m.v_slices[joint.name]
             if joint.nv == 1:
                 places[:, at] = scalar_coordinate(joint, own)[:, None]
             elif KINDS[joint.kind].scalar:
@@ -244,7 +250,8 @@ class Solution(ByValue):
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""
-        m, bars = self.mechanism, dict[str, Array]()
+        m = self.mechanism
+        bars = dict[str, Array]()
         if self.torque_error is not None:
             labels = (label for label, driven in zip(effort_labels(m), m.actuated, strict=True) if driven)
             bars = {f"error of {label}": column for label, column in zip(labels, self.torque_error.T, strict=True)}
@@ -267,7 +274,8 @@ class Solution(ByValue):
         """
         m = self.mechanism
         joints = [j for j in m.joints for _ in range(j.nv)]
-        effort, speed = np.abs(self.torque_all).max(axis=0), np.abs(self.qd).max(axis=0)
+        effort = np.abs(self.torque_all).max(axis=0)
+        speed = np.abs(self.qd).max(axis=0)
         limit_effort, limit_speed = (np.array([getattr(j.limits, k) for j in joints]) for k in ("effort", "velocity"))
         rows = {
             "unit": effort_units(m), "peak effort": effort, "rms effort": np.sqrt((self.torque_all**2).mean(axis=0)),
@@ -305,12 +313,17 @@ def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
 
 def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
     """Resultants at a beam's root: minus the sum of P over all nodes beyond it, and of its own share of mass there alone."""
-    root, outer = mesh.section_nodes[link.name][0], beyond(mesh, int(mesh.section_nodes[link.name][1]))
+    root = mesh.section_nodes[link.name][0]
+    outer = beyond(mesh, int(mesh.section_nodes[link.name][1]))
     arm = motion.x[:, outer] - motion.x[:, [root]]
-    mass, inertia = mesh.mass[root], mesh.inertia[root].copy()
+    mass = mesh.mass[root]
+    inertia = mesh.inertia[root].copy()
     for body in (one for one in link.bodies if mesh.body_node[(link.name, one.name)] == root):
-        mass, inertia = mass - body.inertia.mass, inertia - body.inertia.tensor
-    w, al, r = motion.omega[:, root], motion.alpha[:, root], motion.rotation[:, root]
+        mass = mass - body.inertia.mass
+        inertia = inertia - body.inertia.tensor
+    w = motion.omega[:, root]
+    al = motion.alpha[:, root]
+    r = motion.rotation[:, root]
     force = forces.force[:, outer].sum(axis=1) + mass * (motion.a[:, root] - mesh.mechanism.gravity)
     moment = (forces.moment[:, outer] + np.cross(arm, forces.force[:, outer])).sum(axis=1)
     force, moment = (np.einsum("sji,sj->si", r, part) for part in (force, moment))

@@ -58,7 +58,8 @@ def solve(
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
     every = check_task(mechanism, motion, initial, every, progress)
-    error, incremental = flag("error", error), flag("incremental", incremental)
+    error = flag("error", error)
+    incremental = flag("incremental", incremental)
     if accuracy is not None or step is None:
         if incremental or every > 1:
             why = "it chooses the steps, their samples and the mode by itself; leave out incremental, every"
@@ -111,10 +112,12 @@ def with_error(
     first, steps, settings : of the solution; again : as `refinement.Problem.run`
     stride : samples of half the step that there are for each of its own [-]; even : whether the steps' errors have even powers
     """
-    mechanism, half = solution.mechanism, settings.step / 2
+    mechanism = solution.mechanism
+    half = settings.step / 2
     finest = replace(settings, step=half, every=2 * settings.every // stride)
     mesh, halved = again(mechanism, steps[0] + half * np.arange(2 * len(steps) - 1), (), finest)
-    better, bars = solution, [_scaled_difference(solution, solution_of(mesh, halved, finest), stride, STEP_ERROR)]
+    better = solution
+    bars = [_scaled_difference(solution, solution_of(mesh, halved, finest), stride, STEP_ERROR)]
     if even:
         both = extrapolated(mechanism, [first, thinned(halved, stride)], weights((1, 2)))
         better = solution_of(solution.mesh, both, settings)

@@ -88,7 +88,8 @@ def solve_many(
     _check_options(options, "")
     function("progress", progress, "a function that is called with 1 after every scenario")
     count = processors() if threads is None else min(whole("threads", threads, 1, THREADS), limit())
-    lock, results = Lock(), list[Solution | Exception | None](repeat(None, len(scenarios)))
+    lock = Lock()
+    results = list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
     runs = [run for run in alike(prepared) if len(run) > 1]
     joined = {k for run in runs for k in run}
@@ -124,7 +125,8 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
     Threads are started at the lowest level: `Thread.start` waits until the new one has the interpreter, for as long as a short
     scenario takes a quarter of.
     """
-    ended, here = SimpleQueue[BaseException | None](), processor_now()
+    ended = SimpleQueue[BaseException | None]()
+    here = processor_now()
 
     def kept(number: int) -> None:
         try:
@@ -203,7 +205,8 @@ class Scenario:
 
 def prepare_all(scenarios: Sequence[Asked], options: Mapping[str, Any]) -> dict[int, Scenario]:
     """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
-    known, out = dict[Any, Scenario | None](), dict[int, Scenario]()
+    known = dict[Any, Scenario | None]()
+    out = dict[int, Scenario]()
     for k, (mechanism, motion, own) in enumerate(scenarios):
         key = k if own else (id(mechanism), id(motion))
         if key not in known:
@@ -222,7 +225,8 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
             return None
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
             return None
-        mesh, time = build(mechanism), time_grid(motion, options["step"], options.get("end"), 1)
+        mesh = build(mechanism)
+        time = time_grid(motion, options["step"], options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
         settings = checked(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
@@ -234,7 +238,8 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
 
 def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
     """Return the numbers [-] of those that are alike, in runs that stand in one piece of memory."""
-    groups, runs = dict[Any, list[int]](), list[list[int]]()
+    groups = dict[Any, list[int]]()
+    runs = list[list[int]]()
     for k, one in scenarios.items():
         groups.setdefault((_structure(one.mesh), one.settings, len(one.time)), []).append(k)
     for group in groups.values():
@@ -247,7 +252,8 @@ def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
 @kept_with_owner()
 def _structure(mesh: Mesh) -> tuple[Any, ...]:
     """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
-    m, k = planar_model(mesh, frozenset()), skeleton(mesh)
+    m = planar_model(mesh, frozenset())
+    k = skeleton(mesh)
     parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
     parts += [m.masses.single, m.masses.block, m.masses.member, m.joints.given, m.joints.turns_on]
     return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
@@ -264,28 +270,35 @@ def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
 
 def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
     """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
-    first, tasks = scenarios[0], _tasks(scenarios)
+    first = scenarios[0]
+    tasks = _tasks(scenarios)
     designs = _designs(first.mesh, tuple(dict.fromkeys(one.mesh for one in scenarios)))
     out, found = _room(first, len(scenarios))
-    ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
-    ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
+    ahead = np.zeros(8, dtype=np.uint64)
+    left = np.zeros(len(scenarios))
+    lock = Lock()
+    ended = np.zeros((len(scenarios), 3), dtype=np.int64)
+    results = list[Any](scenarios)
     made = Results(out, found, ended, left)
     most = (
         1 if progress is not None else min(max(1, INSTANTS_AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
     )
 
     def work() -> None:
-        own, line = PlanarMarch.acquire(first.mesh, ()), np.empty((first.mesh.size, 6))
+        own = PlanarMarch.acquire(first.mesh, ())
+        line = np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
             done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
-                one, second = scenarios[n], SecondStepArrays(*(part[n] for part in found))
+                one = scenarios[n]
+                second = SecondStepArrays(*(part[n] for part in found))
                 q, qd, qdd = (part.copy() for part in one.table)
                 step = FirstStep(Trajectory._make(part[n] for part in out), one.time, (q, qd, qdd))
                 results[n] = solution_of(one.mesh, step, one.settings, second)
             if done < most and (n := int(mine[done])) < len(scenarios):
-                one, (status, instant, count) = scenarios[n], ended[n].tolist()
+                one = scenarios[n]
+                status, instant, count = ended[n].tolist()
                 early = instant < 0  # see `batch_kernel`
                 times, parts = (early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
                 result = status, -1 - instant if early else instant, count, float(left[n])
@@ -303,12 +316,14 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
 
 
 def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
-    first, model = scenarios[0], planar_model(scenarios[0].mesh, frozenset())
+    first = scenarios[0]
+    model = planar_model(scenarios[0].mesh, frozenset())
     meshes = {mesh: k for k, mesh in enumerate(dict.fromkeys(one.mesh for one in scenarios))}
     firsts = {id(one.table[0]): one for one in scenarios}
     number = {key: k for k, key in enumerate(firsts)}
     given = np.stack([model.joints.coordinates(*one.table) for one in firsts.values()])
-    joint, instants = np.zeros((len(firsts), first.mesh.size, 3)), np.arange(len(first.time))
+    joint = np.zeros((len(firsts), first.mesh.size, 3))
+    instants = np.arange(len(first.time))
     joint[:, model.joints.node] = given[:, 0]
     early = np.zeros((len(firsts), 0, *given.shape[2:]))  # at the parts of the first steps, none if all rest
     if given[:, 0, :, 1:].any() or any(one.mesh.mechanism.gravity.any() for one in scenarios):
@@ -327,13 +342,15 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
 
 def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays]:
     """Series of all scenarios, one after the other in memory."""
-    mesh, samples = first.mesh, len(first.time)
+    mesh = first.mesh
+    samples = len(first.time)
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
     stacks = [(scenarios, *shape) for shape in shapes]
     large = len(shapes) - len(SecondStepArrays._fields) + 2  # of the second step two are of all nodes
     *motion, wrench, internal, energy = (made := together(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
-    none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
+    none = np.empty((scenarios, samples, 0))
+    iterations = np.zeros((scenarios, samples), dtype=np.int64)
     found = SecondStepArrays(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
     return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found

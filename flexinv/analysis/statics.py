@@ -81,7 +81,9 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         raise InputError(f"statics: q has shape {at.shape}, {expected}")
     forces = [_force(mechanism, load, k) for k, load in enumerate(all_of_kind("loads", loads, Load))]
     loaded = replace(mechanism, forces=(*mechanism.forces, *forces))
-    mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
+    mesh = build(loaded)
+    now = np.zeros(1)
+    rest = np.zeros((1, mechanism.nv))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
         with advising(GIVE_Q):
@@ -91,7 +93,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         with advising(GIVE_Q):
             (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
         return solution_of(mesh, first, SETTINGS)
-    solver, (phase,) = Solver.of(mesh, passive), phases(loaded, now)
+    solver = Solver.of(mesh, passive)
+    (phase,) = phases(loaded, now)
     switching = Switching(mesh, phase, solver.border.ties)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(phase.active)
@@ -99,7 +102,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
             at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
-    joints, out = equilibrium(solver, at, "statics"), Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
+    joints = equilibrium(solver, at, "statics")
+    out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     iterations = solver.solve_instant(STATICS, joints, "statics")
     record_instant(solver, 0, out)
     out.iterations[0] = iterations

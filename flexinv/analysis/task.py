@@ -137,7 +137,8 @@ def prescribe(
 
 def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: Array, qd: Array) -> None:
     """Raise an error where closures contradict what was told of the first instant, found at q (nq,), qd (nv,) [rad or m, s]."""
-    mesh, m = task.mesh, task.mesh.mechanism
+    mesh = task.mesh
+    m = task.mesh.mechanism
     stated = start_coordinates(m, task.passive, start, start_rate)
     told = joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
@@ -150,7 +151,8 @@ def looked_up(task: Task) -> Task:
     m = task.mesh.mechanism
     if task.settings.every > 1 or task.jumps or (m.closures and m.is_rigid):
         return task
-    time, history = task.time, task.after
+    time = task.time
+    history = task.after
     for part in (table := history(time)):
         part.flags.writeable = False
 
@@ -167,7 +169,8 @@ def looked_up(task: Task) -> Task:
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
     step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    last, given = last_time(motion, end), f"step = {step:g} s"
+    last = last_time(motion, end)
+    given = f"step = {step:g} s"
     if step > last:
         raise InputError(f"{given} is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}")
     count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding

@@ -31,7 +31,8 @@ from flexinv.typing import Array, Indices
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
 # enough to cost nothing, and few enough that what the joints do takes some megabytes; in a plane, whose steps are short, samples.
-SPATIAL_CHUNK, PLANAR_CHUNK = 1 << 14, 4096
+SPATIAL_CHUNK = 1 << 14
+PLANAR_CHUNK = 4096
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
 
@@ -45,7 +46,8 @@ def first_step(task: Task) -> Iterator[FirstStep]:
 
     Raises InputError for closures that contradict the task, ConvergenceError with the time, the increment and what to try.
     """
-    m, marched = task.mesh.mechanism, bool(task.passive) or task.efforts is not None
+    m = task.mesh.mechanism
+    marched = bool(task.passive) or task.efforts is not None
     task = looked_up(task) if task.efforts is None and task.part is None else task
     if m.is_rigid and m.closures and task.efforts is None:
         return iter((rigid_loops(task),))
@@ -71,19 +73,25 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
     up to instants at which accelerations jump, closures begin or cease to act, or a part ends.
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
-    march, steps, kept, every = _March(task), task.steps, len(task.time), task.settings.every
-    last, step = len(steps) - 1, steps[1] - steps[0] if len(steps) > 1 else 1.0
+    march = _March(task)
+    steps = task.steps
+    kept = len(task.time)
+    every = task.settings.every
+    last = len(steps) - 1
+    step = steps[1] - steps[0] if len(steps) > 1 else 1.0
     stops = {*task.seams}
     if not stops:  # all steps are equal: samples at which accelerations jump
         found = {round((jump - steps[0]) / step) for jump in task.jumps}
         stops = {k for k in found if 0 < k <= last and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
     switches = {phase.first: phase for phase in march.phases[1:]}
-    start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, SPATIAL_CHUNK // task.mesh.size)
+    start = march.begin()
+    chunk = PLANAR_CHUNK if march.flat is not None else max(1, SPATIAL_CHUNK // task.mesh.size)
     for stop in sorted({*stops, *switches, *ends, last}):
         while start <= stop:
             kernel, arguments, arrive = march.leg(start, min(start + chunk, stop + 1))
-            first, start = start, arrive(kernel(*arguments))
+            first = start
+            start = arrive(kernel(*arguments))
             if task.progress is not None:
                 task.progress(start - max(first, 1))
         if stop in switches or stop in stops:
@@ -111,8 +119,12 @@ class _March:
 
     def __init__(self, task: Task) -> None:
         """Prepare the march of a task, in the plane where the mechanism lies in one and begins undeformed."""
-        self.task, self.scheme, self.origin, self.early = task, task.settings.scheme, 0, 0
-        mesh, self.phases = task.mesh, phases(task.mesh.mechanism, task.steps)
+        self.task = task
+        self.scheme = task.settings.scheme
+        self.origin = 0
+        self.early = 0
+        mesh = task.mesh
+        self.phases = phases(task.mesh.mechanism, task.steps)
         self.last: Array | None = None
         self.flat = None if task.efforts is not None else planar_march_of(mesh, task.passive)
         never_switches = len(self.phases) == 1 and self.phases[0].active.all()
@@ -124,14 +136,18 @@ class _March:
 
     def go_on(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
-        rows, left = len(self.out.iterations), len(self.task.time) - origin
+        rows = len(self.out.iterations)
+        left = len(self.task.time) - origin
         out = Trajectory.unwritten(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
         out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
-        self.out, self.origin = out, origin
+        self.out = out
+        self.origin = origin
 
     def moved(self, ends: bool) -> FirstStep:
         """Return the part that was marched last [m, rad, s, N], with the coordinates of passive joints and what acts on nodes."""
-        task, mesh, trajectory = self.task, self.task.mesh, self.out
+        task = self.task
+        mesh = self.task.mesh
+        trajectory = self.out
         time = task.time if task.part is None else task.time[self.origin : self.origin + len(trajectory.iterations)]
         q, qd, qdd = (part.copy() for part in task.after(time))
         for joint in mesh.mechanism.joints:
@@ -140,17 +156,21 @@ class _March:
                 q[:, own] = self.last[own]
         check_spring_lengths(mesh, trajectory.motion, time)
         fill_passive(mesh, trajectory.motion, task.passive, q, qd, qdd)
-        self.last, applied = q[-1], applied_forces(mesh, trajectory.motion, time)
+        self.last = q[-1]
+        applied = applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
         return with_closures(mesh, first, self.switching) if mesh.mechanism.closures else first
 
     def begin(self) -> int:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done."""
-        solver, flat, time = self.solver, self.flat, self.task.steps[:1]
+        solver = self.solver
+        flat = self.flat
+        time = self.task.steps[:1]
         self.pace(0)
         if solver is None:  # in the plane alone that is left to the first call of the compiled loop
             return 0
-        motion, when = [part[0] for part in self.task.after(time)], f"at the start, t = {time[0]:g} s"
+        motion = [part[0] for part in self.task.after(time)]
+        when = f"at the start, t = {time[0]:g} s"
         joints = stand(solver, motion, float(time[0]), self.task.settings.initial, when)
         record_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
@@ -164,11 +184,18 @@ class _March:
         With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do after it.
         Last what takes the result of the call and returns the first sample that is not done, or raises the error of `failure`.
         """
-        mesh, scheme, parts, begins = self.task.mesh, self.scheme, 1, first == 0
-        time, row = self.task.steps[first:last], self.rows(first, last)
+        mesh = self.task.mesh
+        scheme = self.scheme
+        parts = 1
+        begins = first == 0
+        time = self.task.steps[first:last]
+        row = self.rows(first, last)
         if self.early > 0:
-            last, scheme, parts = min(last, first + self.early), start_up(scheme), SUBSTEPS
-            time, row = early_times(self.task.steps[first - 1 : last]), early_rows(self.rows(first, last))
+            last = min(last, first + self.early)
+            scheme = start_up(scheme)
+            parts = SUBSTEPS
+            time = early_times(self.task.steps[first - 1 : last])
+            row = early_rows(self.rows(first, last))
         given = self.task.before(time[1:] if begins else time)
         whole: Trajectory | None = None  # a trajectory of all instants, of which those that are kept are taken
         kernel: Callable[..., Status] = march if self.flat is None else planar_march
@@ -207,7 +234,8 @@ class _March:
 
     def rows(self, first: int, last: int) -> Indices:
         """Return the rows that keep the samples from ``first`` to before ``last``, -1 for samples that are not kept [-]."""
-        samples, every = np.arange(first, last), self.task.settings.every
+        samples = np.arange(first, last)
+        every = self.task.settings.every
         return np.where(samples % every == 0, samples // every - self.origin, -1)
 
     def _in_space(self) -> Solver:
@@ -225,15 +253,21 @@ class _March:
     def restart(self, sample: int, phase: Phase | None) -> None:
         """Solve the accelerations anew where those of the task jump, or go over to a phase; record the right-hand limit."""
         self.pace(sample)
-        flat, row, time = self.flat, self.rows(sample, sample + 1), self.task.steps[sample : sample + 1]
-        motion, now, when = self.task.after(time), float(time[0]), f"at t = {time[0]:g} s"
+        flat = self.flat
+        row = self.rows(sample, sample + 1)
+        time = self.task.steps[sample : sample + 1]
+        motion = self.task.after(time)
+        now = float(time[0])
+        when = f"at t = {time[0]:g} s"
         if flat is not None and phase is None:
             result = flat.restart(self.scheme, *motion, row, self.out)
             self.check(result, time, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return
-        solver, (q, qd, qdd) = self._in_space(), (part[0] for part in motion)
-        s, joints = solver.state, instant(self.task.mesh, q, qd, qdd)
+        solver = self._in_space()
+        q, qd, qdd = (part[0] for part in motion)
+        s = solver.state
+        joints = instant(self.task.mesh, q, qd, qdd)
         if flat is not None:
             flat.store_to_space(s, solver.border.ties)
         solver.load_at(now, q, qd, qdd)

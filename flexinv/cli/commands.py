@@ -145,7 +145,9 @@ def info(model: Path) -> None:
             show(table)
     if mechanism.beams:
         mesh = build(mechanism)
-        found, mechanism = find_plane(mesh), mesh.mechanism  # with what follows from a damping ratio
+        # with what follows from a damping ratio
+        found = find_plane(mesh)
+        mechanism = mesh.mechanism
         where = f"in space: {found.reason}" if isinstance(found, NotPlanar) else "in a plane, three freedoms per node"
         click.echo(f"\nbeams are solved {where}")
     for note in mechanism.notes:
@@ -179,7 +181,8 @@ def modes(
     steady rotation, stress, centrifugal and gyroscopic terms included. At rest each frequency has an error bar, from a finer mesh
     and rounding.
     """
-    mechanism, at = load_mechanism(model), None
+    mechanism = load_mechanism(model)
+    at = None
     if name is not None:
         case = choose(load_cases(folder(model), mechanism), name, model)
         mechanism, at = case.meshed(mechanism), overview.start_of(mechanism, case)
@@ -194,7 +197,8 @@ def modes(
         return show(pd.DataFrame(columns, columns=names), missing="-")
     with advising(partial(_case_that_closes, model, mechanism, name)):
         found = natural_modes(mechanism, at, free or None, count, accuracy)
-    omega, bars = np.sqrt(np.abs(found.squared)), [f"{bar:.1e}" for bar in found.frequency_error]
+    omega = np.sqrt(np.abs(found.squared))
+    bars = [f"{bar:.1e}" for bar in found.frequency_error]
     rows = zip(range(1, count + 1), found.frequency, bars, omega, found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "error bar [Hz]", "omega [rad/s]", "moves most"])
     if found.friction.any():
@@ -216,7 +220,8 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
     mechanism = read_model(model)
     full = torque_regressor(mechanism, *random_states(mechanism, samples), drives=drives)
     base = base_parameters(full)
-    count, unseen = len(base.columns), len(base.unseen)
+    count = len(base.columns)
+    unseen = len(base.unseen)
     click.echo(f"{mechanism.name}: {count} base parameters of {len(full.names)}, {unseen} without effect")
     for column, value, expression in zip(base.columns, base.values, base.expressions, strict=True):
         click.echo(f"{value:12.6g} {full.units[column]:<10} {expression}")

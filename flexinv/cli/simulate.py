@@ -116,7 +116,8 @@ def follow_task(
     click.echo(f"{mechanism.name}, task {task.name}: {task.title}" if task.title else f"{mechanism.name}, {task.name}")
     way = found.path
     click.echo(f"{way.text} of {way.length:.4g} m in {way.duration:g} s, from {found.time[0]:.4g} s on")
-    rows, units = {}, dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    rows = {}
+    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
     for kind, solution in found.feed_forwards.items():
         off = found.distance(found.replay(kind))
         peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)

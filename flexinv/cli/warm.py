@@ -99,7 +99,8 @@ def _path_of_a_tip(folder: Path) -> None:
     import flexinv
 
     mechanism, _ = _first_case(folder, "flex_two_link")
-    arc, near = flexinv.Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2), {"joint1": -0.5, "joint2": 1.0}
+    arc = flexinv.Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2)
+    near = {"joint1": -0.5, "joint2": 1.0}
     flexinv.follow(mechanism, arc, "link2", step=2e-3, start=near)
     steady_modes(mechanism, rates={"joint1": 1.0})
 

@@ -38,10 +38,13 @@ from flexinv.typing import Array, Mask
 REDUNDANT = 1e-10
 # How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
 # it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
-OPEN, OPEN_RATE, OPEN_ACCELERATION = 1e-6, 1e-4, 1e-3
+OPEN = 1e-6
+OPEN_RATE = 1e-4
+OPEN_ACCELERATION = 1e-3
 # What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
 # were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
-STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
+STILL_RATE = 1e-8
+STILL_ACCELERATION = 1e-6
 # What neither drives nor closures carry, over the largest force or effort in the mechanism: beyond this (rounding of 1e-16,
 # enlarged by the condition of the closures) it is an effort that no drive can give.
 LEFT_OVER = 1e-9
@@ -65,16 +68,21 @@ def share_out(
     constraints : whose G it is: over their scales ranks are told, and redundant multipliers least; without, G may have entries
         everywhere
     """
-    (samples, rows, nv), drives = g.shape, np.flatnonzero(driven)
+    samples, rows, nv = g.shape
+    drives = np.flatnonzero(driven)
     root = np.sqrt(np.ones(len(drives)) if weight is None else weight)
     if constraints is None:
-        scale, fronts = np.ones(rows), fronts_of(np.ones((rows, nv), dtype=bool), driven)
+        scale = np.ones(rows)
+        fronts = fronts_of(np.ones((rows, nv), dtype=bool), driven)
     else:
-        scale, fronts = constraints.scale, constraints.fronts(last=driven)
+        scale = constraints.scale
+        fronts = constraints.fronts(last=driven)
     most = max(len(drives) - max(nv - rows, 1), 0)  # preloads: at least so many freedoms are left to move
-    tau, preload = np.zeros((samples, nv)), np.zeros((samples, nv, most))
+    tau = np.zeros((samples, nv))
+    preload = np.zeros((samples, nv, most))
     made = Shares(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
-    g, width = g / scale[:, None], np.full(samples, -1, dtype=np.int64)
+    g = g / scale[:, None]
+    width = np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
         share(places(fronts, rows, drives, root), for_kernels(g), for_kernels(tau_tree), made, width)
     doubtful = np.flatnonzero(width < 0)
@@ -96,12 +104,15 @@ def by_singular_values(g: Array, tau_tree: Array, driven: Mask, root: Array) -> 
     """Return `share_out` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
-    rank, few = ranks(values), values.shape[1]
+    rank = ranks(values)
+    few = values.shape[1]
     first = int(rank.min(initial=nv))
     # N^T, zero for what cannot move (sample, freedom, nv)
     motions = np.where((np.arange(first, nv) < rank[:, None])[:, :, None], 0.0, right[:, first:])
     u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
-    driving, most, tau = ranks(s), s.shape[1], np.zeros((samples, nv))
+    driving = ranks(s)
+    most = s.shape[1]
+    tau = np.zeros((samples, nv))
     # one over singular values, zero for those that are redundant
     pairs = ((one, one > REDUNDANT * one.max(axis=-1, initial=0.0)[..., None]) for one in (s, values))
     by_drives, by_closures = (np.divide(1.0, one, out=np.zeros_like(one), where=sure) for one, sure in pairs)
@@ -115,7 +126,8 @@ def by_singular_values(g: Array, tau_tree: Array, driven: Mask, root: Array) -> 
     known = (smallest > 0.0) & (rank < nv) & (len(root) > 0)
     np.divide(s.max(axis=1, initial=1.0), smallest, out=condition, where=known)
     least = len(root) - int(driving.max(initial=0))
-    beyond, preload = (driving[:, None] + np.arange(least))[:, :, None], np.zeros((samples, nv, least))
+    beyond = (driving[:, None] + np.arange(least))[:, :, None]
+    preload = np.zeros((samples, nv, least))
     preload[:, driven] = np.take_along_axis(vt, beyond, axis=1).transpose(0, 2, 1) / root[:, None]
     return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
 
@@ -151,12 +163,14 @@ class GivenLoops:
 
     def check(self, q: Array, qd: Array, qdd: Array) -> None:
         """Raise InputError for a motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s] that the closures do not allow."""
-        worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        worst = np.zeros((3, 2))
+        at = np.zeros((3, 2), dtype=np.int64)
         for start in range(0, len(q), SAMPLES_IN_MEMORY):
             part = slice(start, start + SAMPLES_IN_MEMORY)
             _, found, where = self._closing(q[part], qd[part], qdd[part])
             more = ~(found[:, 0] <= worst[:, 0])  # a NaN is the largest
-            worst[more, 0], at[more] = found[more, 0], where[more] + [start, 0]
+            worst[more, 0] = found[more, 0]
+            at[more] = where[more] + [start, 0]
             worst[:, 1] = np.maximum(worst[:, 1], found[:, 1])
         self._hold(worst, at)
 
@@ -165,9 +179,11 @@ class GivenLoops:
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.jacobian_and_residuals`."""
         g = np.zeros((len(q), len(self.rows.closure), qd.shape[1]))
-        worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        worst = np.zeros((3, 2))
+        at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        chain, given = Chain.of(nodes_of(self.mesh), self.rows), (for_kernels(q), for_kernels(qd), for_kernels(qdd))
+        chain = Chain.of(nodes_of(self.mesh), self.rows)
+        given = (for_kernels(q), for_kernels(qd), for_kernels(qdd))
         jacobian_and_residuals(chain, self.rows.scale, frames, given, g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 

@@ -67,8 +67,10 @@ class Place(NamedTuple):
 
 def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> Place:
     """Return the arrays of the kernel [any unit] for G of so many rows, with so many freedoms as there are drives at most."""
-    nv, most = fronts.columns, len(drives)
-    motions, h = np.zeros((most, nv, SAMPLES_OF_BLOCK)), np.zeros((most, most, SAMPLES_OF_BLOCK))
+    nv = fronts.columns
+    most = len(drives)
+    motions = np.zeros((most, nv, SAMPLES_OF_BLOCK))
+    h = np.zeros((most, most, SAMPLES_OF_BLOCK))
     y, x, turn = (np.zeros((size, SAMPLES_OF_BLOCK)) for size in (rows + nv, nv, 2))
     whole = fronts_of(np.ones((most, most), dtype=bool))
     closing, driving = (FrontFactors.of(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
@@ -79,7 +81,8 @@ def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) ->
 def _driving(place, freedoms):
     """Set the motions N^T that the closures allow, each with one independent coordinate at 1, and factor S^T N over the roots of
     the weights; whether every freedom is driven for certain."""
-    fronts, free = place.fronts, 0
+    fronts = place.fronts
+    free = 0
     for f in range(fronts.parent.shape[0]):
         for at in range(fronts.first[f], fronts.first[f] + fronts.own[f]):
             if place.closing.pivot[at] < 0:
@@ -89,7 +92,8 @@ def _driving(place, freedoms):
                 free += 1
     sparse_qr.clear(place.driving)
     for e in range(place.whole.entry.shape[0]):
-        i, n = place.whole.entry[e, 0], place.whole.entry[e, 1]
+        i = place.whole.entry[e, 0]
+        n = place.whole.entry[e, 1]
         for k in range(SAMPLES_OF_BLOCK if n < freedoms else 0):
             value = place.motions[n, place.drives[i], k] / place.root[i]
             sparse_qr.set_entry(place.whole, place.driving, e, k, value)
@@ -120,9 +124,11 @@ def _condition(place, freedoms):
                 h[n, m, k] = place.y[n, k]
     _diagonalise(h, freedoms, place.turn)
     for k in range(SAMPLES_OF_BLOCK):
-        largest, smallest = 1.0, 1.0
+        largest = 1.0
+        smallest = 1.0
         for n in range(freedoms):
-            largest, smallest = max(largest, h[n, n, k]), min(smallest, h[n, n, k])
+            largest = max(largest, h[n, n, k])
+            smallest = min(smallest, h[n, n, k])
         place.y[0, k] = math.sqrt(largest / smallest)
 
 
@@ -147,28 +153,33 @@ def _diagonalise(h, size, turn):
 def _rotate(matrix, size, first, second, turn):
     """Turn two rows and columns so that their common entry vanishes."""
     for k in range(SAMPLES_OF_BLOCK):
-        apart, common = matrix[second, second, k] - matrix[first, first, k], 2.0 * matrix[first, second, k]
+        apart = matrix[second, second, k] - matrix[first, first, k]
+        common = 2.0 * matrix[first, second, k]
         t = common / (apart + math.copysign(math.sqrt(apart * apart + common * common) + _TINY, apart))
         turn[0, k] = 1.0 / math.sqrt(t * t + 1.0)
         turn[1, k] = t * turn[0, k]
     for i in range(size):
         for k in range(SAMPLES_OF_BLOCK):
-            one, two = matrix[first, i, k], matrix[second, i, k]
+            one = matrix[first, i, k]
+            two = matrix[second, i, k]
             matrix[first, i, k] = turn[0, k] * one - turn[1, k] * two
             matrix[second, i, k] = turn[1, k] * one + turn[0, k] * two
     for i in range(size):
         for k in range(SAMPLES_OF_BLOCK):
-            one, two = matrix[i, first, k], matrix[i, second, k]
+            one = matrix[i, first, k]
+            two = matrix[i, second, k]
             matrix[i, first, k] = turn[0, k] * one - turn[1, k] * two
             matrix[i, second, k] = turn[1, k] * one + turn[0, k] * two
-    matrix[first, second], matrix[second, first] = 0.0, 0.0
+    matrix[first, second] = 0.0
+    matrix[second, first] = 0.0
 
 
 @jit_inner
 def _drive(place, freedoms, s, tree, tau, preload):
     """Set the least efforts of the drives and the efforts that only stress the mechanism, samples s and on."""
     drives = place.drives.shape[0]
-    x, y = place.x, place.y[:drives]
+    x = place.x
+    y = place.y[:drives]
     x[:] = 0.0
     for n in range(freedoms):
         for i in range(tree.shape[1]):
@@ -188,7 +199,9 @@ def _drive(place, freedoms, s, tree, tau, preload):
 @jit_inner
 def _close(place, s, g, left, multipliers):
     """Set the multipliers of least norm that carry ``left``, and take from it what they do, samples s and on."""
-    y, x, entry = place.y[: g.shape[1]], place.x, place.fronts.entry
+    y = place.y[: g.shape[1]]
+    x = place.x
+    entry = place.fronts.entry
     for i in range(x.shape[0]):
         for k in range(SAMPLES_OF_BLOCK):
             x[i, k] = left[min(s + k, g.shape[0] - 1), i]
@@ -208,13 +221,16 @@ def share(place, g, tree, out, width):
     g : (samples, rows, nv); out : `Shares`, tau zero on entry; as `allocation.share_out`
     width : (samples,) of preload [-], -1 where a rank is in doubt.  Lanes beyond the last sample repeat it.
     """
-    samples, nv, drives = tree.shape[0], tree.shape[1], place.drives.shape[0]
+    samples = tree.shape[0]
+    nv = tree.shape[1]
+    drives = place.drives.shape[0]
     for s in range(0, samples, SAMPLES_OF_BLOCK):
         end = min(s + SAMPLES_OF_BLOCK, samples)
         width[s:end] = -1
         sparse_qr.clear(place.closing)
         for e in range(place.fronts.entry.shape[0]):
-            r, i = place.fronts.entry[e, 0], place.fronts.entry[e, 1]
+            r = place.fronts.entry[e, 0]
+            i = place.fronts.entry[e, 1]
             for k in range(SAMPLES_OF_BLOCK):
                 sparse_qr.set_entry(place.fronts, place.closing, e, k, g[min(s + k, samples - 1), r, i])
         rank = sparse_qr.factorise_qr(place.fronts, place.closing)

@@ -40,10 +40,14 @@ GRADIENT_ROUNDING = 1e-13
 @kept_with_owner()
 def constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]; raises InputError for a coupling of joints that it cannot tie."""
-    m, table = mesh.mechanism, list[tuple[Any, ...]]()
+    m = mesh.mechanism
+    table = list[tuple[Any, ...]]()
     for index, closure in enumerate(m.closures):
-        a, b, gear = attachment_node(mesh, closure.first), attachment_node(mesh, closure.second), np.zeros(m.nv)
-        first, second = closure.first.placement, closure.second.placement
+        a = attachment_node(mesh, closure.first)
+        b = attachment_node(mesh, closure.second)
+        gear = np.zeros(m.nv)
+        first = closure.first.placement
+        second = closure.second.placement
         for direction, u, w in _equations(closure):
             vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
             table.append((index, direction, a, b, *vectors, gear, 0.0))
@@ -130,8 +134,10 @@ def closed_rows(mesh: Mesh, motion: NodalMotion, rows: Rows) -> tuple[Array, Arr
 
     phi'' = u''.w + 2 u'.w' + u.w''; those of couplings are zero (`coupling_residuals`).
     """
-    samples, count = len(motion.x), len(rows.closure)
-    phi, g = np.zeros((samples, count, 3)), np.zeros((samples, count, mesh.mechanism.nv))
+    samples = len(motion.x)
+    count = len(rows.closure)
+    phi = np.zeros((samples, count, 3))
+    g = np.zeros((samples, count, mesh.mechanism.nv))
     if count:
         closure_samples(nodes_of(mesh), rows, motion.frames, phi, g)
     return phi, without_rounding(mesh, rows.direction, g)
@@ -219,7 +225,8 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
                     f"({step:g} s apart); write step = {(instant - time[0]) / max(1, sample):.10g} or another that meets it"
                 )
             cuts.add(sample)
-    bounds, slack = [*sorted(cuts), len(time)], SAME_INSTANT * step
+    bounds = [*sorted(cuts), len(time)]
+    slack = SAME_INSTANT * step
     return [Phase(first, last, acting(mechanism, float(time[first]) + slack)) for first, last in pairwise(bounds)]
 
 

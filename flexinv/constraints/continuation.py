@@ -88,7 +88,8 @@ def closed_motion(
     chain, problem = follower.compiled()
     problem = problem._replace(before=np.zeros(len(problem.fronts.entry)), change=np.zeros(len(time)))
     qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
-    condition, k = np.empty(len(time)), 1
+    condition = np.empty(len(time))
+    k = 1
     while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         try:
             q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
@@ -119,7 +120,9 @@ def closed_start(
     follower = Follower(mesh, rows, unknown)
     if (closed := follower.closed(*guess)) is not None:
         return closed
-    q, qd, qdd = follower.start(time, guess[0]), guess[1].copy(), guess[2].copy()
+    q = follower.start(time, guess[0])
+    qd = guess[1].copy()
+    qdd = guess[2].copy()
     sets = [unknown] if stated is None else [unknown & ~stated, unknown]
     close_rates(mesh, rows, q, qd, qdd, sets)
     return q, qd, qdd
@@ -132,14 +135,17 @@ def close_rates(
 
     sets : which coordinates (nv,) may change, in the order in which they are tried; of the last what is left open is left
     """
-    scale, sizes = rows.scale, measures(mesh)
+    scale = rows.scale
+    sizes = measures(mesh)
     for order in orders:
-        rate, state = (qd, qdd)[order - 1], (q[None], qd[None], qdd[None])
+        rate = (qd, qdd)[order - 1]
+        state = (q[None], qd[None], qdd[None])
         phi, (g,) = closed_rows(mesh, rigid_motion(mesh, *state), rows)
         opening = phi[0, :, order] + coupling_residuals(rows, *state)[order][0]
         bar = CLOSED_RATE * ((np.abs(g) @ np.abs(rate) + np.abs(opening)) / scale).max(initial=0.0)
         for free in sets:  # by least squares, lengths and slides over the mechanism's length
-            a, step = (g * sizes / scale[:, None])[:, free], np.zeros(len(rate))
+            a = (g * sizes / scale[:, None])[:, free]
+            step = np.zeros(len(rate))
             step[free] = -sizes[free] * np.linalg.lstsq(a, opening / scale, rcond=REDUNDANT)[0]
             if free is sets[-1] or (np.abs(opening + g @ step) <= bar * scale).all():
                 rate += step
@@ -167,8 +173,11 @@ class Follower:
 
     def compiled(self) -> tuple[Chain, Continuation]:
         """Return the arguments of `continuation_kernel` [m], [-]."""
-        m, places, fronts = self.mesh.mechanism, np.flatnonzero(self.unknown), self.rows.fronts(self.unknown)
-        count, free = len(self.rows.closure), len(places)
+        m = self.mesh.mechanism
+        places = np.flatnonzero(self.unknown)
+        fronts = self.rows.fronts(self.unknown)
+        count = len(self.rows.closure)
+        free = len(places)
         problem = Continuation(
             unknown=places, owner=self.owned, scale=self.rows.scale, sizes=sizes_of(self.mesh), g=np.zeros((count, m.nv)),
             fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
@@ -180,7 +189,8 @@ class Follower:
         """Return the closed state near one, compiled [rad or m, s]; None where closures leave something open or Newton fails."""
         chain, problem = self.compiled()
         anywhere = problem._replace(sizes=np.full(len(q), np.inf))
-        both, condition = np.stack([q, q]), np.empty(2)
+        both = np.stack([q, q])
+        condition = np.empty(2)
         first, second = (np.stack([rate, rate]) for rate in (np.where(self.unknown, 0.0, one) for one in (qd, qdd)))
         reached = continue_branch(chain, anywhere, np.zeros(2), both, first, second, condition, 1)
         return (both[1], first[1], second[1]) if reached == 2 and condition[1] < WORST_CONDITION else None
@@ -191,7 +201,9 @@ class Follower:
         qd, qdd : zero for unknown coordinates; they are set.
         Raises ConvergenceError where the closures do not determine them.
         """
-        mesh, rows, unknown = self.mesh, self.rows, self.unknown
+        mesh = self.mesh
+        rows = self.rows
+        unknown = self.unknown
         sizes = measures(mesh)[unknown]
         _, g = closed_rows(mesh, rigid_motion(mesh, q, qd, qdd), rows)
         g = g[:, :, unknown] * sizes / rows.scale[:, None]
@@ -286,7 +298,8 @@ class Follower:
 
     def closures(self, q: Array) -> tuple[Array, Array]:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
-        scale, rest = self.rows.scale, np.zeros(self.mesh.mechanism.nv)
+        scale = self.rows.scale
+        rest = np.zeros(self.mesh.mechanism.nv)
         g = np.zeros((1, len(scale), len(rest)))
         kernel.closure_equations(self._chain, for_kernels(q), rest, g[0])
         g = closures.without_rounding(self.mesh, self.rows.direction, g)
@@ -321,7 +334,8 @@ class Follower:
 
         In a phase it may give more, as the loops have closed on what it gives; the unknown ones must follow all the same.
         """
-        m, (_, g) = self.mesh.mechanism, self.closures(q)
+        m = self.mesh.mechanism
+        _, g = self.closures(q)
         if phase:
             if loose := int(self.unknown.sum()) - _rank(g[:, self.unknown]):
                 names = ", ".join(n for n, u in zip(m.velocity_names, self.unknown, strict=True) if u)
@@ -331,7 +345,8 @@ class Follower:
                     "covers this time"
                 )
             return
-        free, asked = m.nv - _rank(g), int((~self.unknown).sum())
+        free = m.nv - _rank(g)
+        asked = int((~self.unknown).sum())
         if asked != free:
             more = "more" if asked > free else "fewer"
             raise InputError(
@@ -342,12 +357,15 @@ class Follower:
 
     def advance(self, history: JointHistory, q: Array, before: float, after: float) -> Array:
         """Follow the branch from one time to the next [s], in halves where the prediction is poor."""
-        done, part = 0.0, 1.0
+        done = 0.0
+        part = 1.0
         while done < 1.0:
             target = min(1.0, done + part)
             now, then = (before + share * (after - before) for share in (done, target))
             if (reached := self._step(history, q, now, then)) is not None:
-                q, done, part = reached, target, 2.0 * part
+                q = reached
+                done = target
+                part = 2.0 * part
                 continue
             part *= 0.5
             if part * (after - before) < END_OF_BRANCH:
@@ -365,11 +383,14 @@ class Follower:
         )
 
     def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
-        sizes, given, (_, g) = measures(self.mesh), history(np.array([after]))[0][0], self.closures(q)
+        sizes = measures(self.mesh)
+        given = history(np.array([after]))[0][0]
+        _, g = self.closures(q)
         rate = np.where(self.unknown, 0.0, history(np.array([before]))[1][0]) / sizes
         rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
         guess = np.where(self.owned, moved(self.mesh.mechanism, q, (after - before) * sizes * rate), given)
-        found, most = self.solve(guess), kernel.LARGEST_SURPRISE * sizes_of(self.mesh)
+        found = self.solve(guess)
+        most = kernel.LARGEST_SURPRISE * sizes_of(self.mesh)
         return None if found is None or (np.abs(found - guess) > most).any() else found
 
 

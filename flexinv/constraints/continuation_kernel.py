@@ -48,7 +48,8 @@ class Chain(NamedTuple):
     def of(cls, nodes: Nodes, rows: Rows) -> Chain:
         """Return the chain with arrays for its motion [m, rad, s]."""
         size = len(nodes.parent)
-        one, turns = np.zeros((10, size, 3)), np.zeros((2, size, 3, 3))
+        one = np.zeros((10, size, 3))
+        turns = np.zeros((2, size, 3, 3))
         joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
         frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
         return cls(nodes, rows, joints, frames, np.zeros((len(rows.a), 3)))
@@ -121,7 +122,8 @@ def _equations(chain, problem, q):
 def _set_matrix(problem):
     clear(problem.qr)
     for e in range(problem.fronts.entry.shape[0]):
-        k, i = problem.fronts.entry[e, 0], problem.fronts.entry[e, 1]
+        k = problem.fronts.entry[e, 0]
+        i = problem.fronts.entry[e, 1]
         value = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
         set_entry(problem.fronts, problem.qr, e, 0, value)
 
@@ -205,7 +207,8 @@ def _set_change(problem, k):
     """Set the change of G_u since the last call: |G_u - G_before|_F / |G_u|_F sqrt(columns)."""
     moved = size = 0.0
     for e in range(problem.fronts.entry.shape[0]):
-        r, i = problem.fronts.entry[e, 0], problem.fronts.entry[e, 1]
+        r = problem.fronts.entry[e, 0]
+        i = problem.fronts.entry[e, 1]
         value = problem.g[r, problem.unknown[i]] * problem.measure[i] / problem.scale[r]
         moved += (value - problem.before[e]) ** 2
         size += value**2
@@ -235,7 +238,9 @@ def _set_rates(chain, problem, q, qd, qdd):
 def _hold(worst, at, kind, value, s, k, size):
     """Remember the largest residual of one kind, where it is, and the largest size that it is held against."""
     if not value <= worst[kind, 0]:  # a NaN is the largest
-        worst[kind, 0], at[kind, 0], at[kind, 1] = value, s, k
+        worst[kind, 0] = value
+        at[kind, 0] = s
+        at[kind, 1] = k
     worst[kind, 1] = max(worst[kind, 1], size)
 
 
@@ -248,14 +253,19 @@ def jacobian_and_residuals(chain, scale, motion, given, g, worst, at):
     worst : (3, 2) the largest |phi|, |phi'|, |phi''|, and 1, |G| |qd|, |G| |qdd| + |phi'' - G qdd|, all over the scale
     at : (3, 2) their sample and row
     """
-    rows, keeps, (q, qd, qdd) = chain.rows, motion.x.shape[0] > 1, given
+    rows = chain.rows
+    keeps = motion.x.shape[0] > 1
+    q, qd, qdd = given
     for s in range(q.shape[0]):
         frames = frames_at(motion, s if keeps else 0)
         move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)
         closure_rows(chain.nodes, rows, frames, chain.phi, g[s])
         for k in range(scale.shape[0]):
-            one, two = chain.phi[k], geared(k, rows, q[s], qd[s], qdd[s])
-            phi, rate, second = one[0] + two[0], one[1] + two[1], one[2] + two[2]
+            one = chain.phi[k]
+            two = geared(k, rows, q[s], qd[s], qdd[s])
+            phi = one[0] + two[0]
+            rate = one[1] + two[1]
+            second = one[2] + two[2]
             speed = size = turning = 0.0
             for i in range(qd.shape[1]):
                 speed += abs(g[s, k, i] * qd[s, i])

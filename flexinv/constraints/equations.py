@@ -72,7 +72,9 @@ def fixed(frames, n, vector):
     """Return a vector [m], [-] fixed in node n (-1: the world) and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
     if n < 0:
         return vector, ZERO, ZERO
-    r, w, al = mat(frames.r[n]), vec(frames.w[n]), vec(frames.al[n])
+    r = mat(frames.r[n])
+    w = vec(frames.w[n])
+    al = vec(frames.al[n])
     spin = cross(w, vector)
     return apply(r, vector), apply(r, spin), apply(r, add(cross(al, vector), cross(w, spin)))
 
@@ -89,7 +91,8 @@ def point_motion(frames, n, place):
 @jit_inner
 def gap(frames, a, b, place_a, place_b):
     """Return the vector from a point of node a to a point of node b [m] and its two rates, world axes."""
-    xa, xb = point_motion(frames, a, place_a), point_motion(frames, b, place_b)
+    xa = point_motion(frames, a, place_a)
+    xb = point_motion(frames, b, place_b)
     return sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
 
 
@@ -106,8 +109,12 @@ def _place_seen(k, rows, frames):
     d, d1, d2 = gap(frames, a, rows.b[k], vec(rows.place_a[k]), vec(rows.place_b[k]))
     if a < 0:
         return d, d1, d2
-    r, w, al = mat(frames.r[a]), vec(frames.w[a]), vec(frames.al[a])
-    e, e1, e2 = tapply(r, d), tapply(r, d1), tapply(r, d2)
+    r = mat(frames.r[a])
+    w = vec(frames.w[a])
+    al = vec(frames.al[a])
+    e = tapply(r, d)
+    e1 = tapply(r, d1)
+    e2 = tapply(r, d2)
     e1 = sub(e1, cross(w, e))
     return e, e1, sub(sub(e2, cross(al, e)), cross(w, add(cross(w, e), scale(2.0, e1))))
 
@@ -115,10 +122,13 @@ def _place_seen(k, rows, frames):
 @jit_inner
 def _turn_seen(k, rows, frames):
     """Axes of frame B seen from frame A, its angular velocity there, and the rate of that."""
-    a, b = rows.a[k], rows.b[k]
-    r, s = _axes(frames, a), _axes(frames, b)
+    a = rows.a[k]
+    b = rows.b[k]
+    r = _axes(frames, a)
+    s = _axes(frames, b)
     w, al = (vec(frames.w[b]), vec(frames.al[b])) if b >= 0 else (ZERO, ZERO)
-    w, al = tapply(r, apply(s, w)), tapply(r, apply(s, al))
+    w = tapply(r, apply(s, w))
+    al = tapply(r, apply(s, al))
     if a >= 0:
         own = vec(frames.w[a])
         w = sub(w, own)
@@ -154,7 +164,9 @@ def geared(k, rows, q, qd, qdd):
     """Return the terms of a coupling of joint coordinates in row k: sum gear q - offset [rad], [m], and its two rates."""
     if rows.a[k] >= 0 or rows.b[k] >= 0:
         return 0.0, 0.0, 0.0
-    phi, rate, second = -rows.offset[k], 0.0, 0.0
+    phi = -rows.offset[k]
+    rate = 0.0
+    second = 0.0
     for i in range(rows.place.shape[0]):
         if rows.gear[k, i] != 0.0:
             phi += rows.gear[k, i] * q[rows.place[i]]
@@ -167,7 +179,8 @@ def geared(k, rows, q, qd, qdd):
 def _set_joint(nodes, rows, frames, n, sign, seen, g):
     """Set what the joint of node n does to the rows of a closure; ``seen``: first row, axes of A, place of B, rows' vectors."""
     k, axes, place, along = seen
-    r, arm = mat(frames.r[n]), sub(place, vec(frames.x[n]))
+    r = mat(frames.r[n])
+    arm = sub(place, vec(frames.x[n]))
     for j in range(nodes.freedoms[n] if nodes.v_index[n] >= 0 else 0):
         turn = apply(r, vec(nodes.turn[n, j]))
         moved = scale(sign, tapply(axes, add(apply(r, vec(nodes.slide[n, j])), cross(turn, arm))))
@@ -185,7 +198,8 @@ def closure_rows(nodes, rows, frames, phi, g):
     """
     k = 0
     while k < rows.a.shape[0]:
-        a, b = rows.a[k], rows.b[k]
+        a = rows.a[k]
+        b = rows.b[k]
         if a < 0 and b < 0:
             for i in range(rows.place.shape[0]):
                 if rows.gear[k, i] != 0.0:
@@ -235,7 +249,8 @@ def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
     wrench : (closures, samples, 6), zero on entry, force and moment at the closures' ends, in the axes there
     """
     for s in range(multipliers.shape[0]):
-        f, k = frames_at(frames, s), 0
+        f = frames_at(frames, s)
+        k = 0
         while k < rows.a.shape[0]:
             push, on_a, on_b = _wrenches(k, rows, f, multipliers[s])
             if rows.b[k] >= 0:
@@ -250,8 +265,11 @@ def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
         for n in range(wrench.shape[0]):
             if ends.node[n] >= 0:
                 # from the node (world, moment about it) to the frame at a place in it, and into its axes
-                turned, shown = mat(f.r[ends.node[n]]), wrench[n, s]
-                push, turn, axes = vec(shown), vec(shown[3:]), mul(turned, mat(ends.turn[n]))
+                turned = mat(f.r[ends.node[n]])
+                shown = wrench[n, s]
+                push = vec(shown)
+                turn = vec(shown[3:])
+                axes = mul(turned, mat(ends.turn[n]))
                 put(shown, 0, tapply(axes, push))
                 put(shown, 3, tapply(axes, sub(turn, cross(apply(turned, vec(ends.place[n])), push))))
 
@@ -259,16 +277,20 @@ def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
 @jit_inner
 def _wrenches(k, rows, frames, multipliers):
     """Force on the second node, and moments on the first and on the second, of one closure's rows (world, about the nodes)."""
-    a, b = rows.a[k], rows.b[k]
+    a = rows.a[k]
+    b = rows.b[k]
     axes = _axes(frames, a)
-    turned, push, turn = tmul(axes, _axes(frames, b)), ZERO, ZERO
+    turned = tmul(axes, _axes(frames, b))
+    push = ZERO
+    turn = ZERO
     for i in range(k, rows.last[k]):
         u = vec(rows.u[i])
         if rows.direction[i]:
             turn = add(turn, scale(multipliers[i], cross(apply(turned, vec(rows.w[i])), u)))
         else:
             push = add(push, scale(multipliers[i], u))
-    push, turn = apply(axes, push), apply(axes, turn)
+    push = apply(axes, push)
+    turn = apply(axes, turn)
     at_b, _, _ = point_motion(frames, b, vec(rows.place_b[k]))
     arm_a = sub(at_b, vec(frames.x[a])) if a >= 0 else at_b
     arm_b = sub(at_b, vec(frames.x[b])) if b >= 0 else at_b

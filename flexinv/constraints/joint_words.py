@@ -40,7 +40,8 @@ def write_number(mechanism: Mechanism, name: str, values: Array, places: bool) -
 def write_unit(joint: Joint, places: bool) -> str:
     """Return the unit of a joint's coordinates, or of its rates."""
     kind = KINDS[joint.kind]
-    place, rate = kind.units[0], f"{kind.units[0]}/s"
+    place = kind.units[0]
+    rate = f"{kind.units[0]}/s"
     if kind.has_quaternion:
         place, rate = ("m and quaternion", "m/s and rad/s") if kind.layout == POSE else ("(quaternion)", "rad/s")
     return place if places else rate

@@ -58,7 +58,8 @@ class Stated:
 
     def missed(self, off: Array) -> tuple[float, float, float]:
         """Return by how much drives, and all joints, are further off than they may be, and how far they are (nv,) [-]."""
-        drives, all_ = np.where(self.passive, 0.0, off).max(initial=0.0), off.max(initial=0.0)
+        drives = np.where(self.passive, 0.0, off).max(initial=0.0)
+        all_ = off.max(initial=0.0)
         return max(drives / TYPED_DIGITS - 1.0, 0.0), max(all_ / self.place - 1.0, 0.0), all_
 
     def sets(self, stated: Mask) -> list[Mask]:
@@ -78,7 +79,8 @@ def consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Trip
     off = off_start(mesh, given.places, given.q, q)
     if given.missed(off)[:2] != (0.0, 0.0):
         raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
-    qd, qdd = given.qd.copy(), given.qdd.copy()
+    qd = given.qd.copy()
+    qdd = given.qdd.copy()
     close_rates(mesh, rows, q, qd, qdd, given.sets(given.rates), orders=(1,))
     check_rates(mesh, given.rates, given.qd, qd, time, given.rate)
     close_rates(mesh, rows, q, qd, qdd, given.sets(np.zeros_like(given.rates)), orders=(2,))
@@ -123,7 +125,8 @@ def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Arra
 
 def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
     """Return the start of Newton's iteration (nq,), and which coordinates (nv,) it moves."""
-    m, every = mesh.mechanism, sets[-1]
+    m = mesh.mechanism
+    every = sets[-1]
     follower = Follower(mesh, rows, every)
     for k, free in enumerate(sets):
         yield given.q, free
@@ -139,7 +142,8 @@ def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> It
 
 def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
     """Return q (nq,) [rad], [m] with joints that turn within half a turn of a guess (nq,), but for those in couplings."""
-    out, geared = q.copy(), {name for c in mechanism.closures for name, _ in c.factors}
+    out = q.copy()
+    geared = {name for c in mechanism.closures for name, _ in c.factors}
     for joint in mechanism.joints:
         kind = KINDS[joint.kind]
         if kind.repeats and not kind.circle and joint.name not in geared:
@@ -172,8 +176,11 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     drives_move : where the joints without drives cannot close the loops (there may be none), drives do, by what is rounded away
     Raises InputError where drives would have to move further; q as it is where nothing closes and drives stay.
     """
-    m, rest, follower = mesh.mechanism, np.zeros(mesh.mechanism.nv), start_follower(mesh)
-    passive, every = stated_of(m, {j.name for j in m.joints if not j.actuated}), follower.unknown
+    m = mesh.mechanism
+    rest = np.zeros(mesh.mechanism.nv)
+    follower = start_follower(mesh)
+    passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
+    every = follower.unknown
     given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
     if (found := _placed(mesh, given, follower.rows, [passive, every] if drives_move else [passive])) is None:
         return follower.start(0.0, q) if drives_move else q
@@ -190,7 +197,8 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     folded loop says nothing of the mechanism.
     Raises ConvergenceError, which names the closure that stays open.
     """
-    m, random = mesh.mechanism, np.random.default_rng(1)
+    m = mesh.mechanism
+    random = np.random.default_rng(1)
     follower = start_follower(mesh)
     near = follower.solve(q)
     if near is not None:
@@ -210,8 +218,10 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
 
 def places_near(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
-    m, random = mesh.mechanism, np.random.default_rng(1)
-    follower, found = start_follower(mesh), []
+    m = mesh.mechanism
+    random = np.random.default_rng(1)
+    follower = start_follower(mesh)
+    found = []
     _, values, right = np.linalg.svd(follower.closures(q)[1])
     allowed = right[int(ranks(values)) if len(values) else 0 :]
     for size in AWAY if len(allowed) else ():
@@ -241,7 +251,8 @@ def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, 
 
     most : how far they may be from them, over the largest [-]
     """
-    m, unit = mesh.mechanism, measures(mesh)
+    m = mesh.mechanism
+    unit = measures(mesh)
     off = np.where(stated, np.abs(qd - given) / unit, 0.0)
     # a pendulum of the mechanism's length tells slow from fast
     still = STILL_RATE * max(1.0, float(np.sqrt(np.linalg.norm(m.gravity) / mesh.length)))
@@ -261,7 +272,8 @@ def _contradicted(
     mesh: Mesh, argument: str, stated: Mask, given: Array, found: Array, off: Array, time: float
 ) -> InputError:
     """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``found``."""
-    m, places = mesh.mechanism, argument != "start_rate"
+    m = mesh.mechanism
+    places = argument != "start_rate"
     worst = find_owner(m, int(np.argmax(off))).name
     names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
     kept = [n for n in names if n != worst and (not places or off[m.v_slices[n]].max(initial=0.0) <= TYPED_DIGITS)]
@@ -276,8 +288,10 @@ def _contradicted(
 
 def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     """Return the position of a joint and its distance from its start, in words."""
-    own, kind = mechanism.q_slices[joint.name], KINDS[joint.kind]
-    a, b = find_place(joint, guess[own]), find_place(joint, q[own])
+    own = mechanism.q_slices[joint.name]
+    kind = KINDS[joint.kind]
+    a = find_place(joint, guess[own])
+    b = find_place(joint, q[own])
     d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
     if kind.scalar and not any(kind.translations):
         start, now, off = np.degrees([part[int(np.argmax(np.abs(d)))] for part in (a, b, d)])

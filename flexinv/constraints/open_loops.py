@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 # Guesses from which loops are closed where nothing is said of their joints.
 TRIES = 20
 # Damped least squares end after so many steps, or with a step that small [rad], [-]: the result is only where Newton begins.
-MOST_STEPS, SMALL_STEP, LONGEST_STEP = 60, 1e-6, 0.5
+MOST_STEPS = 60
+SMALL_STEP = 1e-6
+LONGEST_STEP = 0.5
 # Of the largest diagonal entry: links in a row leave a direction without stiffness, which must not divide by zero.
 LEAST_DAMPING = 1e-12
 GIVE_Q = "give q, a configuration near one in which they close"
@@ -44,10 +46,14 @@ def advising(advice: str | Callable[[], str]) -> Iterator[None]:
 
 def find_nearest_closed(follower: Follower, q: Array) -> Array:
     """Return q (nq,) [rad], [m] with loops as close to closed as the unknown coordinates bring them, by damped least squares."""
-    m, sizes, damping = follower.mesh.mechanism, measures(follower.mesh), 1e-3
-    free, (phi, g) = follower.unknown, follower.closures(q)
+    m = follower.mesh.mechanism
+    sizes = measures(follower.mesh)
+    damping = 1e-3
+    free = follower.unknown
+    phi, g = follower.closures(q)
     for _ in range(MOST_STEPS if free.any() else 0):
-        a, step = g[:, free], np.zeros(m.nv)
+        a = g[:, free]
+        step = np.zeros(m.nv)
         normal = a.T @ a
         normal[np.diag_indices_from(normal)] += damping * max(normal.diagonal().max(), np.finfo(float).tiny)
         step[free] = -np.linalg.solve(normal, a.T @ phi)
@@ -57,7 +63,10 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
         if not found @ found < phi @ phi:
             damping *= 8.0
             continue
-        q, phi, g, damping = tried, found, gradient, max(damping / 8.0, LEAST_DAMPING)
+        q = tried
+        phi = found
+        g = gradient
+        damping = max(damping / 8.0, LEAST_DAMPING)
         if np.abs(step).max() < SMALL_STEP:
             break
     return q
@@ -65,7 +74,8 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
 
 def explain_open(follower: Follower, time: float, guess: Array) -> OpenLoops:
     """Return the error for loops that do not close from a guess (nq,) [rad], [m]: which stays open, why, and what to write."""
-    m, unknown = follower.mesh.mechanism, follower.unknown
+    m = follower.mesh.mechanism
+    unknown = follower.unknown
     said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({_gap(follower, guess)})"
     own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
     closed, nearest = _search(follower, guess)
@@ -93,7 +103,10 @@ def explain_open(follower: Follower, time: float, guess: Array) -> OpenLoops:
 
 def _search(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
     """A closed configuration (nq,) from the guess or random ones, None where none is found; and the nearest to closed."""
-    m, random, nearest, least = follower.mesh.mechanism, np.random.default_rng(1), guess, np.inf
+    m = follower.mesh.mechanism
+    random = np.random.default_rng(1)
+    nearest = guess
+    least = np.inf
     sizes = np.where(follower.unknown, measures(follower.mesh), 0.0)
     for k in range(TRIES + 1):
         begin = guess if k == 0 else moved(m, guess, sizes * random.uniform(-np.pi, np.pi, m.nv))
@@ -101,13 +114,15 @@ def _search(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
         if (found := follower.solve(near)) is not None:
             return found, found
         if (left := float(np.linalg.norm(follower.closures(near)[0]))) < least:
-            nearest, least = near, left
+            nearest = near
+            least = left
     return None, nearest
 
 
 def _gap(follower: Follower, q: Array) -> str:
     """The closure that is open most, and its gap."""
-    phi, rows = np.abs(follower.closures(q)[0]), follower.rows
+    phi = np.abs(follower.closures(q)[0])
+    rows = follower.rows
     worst = int(np.argmax(phi))
     name = follower.mesh.mechanism.closures[int(rows.closure[worst])].name
     is_coupling = bool(rows.gear[worst].any())

@@ -57,7 +57,8 @@ def closure_wrenches(
     That is a wrench at its frame there and in its axes, (samples, 6) [N], [N m]; a coupling ties no frames: it has none.
     multipliers : (samples, rows) of the closures, or of their impulses
     """
-    closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
+    closures = mesh.mechanism.closures
+    force, moment = np.zeros((2, *motion.x.shape))
     wrench = np.zeros((len(closures), len(motion.x), 6))
     closing_samples(rows, _ends(mesh), motion.frames, for_kernels(multipliers), force, moment, wrench)
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
@@ -92,11 +93,13 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     rows : with the frames that they will tie; motion : one sample, just before; begins : (closures,)
     Frames may stand apart where the closure captures, and move where its impact is plastic.
     """
-    m, scale = mesh.mechanism, np.where(rows.direction, 1.0, mesh.length)
+    m = mesh.mechanism
+    scale = np.where(rows.direction, 1.0, mesh.length)
     apart, rate = np.abs(closed_rows(mesh, motion, rows)[0][0, :, :2].T) / scale
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):
-        closure, own = m.closures[int(index)], np.flatnonzero(rows.closure == index)
+        closure = m.closures[int(index)]
+        own = np.flatnonzero(rows.closure == index)
         worst = int(own[np.argmax(apart[own])])
         if apart[worst] > APART:
             gap = f"{apart[worst]:.2g} rad" if rows.direction[worst] else f"{apart[worst] * mesh.length:.2g} m"
@@ -124,7 +127,8 @@ def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | Non
     spin = np.einsum("nij,snj->sni", mesh.inertia, two.omega - one.omega)
     moment = np.einsum("snij,snj->sni", two.rotation, spin)
     if pushed is not None:
-        force, moment = force - pushed.force, moment - pushed.moment
+        force = force - pushed.force
+        moment = moment - pushed.moment
     tau = project(mesh, two, NodalForces(force, moment))[0]
     return np.asarray(tau + mesh.mechanism.drive_table[0] * (after - before))  # with the rotors
 

@@ -57,20 +57,21 @@ PARTS = 8  # of an interval that is cut
 SHORT = 0.02
 # Nodes of a part at which d is computed, and the degree of the polynomial through them: over a part in which G changes by SHORT
 # the next term is SHORT^6, 6e-11, and twice as many nodes as coefficients divide the rounding of the places among them.
-NODES, DEGREE = 12, 5
+NODES = 12
+DEGREE = 5
 # Over two parts, of which the second begins where the first ends, d falls by a factor of 25: a polynomial of seventh degree
 # enlarges rounding by T_7(1.08) = 8.
 WIDE_DEGREE = 7
 # Where d begins below this the zero of g(d) is known: d^6 of the next term is rounding, 1e-14, and so is what places have lost,
 # 1e-16 / d, by a factor of 60 where a polynomial of fifth degree over (0.2, 1) is extrapolated to 0.  Both are below
 # EXTRAPOLATED.
-ZOOMED, EXTRAPOLATED = 5e-3, 1e-10
+ZOOMED = 5e-3
+EXTRAPOLATED = 1e-10
 KEPT = 0.2  # of its first value, above which d is computed well enough to be extrapolated from
 MOST_ZOOMS = 60
-NEAR, SMOOTH = (
-    0.02,
-    1e-9,
-)  # of the first d: below it nodes are left out, and how far a polynomial through both sides may miss d
+# of the first d: below it nodes are left out, and how far a polynomial through both sides may miss d
+NEAR = 0.02
+SMOOTH = 1e-9
 # Change of G from where extrapolation begins to the part in question.  d begins at about as much; places are known there to
 # 1e-16 / d, 5e-15, which extrapolation over (KEPT, 1) enlarges by T_5(1.5) = 61, to 3e-13: a thousandth of the time bar of 1e-9 s
 # where d falls by 0.3 1/s or faster.
@@ -140,7 +141,8 @@ def _left(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) 
     out = np.ones(len(intervals), dtype=bool)
     for first in range(0, len(intervals), AT_ONCE):
         own = intervals[first : first + AT_ONCE]
-        before, after = branch.matrices(q[own]), branch.matrices(q[own + 1])
+        before = branch.matrices(q[own])
+        after = branch.matrices(q[own + 1])
         values, others = (np.linalg.svd(part, compute_uv=False) for part in (before, after))
         out[first : first + AT_ONCE] = values[:, -1] + others[:, -1] <= reach[own] * values[:, 0]
     return out
@@ -153,7 +155,8 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
     if matrices.shape[2] == 0:
         return None
     values = np.linalg.svd(matrices, compute_uv=False)
-    least, size = values[:, -1] / values[:, 0], values[:-1, 0]
+    least = values[:, -1] / values[:, 0]
+    size = values[:-1, 0]
     change = np.linalg.norm(np.diff(matrices, axis=0), ord=2, axis=(1, 2)) / size
     held = least[1:] + least[:-1] > _largest_nearby(change) + _bend(matrices) / size
     for k in range(len(times) - 1):
@@ -193,7 +196,8 @@ def _locate_by_coordinate(
     start, limit, last = span
     end = limit
     first = q
-    star, slope = None, 0.0
+    star = None
+    slope = 0.0
     before: tuple[Array, Array] | None = None  # times and matrices of the part before
     for _ in range(MOST_ZOOMS):
         times = np.linspace(start, end, 2 * NODES)
@@ -212,7 +216,9 @@ def _locate_by_coordinate(
         if d[0] < ZOOMED or (kept == len(times) and end == last):
             break
         before = now if KEPT * d[0] < ZOOMED else None
-        start, first, end = float(times[kept - 1]), places[kept - 1], last
+        start = float(times[kept - 1])
+        first = places[kept - 1]
+        end = last
     if star is None:
         return None
     inside = [knot for knot in branch.knots if span[0] < knot < last]
@@ -239,7 +245,9 @@ def _extrapolated(
 
 def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | None:
     """The instant in one short part, up to ``limit``, at which d is zero, by extrapolation from ever nearer before it."""
-    end, estimates, first = limit, [np.inf], (start, q)
+    end = limit
+    estimates = [np.inf]
+    first = (start, q)
     for _ in range(MOST_ZOOMS):
         times = np.linspace(start, end, NODES)
         places, matrices = branch.through(times, q)
@@ -257,7 +265,9 @@ def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | Non
             estimates.append(start + found)
             if abs(estimates[-1] - estimates[-2]) < SAME_ESTIMATE:
                 break
-        start, q, end = float(times[kept - 1]), places[kept - 1], limit
+        start = float(times[kept - 1])
+        q = places[kept - 1]
+        end = limit
         if found is not None:  # a part that ends between here and there
             end = start + min(limit - start, 0.9 * (estimates[-1] - start))
     if len(estimates) > 2:  # the last ones may be spoiled by rounding

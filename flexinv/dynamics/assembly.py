@@ -64,7 +64,9 @@ def _place_section(n, o, columns, state, frames, variation, cv, ca):
     if columns == 0:
         return
     for k in range(3):
-        variation.x[n, k, k], variation.v[n, k, k], variation.a[n, k, k] = 1.0, cv, ca
+        variation.x[n, k, k] = 1.0
+        variation.v[n, k, k] = cv
+        variation.a[n, k, k] = ca
         variation.t[n, 3 + k, k] = 1.0
     turned = vec3.transpose(inverse_tangent(psi))  # dpsi = H^-1 theta
     vec3.put_block(variation.w[n], 3, 0, vec3.mscale(cv, turned))
@@ -86,12 +88,19 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
     first = topology.offset[topology.block[n]] + topology.column[n]
     psi = passive_psi(n, topology, state, first)
     inverse = inverse_tangent(psi)
-    p, dp, ddp, w, al = vec(state.x[n]), ZERO, ZERO, ZERO, ZERO
+    p = vec(state.x[n])
+    dp = ZERO
+    ddp = ZERO
+    w = ZERO
+    al = ZERO
     for k in range(topology.freedoms[n]):
-        slide, turn = vec(topology.slide[n, k]), vec(topology.turn[n, k])
+        slide = vec(topology.slide[n, k])
+        turn = vec(topology.turn[n, k])
         p = add_scaled(p, state.d[first + k], slide)
-        dp, w = add_scaled(dp, state.u[first + k], slide), add_scaled(w, state.u[first + k], turn)
-        ddp, al = add_scaled(ddp, state.du[first + k], slide), add_scaled(al, state.du[first + k], turn)
+        dp = add_scaled(dp, state.u[first + k], slide)
+        w = add_scaled(w, state.u[first + k], turn)
+        ddp = add_scaled(ddp, state.du[first + k], slide)
+        al = add_scaled(al, state.du[first + k], turn)
         if columns > 0:
             at = topology.column[n] + k
             rate = apply(inverse, turn) if topology.triple[n] >= 0 else turn  # how the angular velocity follows
@@ -114,7 +123,9 @@ def node_wrenches(topology, frames, variation, level, work, want_tangent):
     """Set every node's own wrench P = m (a - g), Q = J al + w x J w, and its variation; ``level`` of g acts [N], [N m]."""
     gravity = scale(level, vec(topology.gravity))
     for n in range(len(topology.parent)):
-        m, inertia, w = topology.mass[n], mat(topology.inertia[n]), vec(frames.w[n])
+        m = topology.mass[n]
+        inertia = mat(topology.inertia[n])
+        w = vec(frames.w[n])
         spin = apply(inertia, w)
         put(work.wrench[n], 0, scale(m, vec3.sub(vec(frames.a[n]), gravity)))
         put(work.wrench[n], 3, add(apply(inertia, vec(frames.al[n])), cross(w, spin)))
@@ -131,7 +142,10 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
 
     moving : False where velocities do not count, at rest
     """
-    z, energy, power, lost = work.element, 0.0, 0.0, 0.0
+    z = work.element
+    energy = 0.0
+    power = 0.0
+    lost = 0.0
     damped = moving and len(elements.damping) > 0
     for k in range(len(elements.order)):
         count = elements.order[k] + 1
@@ -149,10 +163,13 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             stored, gone = element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
         else:
             stored, gone = element_gradient(k, count, elements, z, None, work.internal[k], want_tangent)
-        energy, lost = energy + stored, lost + gone
+        energy = energy + stored
+        lost = lost + gone
         element_forces(count, z)
         for i in range(count):
-            n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
+            n = nodes[i]
+            force = vec(z.forces[i])
+            moment = vec_at(z.forces[i], 3)
             add_to(work.wrench[n], 0, force)
             add_to(work.wrench[n], 3, moment)
             power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
@@ -163,7 +180,9 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
                 element_tangent(count, z, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
-    work.energy[0], work.energy[1], work.energy[2] = energy, power, lost
+    work.energy[0] = energy
+    work.energy[1] = power
+    work.energy[2] = lost
     return -1
 
 
@@ -183,7 +202,8 @@ def _add_diagonal(topology, variation, nodes, count, tangent, dwrench):
 @jit_inner
 def by_root(tangent, row, root, k, variation):
     """Return the derivative of an element's force by unknown k of its root's block, pose and velocity [N/m], [N], [N m]."""
-    by, last = tangent[row], tangent.shape[1] - 6
+    by = tangent[row]
+    last = tangent.shape[1] - 6
     felt = dot(vec(by), vec(variation.x[root, k])) + dot(vec_at(by, 3), vec(variation.t[root, k]))
     if tangent.shape[1] > tangent.shape[0]:
         felt += dot(vec_at(by, last), vec(variation.v[root, k])) + dot(vec_at(by, last + 3), vec(variation.w[root, k]))
@@ -193,9 +213,11 @@ def by_root(tangent, row, root, k, variation):
 @jit_inner
 def gather(system, joints, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
-    topology, work = system.topology, system.work
+    topology = system.topology
+    work = system.work
     for n in range(len(topology.parent) - 1, -1, -1):
-        b, m = topology.block[n], topology.parent[n]
+        b = topology.block[n]
+        m = topology.parent[n]
         columns = topology.size[b] if want_tangent else 0
         if topology.independent[n]:
             for i in range(6):
@@ -213,14 +235,20 @@ def gather(system, joints, cv, ca, want_tangent):
 @jit_inner
 def _bring_back_variation(n, m, columns, system, joints):
     """Add the variation of node n's wrench to its parent's; its pose there varies with the joint's own freedoms only."""
-    topology, work = system.topology, system.work
-    p, rj, r = vec(joints.p[n]), mat(joints.r[n]), mat(system.frames.r[m])
-    local, mu = tapply(r, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
+    topology = system.topology
+    work = system.work
+    p = vec(joints.p[n])
+    rj = mat(joints.r[n])
+    r = mat(system.frames.r[m])
+    local = tapply(r, vec(work.wrench[n]))
+    mu = vec_at(work.wrench[n], 3)
     for k in range(columns):
         i = k - topology.column[n]
         own = 0 <= i < topology.freedoms[n]
-        slide, turn = vec(topology.slide[n, i]) if own else ZERO, vec(topology.turn[n, i]) if own else ZERO
-        df, dmu = vec(work.dwrench[n, k]), vec_at(work.dwrench[n, k], 3)
+        slide = vec(topology.slide[n, i]) if own else ZERO
+        turn = vec(topology.turn[n, i]) if own else ZERO
+        df = vec(work.dwrench[n, k])
+        dmu = vec_at(work.dwrench[n, k], 3)
         dlocal = vec3.sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))
         add_to(work.dwrench[m, k], 0, df)
         turned = apply(rj, add(cross(turn, mu), dmu))
@@ -232,17 +260,27 @@ def _passive_rows(n, columns, system, cv, ca):
     """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
     # Work by itself: where formulas are inlined Numba takes writes into what a tuple of records was unpacked to for dead code.
     work = system.work
-    topology, state, frames, loads = system.topology, system.state, system.frames, system.loads
-    b, m = topology.block[n], topology.parent[n]
-    first, diagonal = topology.offset[b] + topology.column[n], work.diagonal[b]
+    topology = system.topology
+    state = system.state
+    frames = system.frames
+    loads = system.loads
+    b = topology.block[n]
+    m = topology.parent[n]
+    first = topology.offset[b] + topology.column[n]
+    diagonal = work.diagonal[b]
     frame = mat(frames.r[m]) if m >= 0 else EYE
-    force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
-    inverse, level = inverse_tangent(passive_psi(n, topology, state, first)), loads.level[0]
+    force = tapply(frame, vec(work.wrench[n]))
+    moment = vec_at(work.wrench[n], 3)
+    inverse = inverse_tangent(passive_psi(n, topology, state, first))
+    level = loads.level[0]
     whole = law_at(topology.drives, n)
     law = JointLaw(whole.rotor, whole.damping, whole.friction, level * whole.stiffness, whole.rest)
     for i in range(topology.freedoms[n]):
-        row, slide, turn = topology.column[n] + i, vec(topology.slide[n, i]), vec(topology.turn[n, i])
-        rate, direction = state.u[first + i], smooth_direction(state.u[first + i])
+        row = topology.column[n] + i
+        slide = vec(topology.slide[n, i])
+        turn = vec(topology.turn[n, i])
+        rate = state.u[first + i]
+        direction = smooth_direction(state.u[first + i])
         own = own_effort(law, state.place[first + i] + state.d[first + i], rate, state.du[first + i], direction)
         work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own - level * loads.effort[first + i]
         if columns == 0:

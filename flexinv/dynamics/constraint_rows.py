@@ -33,9 +33,14 @@ from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, ta
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.typing import Array, Indices
 
-POSITION, DIRECTION, PULL, COUPLING = 0, 1, 2, 3
+POSITION = 0
+DIRECTION = 1
+PULL = 2
+COUPLING = 3
 # What `tie_rows` sets: phi, its rate, or its second rate.
-VALUES, RATES, SECOND_RATES = 0, 1, 2
+VALUES = 0
+RATES = 1
+SECOND_RATES = 2
 # A constraint that moves with no unknown by more than this, in mechanism lengths, is one that no unknown can break (planar
 # loops of spatial joints): rounding leaves 1e-16.
 MOVES_NOTHING = 1e-13
@@ -105,7 +110,9 @@ def layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indices) -> 
     gear : (rows, unknowns) factors of couplings, which have to do with their unknowns
     group : (rows,) the closure or spring of each row, which does not fall
     """
-    count, parts, entries = len(gear), len(tree.span) - 1, gear != 0.0
+    count = len(gear)
+    parts = len(tree.span) - 1
+    entries = gear != 0.0
     order = np.argsort(tree.part, kind="stable")  # in which blocks follow each other (`dofs.laid_out`)
     of_block = np.repeat(order, tree.size[order])  # of each unknown
     for node in nodes:
@@ -137,7 +144,8 @@ def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
 
     by_unknown : (nv, unknowns) 1 where an unknown of the march is a joint coordinate
     """
-    rows, springs = constraint_rows(mesh), mesh.mechanism.springs
+    rows = constraint_rows(mesh)
+    springs = mesh.mechanism.springs
     kind = np.where(rows.gear.any(axis=1), COUPLING, np.where(rows.direction, DIRECTION, POSITION))
     ends = [spring.first for spring in springs], [spring.second for spring in springs]
     nodes = [np.array([attachment_node(mesh, end) for end in one], dtype=np.int64).repeat(3) for one in ends]
@@ -154,7 +162,9 @@ def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
 
 def ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear: Array, layout: Layout) -> Ties:
     """Return rows of the border that all act, without force [m], [-], [N]; vectors : place_a, place_b, u, w."""
-    (a, b), (place_a, place_b, u, w), (n, size) = nodes, vectors, vectors[0].shape
+    a, b = nodes
+    place_a, place_b, u, w = vectors
+    n, size = vectors[0].shape
     return Ties(
         kind=kind, acting=np.ones(n, dtype=bool), a=a, b=b, place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n),
         value=np.zeros(n), gradient=np.zeros((n, 12 if size == 3 else 6)), gear=gear, given=np.zeros((n, 3)),
@@ -167,7 +177,8 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
     """Let the closures of ``acting`` (closures,) act, with the frames [m], [-] that ``rows`` have now; others carry nothing."""
     n = len(rows.closure)
     constraints.acting[:n] = acting[rows.closure]
-    constraints.place_b[:n], constraints.w[:n] = rows.place_b, rows.w
+    constraints.place_b[:n] = rows.place_b
+    constraints.w[:n] = rows.w
     constraints.multiplier[:n][~constraints.acting[:n]] = 0.0
 
 
@@ -178,7 +189,8 @@ def tie_rows(constraints, state, frames, wanted):
         if constraints.kind[k] == PULL:
             continue
         if constraints.kind[k] == COUPLING:  # sum gear q - offset, or a rate of it, of joints with and without a motion
-            value, rate = constraints.given[k, wanted], state.du if wanted == SECOND_RATES else state.u
+            value = constraints.given[k, wanted]
+            rate = state.du if wanted == SECOND_RATES else state.u
             for i in range(constraints.gear.shape[1]):
                 if constraints.gear[k, i] != 0.0:
                     value += constraints.gear[k, i] * (state.place[i] + state.d[i] if wanted == VALUES else rate[i])
@@ -189,7 +201,8 @@ def tie_rows(constraints, state, frames, wanted):
             for i in range(12):
                 constraints.gradient[k, i] = 0.0
             continue
-        a, b = constraints.a[k], constraints.b[k]
+        a = constraints.a[k]
+        b = constraints.b[k]
         u = fixed(frames, a, vec(constraints.u[k]))
         if constraints.kind[k] == DIRECTION:
             w = fixed(frames, b, vec(constraints.w[k]))
@@ -258,7 +271,8 @@ def tie_sides(topology, constraints, variation, residual):
             for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
                 constraints.sides[k, i] = -constraints.gear[k, i]
         for n, first in ((constraints.a[k], 0), (constraints.b[k], 6)):
-            force, moment = vec_at(constraints.gradient[k], first), vec_at(constraints.gradient[k], first + 3)
+            force = vec_at(constraints.gradient[k], first)
+            moment = vec_at(constraints.gradient[k], first + 3)
             for c in range(topology.size[topology.block[n]] if n >= 0 else 0):
                 felt = dot(force, vec(variation.x[n, c])) + dot(moment, vec(variation.t[n, c]))
                 constraints.sides[k, topology.offset[topology.block[n]] + c] -= felt
@@ -293,7 +307,8 @@ REDUNDANT_PIVOT = 1e-10
 def factorise_border(constraints, blocks, y):
     """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the layout."""
     for e in range(blocks.entry.shape[0]):
-        i, j = blocks.entry[e, 0], blocks.entry[e, 1]
+        i = blocks.entry[e, 0]
+        j = blocks.entry[e, 1]
         own = 1.0 if i == j and constraints.kind[i] == PULL else 0.0
         constraints.border[i, j] = -_along(constraints, i, y[1 + j]) - own
     factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
@@ -320,7 +335,9 @@ def solve_border(constraints, blocks, unit, y):
 @jit_inner
 def _along(constraints, k, y):
     """-A y of row k."""
-    total, across, plan = 0.0, constraints.across[k], constraints.layout
+    total = 0.0
+    across = constraints.across[k]
+    plan = constraints.layout
     for n in range(plan.first_unknown[k], plan.first_unknown[k + 1]):
         total += across[plan.unknown[n]] * y[plan.unknown[n]]
     return total

@@ -67,8 +67,10 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     independent = mesh.kind == SECTION
     roots = np.flatnonzero(mesh.parent < 0)
     parts = max(len(roots), 1)
-    block, part = np.zeros(mesh.size, dtype=np.int64), np.arange(parts + int(independent.sum()))
-    block[roots], block[independent] = np.arange(len(roots)), parts + np.arange(independent.sum())
+    block = np.zeros(mesh.size, dtype=np.int64)
+    part = np.arange(parts + int(independent.sum()))
+    block[roots] = np.arange(len(roots))
+    block[independent] = parts + np.arange(independent.sum())
     for node in np.flatnonzero(mesh.parent >= 0).tolist():
         before = block[mesh.parent[node]]
         if independent[node]:
@@ -88,18 +90,22 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
                 "nothing turns a rotor there; give the mass to the link"
             )
     for node in np.flatnonzero(free[mesh.v_index]).tolist():
-        freedoms[node], column[node] = mesh.freedoms[node], size[block[node]]
+        freedoms[node] = mesh.freedoms[node]
+        column[node] = size[block[node]]
         size[block[node]] += mesh.freedoms[node]
-        slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
+        slide[node] = mesh.slide[node] @ mesh.rotation[node].T
+        turn[node] = mesh.turn[node]
         triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
         drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
     offset, span = laid_out(size, part)
     # Convergence is judged on increments over the length of the mechanism for translations, over 1 for rotations.
-    scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
+    scale = np.ones(int(size.sum()))
+    gravity = np.array(mesh.mechanism.gravity, dtype=float)
     for first in offset[block[independent]]:
         scale[first : first + 3] = mesh.length
     for node in np.flatnonzero(freedoms).tolist():
-        first, count = offset[block[node]] + column[node], freedoms[node]
+        first = offset[block[node]] + column[node]
+        count = freedoms[node]
         scale[first : first + count][~turn[node, :count].any(axis=1)] = mesh.length
     return Topology(
         mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
@@ -109,7 +115,8 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
 
 def laid_out(size: Indices, part: Indices) -> tuple[Indices, Indices]:
     """Return the first unknown of each block and of each part [-], part by part, from the sizes and parts of the blocks."""
-    order, offset = np.argsort(part, kind="stable"), np.empty_like(size)
+    order = np.argsort(part, kind="stable")
+    offset = np.empty_like(size)
     offset[order] = np.cumsum(size[order]) - size[order]
     counts = np.bincount(part, weights=size).astype(np.int64)
     return offset, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)

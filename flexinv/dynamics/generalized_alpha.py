@@ -24,7 +24,10 @@ from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add_to, apply, mat, mul, put_block, scale, vec, vec_at
 from flexinv.typing import Array
 
-DYNAMIC, STATIC, ACCELERATION, RESOLVED = 0, 1, 2, 3
+DYNAMIC = 0
+STATIC = 1
+ACCELERATION = 2
+RESOLVED = 3
 
 # A step does not resolve all accelerations of a start: a couple on a section of 1e-10 kg m^2 gives 1e8 rad/s^2, which last a
 # microsecond.  What enters the integrator is found by as many Newton steps of a time step's linearisation, from the
@@ -35,16 +38,20 @@ PASSES = 3
 # is more than DOMINANT times all that is resolved and above START_ROUNDING: at rest sections are known to 1e-3 rad/s^2.  Gravity
 # on an undeformed arm is neither at steps of 1e-4 s (some 1e-7, as much as is resolved); couples on sections, however small, are
 # some hundred times what is resolved.
-SUDDEN, DOMINANT, START_ROUNDING = 1e-6, 10.0, 1e-9
+SUDDEN = 1e-6
+DOMINANT = 10.0
+START_ROUNDING = 1e-9
 # After a sudden start the first EARLY steps are made in SUBSTEPS parts each, with a spectral radius of 0, which forgets what was
 # too fast in three parts: fewer parts or steps leave 2 % and more of the range where beams are damped
 # (tests/flexinv/analysis/test_sudden.py).
-EARLY, SUBSTEPS = 4, 16
+EARLY = 4
+SUBSTEPS = 16
 
 # What Newton leaves by default: less than rounding.
 EXACT = 1e-18
 # A new linearisation leaves the square of its increment times this, or less: where axial stiffness meets bending.
-SQUARED, LARGEST_TOLERANCE = 1e3, 1e-6
+SQUARED = 1e3
+LARGEST_TOLERANCE = 1e-6
 
 
 @by_address
@@ -83,7 +90,8 @@ def generalized_alpha(step: float, spectral_radius: float, tolerance: float = EX
         raise InputError(f"spectral_radius = {rho}: expected 0 (strong) to 1 (no numerical damping), for example 0.8")
     if not (step > 0.0 and np.isfinite(step)):
         raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
-    alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    alpha_m = (2 * rho - 1) / (rho + 1)
+    alpha_f = rho / (rho + 1)
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
     ca = (1 - alpha_m) / ((1 - alpha_f) * beta * step * step)
@@ -117,7 +125,8 @@ def early_rows(row: NDArray[np.int64]) -> NDArray[np.int64]:
 @jit
 def is_sudden(scheme, scale, found, resolved):
     """Return True if a start is sudden; found, resolved: accelerations (unknowns,) [m/s^2], [rad/s^2]; scale [m], [-]."""
-    left, kept = 0.0, 0.0
+    left = 0.0
+    kept = 0.0
     for k in range(len(scale)):
         left = max(left, scheme.h * scheme.h * abs(found[k] - resolved[k]) / scale[k])
         kept = max(kept, scheme.h * scheme.h * abs(resolved[k]) / scale[k])
@@ -144,7 +153,8 @@ def predict(scheme, state):
 @jit_inner
 def pseudo_acceleration(scheme, state, k):
     """Return the auxiliary acceleration A_(n+1) of unknown k [m/s^2], [rad/s^2], from the increment of the step."""
-    h, beta = scheme.h, scheme.beta
+    h = scheme.h
+    beta = scheme.beta
     return (state.d[k] - h * state.u0[k] - h * h * (0.5 - beta) * state.pseudo[k]) / (h * h * beta)
 
 
@@ -188,14 +198,18 @@ def advance_unknowns(scheme, state, scale):
 
     scale : (unknowns,) [m], [-], over which predictions are compared
     """
-    still, line, parabola = 0.0, 0.0, 0.0
+    still = 0.0
+    line = 0.0
+    parabola = 0.0
     for k in range(len(state.d) if scheme.mode == DYNAMIC else 0):
         pseudo = pseudo_acceleration(scheme, state, k)
         trend = pseudo - state.pseudo[k]
         bend = trend - state.trend[k]
-        still, line = still + abs(trend) / scale[k], line + abs(bend) / scale[k]
+        still = still + abs(trend) / scale[k]
+        line = line + abs(bend) / scale[k]
         parabola += abs(bend - state.bend[k]) / scale[k]
-        state.trend[k], state.bend[k] = trend, bend
+        state.trend[k] = trend
+        state.bend[k] = bend
         state.pseudo[k], state.u0[k], state.du0[k] = pseudo, state.u[k], state.du[k]
     if scheme.mode == DYNAMIC:
         state.order[0] = 0 if still < line else 1 if line < parabola else 2

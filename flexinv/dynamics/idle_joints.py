@@ -31,7 +31,9 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     too much to be linearised.
     """
     solver = Solver.of(mesh, set(passive))
-    topology, neutral, still = solver.topology, mesh.mechanism.neutral, np.zeros(mesh.mechanism.nv)
+    topology = solver.topology
+    neutral = mesh.mechanism.neutral
+    still = np.zeros(mesh.mechanism.nv)
     joints = start_undeformed(solver, neutral, still, still)
     try:
         found = matrices(solver, joints)
@@ -74,8 +76,10 @@ def explain_idle(mesh: Mesh, passive: frozenset[str]) -> str:
 
 def _columns(solver: Solver) -> tuple[Indices, list[str]]:
     """Return the unknowns that are coordinates of passive joints, (columns,), and the joint of each."""
-    topology, mesh = solver.topology, solver.mesh
-    columns, owner = list[int](), list[str]()
+    topology = solver.topology
+    mesh = solver.mesh
+    columns = list[int]()
+    owner = list[str]()
     for joint in mesh.mechanism.joints:
         node = mesh.joint_node[joint.name]
         first = int(topology.offset[topology.block[node]] + topology.column[node])

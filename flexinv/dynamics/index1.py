@@ -41,9 +41,15 @@ def project_accelerations(system, joints, y):
 
     work.residual[0] : what Newton has left
     """
-    topology, ties, state, frames = system.topology, system.border.ties, system.state, system.frames
-    work, variation, level = system.work, system.variation, system.loads.level[0]
-    full, change = work.projection[0], work.projection[1]
+    topology = system.topology
+    ties = system.border.ties
+    state = system.state
+    frames = system.frames
+    work = system.work
+    variation = system.variation
+    level = system.loads.level[0]
+    full = work.projection[0]
+    change = work.projection[1]
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
     for n in range(len(topology.parent)):
         for i in range(6):
@@ -87,21 +93,27 @@ def solve_masses(system, y):
         if ties.kind[k] == PULL:
             for i in range(y.shape[1]):
                 ties.across[k, i] = 0.0
-    topology, variation, diagonal = system.topology, system.variation, system.work.diagonal
+    topology = system.topology
+    variation = system.variation
+    diagonal = system.work.diagonal
     for b in range(len(topology.size)):
         for i in range(topology.size[b]):
             for k in range(topology.size[b]):
                 diagonal[b, i, k] = 0.0
     for n in range(len(topology.parent)):  # M = sum_n B_n^T diag(m_n, J_n) B_n over the nodes of a block, and rotors
-        m, inertia, own = topology.mass[n], mat(topology.inertia[n]), diagonal[topology.block[n]]
+        m = topology.mass[n]
+        inertia = mat(topology.inertia[n])
+        own = diagonal[topology.block[n]]
         columns = topology.size[topology.block[n]]
         for k in range(columns):
-            moved, turned = vec(variation.x[n, k]), apply(inertia, vec(variation.t[n, k]))
+            moved = vec(variation.x[n, k])
+            turned = apply(inertia, vec(variation.t[n, k]))
             for i in range(columns):
                 own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
             own[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
-    largest, plan = largest_inertia(topology, diagonal), ties.layout
+    largest = largest_inertia(topology, diagonal)
+    plan = ties.layout
     for b in range(len(topology.size)):
         first = topology.offset[b]
         scale = topology.scale[first : first + topology.size[b]]

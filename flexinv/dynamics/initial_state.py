@@ -33,7 +33,8 @@ def instant(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
 
 def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
     """Set the unknowns to the rigid motion of the stress-free mechanism at one instant [m, rad, s]; return that of its joints."""
-    mesh, t = solver.mesh, solver.topology
+    mesh = solver.mesh
+    t = solver.topology
     for n in np.flatnonzero((t.freedoms == 1) & (mesh.q_index >= 0)):
         i = mesh.q_index[n]
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
@@ -44,24 +45,34 @@ def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
 
 
 def _start(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
-    t, s, moved = solver.topology, solver.state, by_unknown(solver.mesh, solver.topology)
-    free, held = np.flatnonzero(t.independent), t.freedoms > 0
+    t = solver.topology
+    s = solver.state
+    moved = by_unknown(solver.mesh, solver.topology)
+    free = np.flatnonzero(t.independent)
+    held = t.freedoms > 0
     at = t.offset[t.block[free], None] + np.arange(6)
-    s.x[free], s.r[free] = motion.x[0, free], motion.rotation[0, free]
-    s.x[held], s.r[held] = joints.p[held], joints.r[held]
-    s.u[:], s.du[:] = qd @ moved, qdd @ moved
+    s.x[free] = motion.x[0, free]
+    s.r[free] = motion.rotation[0, free]
+    s.x[held] = joints.p[held]
+    s.r[held] = joints.r[held]
+    s.u[:] = qd @ moved
+    s.du[:] = qdd @ moved
     s.u[at] = np.concatenate([motion.v[0, free], motion.omega[0, free]], axis=1)
     s.du[at] = np.concatenate([motion.a[0, free], motion.alpha[0, free]], axis=1)
     for n in np.flatnonzero(t.triple == 3):  # of a free joint the march takes p' in the joint frame
         own = t.offset[t.block[n]] + t.column[n] + np.arange(3)
-        s.u[own], s.du[own] = joints.dp[n] @ solver.mesh.rotation[n], joints.ddp[n] @ solver.mesh.rotation[n]
+        s.u[own] = joints.dp[n] @ solver.mesh.rotation[n]
+        s.du[own] = joints.ddp[n] @ solver.mesh.rotation[n]
     accept(s)
 
 
 def accept(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
-    state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
+    state.d[:] = 0.0
+    state.trend[:] = 0.0
+    state.bend[:] = 0.0
+    state.order[:] = 0
 
 
 def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> bool:
@@ -71,9 +82,12 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     the rigid motion: a stiff mode that something sudden excites follows it quasi-statically.
     Return whether that leaves too much out (`generalized_alpha.SUDDEN`): then the first steps are made in parts.
     """
-    s, multiplier = solver.state, solver.border.ties.multiplier
-    found, forces = s.du.copy(), multiplier.copy()
-    sudden, scale = False, solver.topology.scale
+    s = solver.state
+    multiplier = solver.border.ties.multiplier
+    found = s.du.copy()
+    forces = multiplier.copy()
+    sudden = False
+    scale = solver.topology.scale
     if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > integrator.START_ROUNDING:
         s.du[:] = s.du0
         for _ in range(integrator.PASSES):
@@ -82,7 +96,8 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
         left = np.abs((found - s.du) / scale).max()
         sudden = sudden and not left <= CERTAIN * _accelerations_of_rounding(solver, joints, found)
     if not sudden:
-        s.du[:], multiplier[:] = found, forces
+        s.du[:] = found
+        multiplier[:] = forces
     accept(s)
     return sudden
 
@@ -92,7 +107,8 @@ def _accelerations_of_rounding(solver: Solver, joints: Joints, found: Array) -> 
 
     So far the accelerations ``found`` are known where the mechanism stands.  The unknowns are left as they were.
     """
-    s, multiplier = solver.state, solver.border.ties.multiplier
+    s = solver.state
+    multiplier = solver.border.ties.multiplier
     before = [part.copy() for part in (s.x, s.du, multiplier)]
     last = np.finfo(float).eps * solver.mesh.length
     s.x[::2], s.x[1::2], s.du[:] = s.x[::2] + last, s.x[1::2] - last, found
@@ -105,7 +121,10 @@ def _accelerations_of_rounding(solver: Solver, joints: Joints, found: Array) -> 
 
 def end_early(state: Any) -> None:
     """Go on with another scheme: in space or in a plane it starts from the present accelerations [m/s^2], [rad/s^2]."""
-    state.pseudo[:], state.trend[:], state.bend[:], state.order[:] = state.du0, 0.0, 0.0, 0
+    state.pseudo[:] = state.du0
+    state.trend[:] = 0.0
+    state.bend[:] = 0.0
+    state.order[:] = 0
 
 
 # A load step is halved at most this often before the equilibrium is called unreachable.
@@ -113,11 +132,14 @@ MOST_HALVINGS = 12
 # The first step [-], in times in which the mechanism falls its own length.  One that fails, climbs or goes too far is made again
 # with a quarter of it, at most MOST_SHORTER times from the first; one that goes less than half as far as it may is followed by
 # one of four times its length.
-FIRST_STEP, STEP_FACTOR, MOST_SHORTER = 0.25, 4.0, 16
+FIRST_STEP = 0.25
+STEP_FACTOR = 4.0
+MOST_SHORTER = 16
 # How far a step may go, over the mechanism's length or in radians: farther, and it could miss a rest position that lies between.
 LONGEST_MOVE = 0.5
 # Where a step goes less than NEAR_REST, Newton's method is asked for the rest position itself; below STILL nothing moves.
-NEAR_REST, STILL = 1e-3, 1e-10
+NEAR_REST = 1e-3
+STILL = 1e-10
 # Newton's last increment closes loops a little better (2.6e-10 in one of 1e-6 m, whatever the step), up or down: no climb.
 CLOSING = 1e-9
 # Leaving an unstable position by a part of 1e-10 takes some fifty steps.
@@ -137,18 +159,23 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     """
     nv = solver.mesh.mechanism.nv
     joints = instant(solver.mesh, q, np.zeros(nv), np.zeros(nv))
-    solver.state.u[:], solver.state.du[:] = 0.0, 0.0
+    solver.state.u[:] = 0.0
+    solver.state.du[:] = 0.0
     if solver.topology.freedoms.any():
         _sink(solver, joints, when)
         return joints
-    level, reached, part = solver.loads.level, 0.0, 1.0
+    level = solver.loads.level
+    reached = 0.0
+    part = 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
         status, count, size = solver.newton(STATICS, joints)
         if status == CONVERGED:
-            reached, part = float(level[0]), 2 * part
+            reached = float(level[0])
+            part = 2 * part
             continue
-        solver.state.d[:], part = 0.0, 0.5 * part
+        solver.state.d[:] = 0.0
+        part = 0.5 * part
         if part < 0.5**MOST_HALVINGS:
             raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
     return joints
@@ -167,7 +194,8 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     solver.loads.level[0] = 1.0
     gravity = float(np.linalg.norm(solver.topology.gravity))
     longest = FIRST_STEP * (np.sqrt(2 * solver.mesh.length / gravity) if gravity > 0.0 else 1.0)
-    step, shortest = longest, longest / STEP_FACTOR**MOST_SHORTER
+    step = longest
+    shortest = longest / STEP_FACTOR**MOST_SHORTER
     begin = solver.state.place.copy()
     last = np.zeros(len(begin))
     for _ in range(MOST_STEPS):
@@ -208,8 +236,10 @@ def _explain_motion(solver: Solver, way: Array, last: Array, when: str) -> Conve
 
 def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> tuple[float | None, Failure]:
     """Make one step from rest; return how far it went [-], None (and why) where it failed, went too far or climbed."""
-    s, multiplier = solver.state, solver.border.ties.multiplier
-    s.u[:], s.du[:] = 0.0, 0.0
+    s = solver.state
+    multiplier = solver.border.ties.multiplier
+    s.u[:] = 0.0
+    s.du[:] = 0.0
     accept(s)
     before = [part.copy() for part in (s.x, s.r, s.place, multiplier)]
     solver.evaluate(STATICS, joints)
@@ -217,7 +247,8 @@ def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> t
     failed = solver.newton(scheme, joints)
     gone = s.place - before[2]
     moved = float(np.abs(gone / solver.topology.scale).max(initial=0.0))
-    s.u[:], s.du[:] = 0.0, 0.0
+    s.u[:] = 0.0
+    s.du[:] = 0.0
     accept(s)
     if failed[0] == CONVERGED and moved <= farthest and (moved < CLOSING or float(load @ gone) >= 0.0):
         return moved, failed
@@ -231,10 +262,13 @@ def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     from flexinv.linearized.natural_modes import unstable_motions
 
     joints = equilibrium(solver, q, when)
-    s, loads, ties = solver.state, solver.loads, solver.border.ties
+    s = solver.state
+    loads = solver.loads
+    ties = solver.border.ties
     parts = (s.x, s.r, s.place, loads.wrench, loads.effort, ties.multiplier, ties.acting, solver.topology.freedoms)
     # all that the stiffness of a rest position follows from, beside the mesh
-    here, stable = b"".join(part.tobytes() for part in (*parts, *solver.frames)), _stable(solver.mesh)
+    here = b"".join(part.tobytes() for part in (*parts, *solver.frames))
+    stable = _stable(solver.mesh)
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
     unstable, _ = unstable_motions(solver, joints)
@@ -242,7 +276,8 @@ def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
         stable.clear()
         stable.add(here)
         return
-    mesh, free = solver.mesh, solver.topology.freedoms
+    mesh = solver.mesh
+    free = solver.topology.freedoms
     names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
     count = f"{unstable} independent motion{'s' * (unstable > 1)} of it, alone or swinging, would grow"
     beside = f"write a start beside it for {names}, from which the mechanism sinks to another"
@@ -263,34 +298,46 @@ def start_held(solver: Solver, q: Array, time: float, when: str) -> bool:
     Were they free, joints with nothing to hold them (a vertical axis) would have no one equilibrium, and a first torque seldom
     is just what holds the others.  False where nothing is left that could settle.
     """
-    mesh, t = solver.mesh, solver.topology
+    mesh = solver.mesh
+    t = solver.topology
     still = np.zeros(mesh.mechanism.nv)
     held = Solver.of(mesh, {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated})
     if not len(held.topology.scale):
         return False
-    acting, own = held.border.ties, solver.border.ties
-    acting.acting[:], acting.place_b[:], acting.w[:] = own.acting, own.place_b, own.w
+    acting = held.border.ties
+    own = solver.border.ties
+    acting.acting[:] = own.acting
+    acting.place_b[:] = own.place_b
+    acting.w[:] = own.w
     start_undeformed(held, q, still, still)
     held.load_at(time, q, still, still)
     start_at_equilibrium(held, q, when)
     nodes = held.topology.independent | (held.topology.freedoms > 0)
-    solver.state.x[nodes], solver.state.r[nodes] = held.state.x[nodes], held.state.r[nodes]
+    solver.state.x[nodes] = held.state.x[nodes]
+    solver.state.r[nodes] = held.state.r[nodes]
     for n in np.flatnonzero(held.topology.freedoms):
         of, to = (int(part.offset[part.block[n]] + part.column[n]) for part in (held.topology, t))
         solver.state.place[to : to + t.freedoms[n]] = held.state.place[of : of + t.freedoms[n]]
-    solver.frames.x[:], solver.frames.r[:] = held.frames.x, held.frames.r
+    solver.frames.x[:] = held.frames.x
+    solver.frames.r[:] = held.frames.r
     own.multiplier[:] = acting.multiplier
     return True
 
 
 def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None:
     """Give the deformed mechanism the velocities [m/s] it has when it moves on without changing its deformation."""
-    mesh, frames, t = solver.mesh, solver.frames, solver.topology
-    shape, free, held = Joints(*(part.copy() for part in joints)), np.flatnonzero(t.independent), t.freedoms > 0
-    parent, back = mesh.parent[free], frames.r[mesh.parent[free]].transpose(0, 2, 1)
+    mesh = solver.mesh
+    frames = solver.frames
+    t = solver.topology
+    shape = Joints(*(part.copy() for part in joints))
+    free = np.flatnonzero(t.independent)
+    held = t.freedoms > 0
+    parent = mesh.parent[free]
+    back = frames.r[mesh.parent[free]].transpose(0, 2, 1)
     shape.p[free] = (back @ (frames.x[free] - frames.x[parent])[:, :, None])[:, :, 0]
     shape.r[free] = back @ frames.r[free]
-    shape.p[held], shape.r[held] = solver.state.x[held], solver.state.r[held]
+    shape.p[held] = solver.state.x[held]
+    shape.r[held] = solver.state.r[held]
     moving = NodalMotion.unwritten(1, mesh.size)
     carry_samples(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
     _start(solver, moving, shape, qd, qdd)

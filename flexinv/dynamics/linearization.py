@@ -43,8 +43,11 @@ def matrices(solver: Solver, joints: Joints) -> Matrices:
 
     Raises ConvergenceError where an element turns too much to be linearised.
     """
-    count, size = _count_entries(solver), len(solver.topology.scale)
-    at, values, springs = np.zeros((2, count), dtype=np.int64), np.zeros((3, count)), list[Sparse]()
+    count = _count_entries(solver)
+    size = len(solver.topology.scale)
+    at = np.zeros((2, count), dtype=np.int64)
+    values = np.zeros((3, count))
+    springs = list[Sparse]()
     for which in range(3):
         if (bad := solver.evaluate(weighed(which), joints)) >= 0:
             raise solver.complain(TURNED_TOO_MUCH, bad, 0.0, "where it is linearised")
@@ -59,7 +62,8 @@ def matrices(solver: Solver, joints: Joints) -> Matrices:
 
 def _count_entries(solver: Solver) -> int:
     """Number of entries that blocks and elements have in one matrix."""
-    t, e = solver.topology, solver.elements
+    t = solver.topology
+    e = solver.elements
     count = int((t.size**2).sum())
     for k, order in enumerate(e.order):
         sizes = t.size[t.block[e.nodes[k, : order + 1]]].copy()
@@ -99,12 +103,16 @@ def differentiate(system, joints, out):
 def entries(system, at, values):
     """Fill the places (2, entries) and values (entries,) [any unit] of the linearisation without springs between points."""
     work = system.work  # by itself: it is written to (`assembly._passive_rows`)
-    topology, elements, n = system.topology, system.elements, 0
+    topology = system.topology
+    elements = system.elements
+    n = 0
     for b in range(len(topology.size)):
-        o, size = topology.offset[b], topology.size[b]
+        o = topology.offset[b]
+        size = topology.size[b]
         n = _list(work.diagonal[b], (o, size), (o, size), at, values, n)
     for k in range(len(elements.order)):
-        nodes, count = elements.nodes[k], elements.order[k] + 1
+        nodes = elements.nodes[k]
+        count = elements.order[k] + 1
         for i in range(count):
             for q in range(count):
                 if i == q:
@@ -115,7 +123,8 @@ def entries(system, at, values):
                     for c in range(columns):
                         work.system[r, c] = 0.0
                 _add_coupling(topology, system.variation, nodes, i, q, work.tangent[k], (0, 0), work.system)
-                of, by = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
+                of = topology.offset[topology.block[nodes[i]]]
+                by = topology.offset[topology.block[nodes[q]]]
                 n = _list(work.system, (of, rows), (by, columns), at, values, n)
 
 
@@ -124,7 +133,9 @@ def _list(block, rows, columns, at, values, n):
     """List a block of the linearisation from entry n on; rows, columns : first and number; return the next entry."""
     for r in range(rows[1]):
         for c in range(columns[1]):
-            at[0, n], at[1, n], values[n] = rows[0] + r, columns[0] + c, block[r, c]
+            at[0, n] = rows[0] + r
+            at[1, n] = columns[0] + c
+            values[n] = block[r, c]
             n += 1
     return n
 
@@ -135,8 +146,12 @@ def fill(system, which, out):
 
     Forces of springs between points are in it by -C A of their rows in the border.
     """
-    topology, elements, variation, work = system.topology, system.elements, system.variation, system.work
-    ties, whole = system.border.ties, out[which]
+    topology = system.topology
+    elements = system.elements
+    variation = system.variation
+    work = system.work
+    ties = system.border.ties
+    whole = out[which]
     whole[:] = 0.0
     for b in range(len(topology.size)):
         o = topology.offset[b]
@@ -149,7 +164,8 @@ def fill(system, which, out):
             for q in range(count):
                 if i != q:
                     nodes = elements.nodes[k]
-                    rows, columns = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
+                    rows = topology.offset[topology.block[nodes[i]]]
+                    columns = topology.offset[topology.block[nodes[q]]]
                     _add_coupling(topology, variation, nodes, i, q, work.tangent[k], (rows, columns), whole)
     for r in range(whole.shape[0]):
         for c in range(whole.shape[1]):
@@ -166,9 +182,11 @@ def _add_coupling(topology, variation, nodes, first, second, tangent, at, out):
     root = nodes[0]
     rows, columns = at
     for r in range(topology.size[topology.block[root]] if first == 0 else 6):
-        by_x, by_t = vec_at(tangent[6 * first + r % 6], 6 * second), vec_at(tangent[6 * first + r % 6], 6 * second + 3)
+        by_x = vec_at(tangent[6 * first + r % 6], 6 * second)
+        by_t = vec_at(tangent[6 * first + r % 6], 6 * second + 3)
         if first == 0:
-            by_x, by_t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            by_x = (0.0, 0.0, 0.0)
+            by_t = (0.0, 0.0, 0.0)
             for a in range(3):
                 by_x = add_scaled(by_x, variation.x[root, r, a], vec_at(tangent[a], 6 * second))
                 by_t = add_scaled(by_t, variation.x[root, r, a], vec_at(tangent[a], 6 * second + 3))

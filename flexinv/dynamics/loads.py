@@ -32,7 +32,9 @@ from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array
 
 TINY = float(np.finfo(float).tiny)
-LINEAR, GAS, TABLE = 0, 1, 2
+LINEAR = 0
+GAS = 1
+TABLE = 2
 
 
 @by_address
@@ -88,9 +90,11 @@ def set_loads(loads, wrenches, efforts):
 def add_loads(topology, frames, variation, loads, work, want_tangent):
     """Take the loads off the wrenches of their nodes, and their variation off that of the wrenches [N], [N m]."""
     for k in range(len(loads.node)):
-        n, p = loads.node[k], vec(loads.place[k])
+        n = loads.node[k]
+        p = vec(loads.place[k])
         r = mat(frames.r[n])
-        force, moment = scale(loads.level[0], vec(loads.wrench[k])), scale(loads.level[0], vec_at(loads.wrench[k], 3))
+        force = scale(loads.level[0], vec(loads.wrench[k]))
+        moment = scale(loads.level[0], vec_at(loads.wrench[k], 3))
         own = force if loads.follower[k] else tapply(r, force)
         turn = moment if loads.follower[k] else tapply(r, moment)
         add_to(work.wrench[n], 0, scale(-1.0, apply(r, own)))
@@ -151,7 +155,9 @@ def _laws(springs: Sequence[Spring]) -> tuple[NDArray[np.int64], Array, NDArray[
 def pull_law(springs, k, length):
     """Return the pull [N] of a spring at a length [m], and its slope [N/m]."""
     if springs.law[k] == GAS:
-        force, travel, exponent = springs.gas[k, 0], springs.gas[k, 1], springs.gas[k, 2]
+        force = springs.gas[k, 0]
+        travel = springs.gas[k, 1]
+        exponent = springs.gas[k, 2]
         left = 1.0 - (length - springs.rest[k]) / travel
         pull = force * left**-exponent
         return pull, pull * exponent / (travel * left)
@@ -176,7 +182,9 @@ def pull_rows(springs, constraints, frames, level):
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)
         pull, stiffness = pull_law(springs, k, length)
-        pull, stiffness, damping = level * pull, level * stiffness, level * springs.damping[k]
+        pull = level * pull
+        stiffness = level * stiffness
+        damping = level * springs.damping[k]
         # pull / l, finite for a linear spring of no rest length at l = 0
         ratio = pull / length + damping * lengthening / length
         if springs.law[k] == LINEAR:
@@ -202,7 +210,8 @@ def pull_sides(topology, springs, constraints, frames, variation):
             for n in range(plan.first_part[row], plan.first_part[row + 1]):
                 for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
                     constraints.across[row, j] = 0.0
-            a, b = constraints.a[row], constraints.b[row]
+            a = constraints.a[row]
+            b = constraints.b[row]
             for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
                 _add_end(topology, n, sign, vec(place), springs.slope[k, i], frames, variation, constraints.across[row])
 
@@ -212,9 +221,12 @@ def _add_end(topology, n, sign, place, slope, frames, variation, across):
     """Subtract sign (by_gap . d(x + R p) + by_rate . d(v + R (w x p))) from the row of one end, slope = (by_gap, by_rate)."""
     if n < 0:
         return
-    by_gap, by_rate = vec(slope), vec_at(slope, 3)
-    r, o = mat(frames.r[n]), topology.offset[topology.block[n]]
-    along, rate = tapply(r, by_gap), tapply(r, by_rate)
+    by_gap = vec(slope)
+    by_rate = vec_at(slope, 3)
+    r = mat(frames.r[n])
+    o = topology.offset[topology.block[n]]
+    along = tapply(r, by_gap)
+    rate = tapply(r, by_rate)
     by_turn = add(cross(place, along), cross(cross(vec(frames.w[n]), place), rate))
     by_spin = cross(place, rate)
     for k in range(topology.size[topology.block[n]]):
@@ -227,7 +239,8 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
     """Take off dwrench how the moments p x R^T f of the springs' forces turn with their nodes [N m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        a, b = constraints.a[row], constraints.b[row]
+        a = constraints.a[row]
+        b = constraints.b[row]
         for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
             if n >= 0:
                 own = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))

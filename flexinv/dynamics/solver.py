@@ -59,17 +59,20 @@ class Solver:
     def of(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
         t = topology(mesh, frozenset(passive))
-        unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
+        unknowns = len(t.scale)
+        widest = max(int(t.size.max(initial=0)), 1)
         state = State.of(mesh.size, unknowns)
         state.r[:] = np.eye(3)
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
-        tied, loads = closing_rows(mesh, t, by_unknown(mesh, t)), loads_of(mesh, unknowns)
+        tied = closing_rows(mesh, t, by_unknown(mesh, t))
+        loads = loads_of(mesh, unknowns)
         elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
         size = np.append(t.size[t.block], 0)  # of the block of each node, and of no node, -1
         rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
-        damped, sides = len(mesh.elements.damping) > 0, int(np.diff(tied.layout.first_side).max(initial=1))
+        damped = len(mesh.elements.damping) > 0
+        sides = int(np.diff(tied.layout.first_side).max(initial=1))
         work = Work(
             wrench=np.zeros((mesh.size, 6)), dwrench=np.zeros((mesh.size, widest, 6)),
             residual=np.zeros((1 + len(tied.a), unknowns)), diagonal=np.zeros((len(t.size), widest, widest)),
@@ -122,7 +125,8 @@ class Solver:
 
     def _now(self, joints: Joints) -> Instants:
         """One instant under the present loads."""
-        one, wrench = Joints(*(part[None] for part in joints)), self.loads.wrench[None].copy()
+        one = Joints(*(part[None] for part in joints))
+        wrench = self.loads.wrench[None].copy()
         return Instants(one, wrench, np.empty((1, 0)), np.empty((1, 0, 3)))
 
     def collide(self, joints: Joints) -> Array:
@@ -169,7 +173,8 @@ class Solver:
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
-        e, t = self.mesh.elements, self.topology
+        e = self.mesh.elements
+        t = self.topology
         if not 0 <= element < len(e.order):
             return 0.0
         nodes = e.nodes[element, : e.order[element] + 1]

@@ -17,7 +17,8 @@ from flexinv.kinematics.tree import Joints
 
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation follows, and as
 # convergence is quadratic about its square is left: rounding.  (A scheme that may leave more lets it stop earlier.)
-INCREMENT, MOST_ITERATIONS = 1e-8, 25
+INCREMENT = 1e-8
+MOST_ITERATIONS = 25
 # A predicted step that takes more iterations than this is begun anew, without the past: it may lead to another solution, and
 # Newton, whose increments square, needs two or three where the prediction is good (a slider-crank that took eight went on to a
 # rod rolled up by 1.9 rad: tests/flexinv/analysis/test_sudden.py).
@@ -27,7 +28,12 @@ PREDICTED_ITERATIONS = 6
 BORDER_STAYS = 1e-4
 
 # SUDDEN_START is no failure: the march stands at its first instant, and what comes begins in parts (`generalized_alpha.EARLY`).
-CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0, 1, 2, 3, 4, 5
+CONVERGED = 0
+NOT_CONVERGED = 1
+TURNED_TOO_MUCH = 2
+NOT_FINITE = 3
+SLIPPED = 4
+SUDDEN_START = 5
 
 # A section that turns by less than this in a step has not slipped, whatever carries it: how that turns is not asked.
 NO_SLIP = 1.0  # [rad]
@@ -40,9 +46,15 @@ HELD_STIFFNESS = 4e-11
 @jit_inner
 def evaluate(system, scheme, joints, want_tangent):
     """Evaluate residual [N], [N m] (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
-    topology, frames, variation, work = system.topology, system.frames, system.variation, system.work
-    ties, pulls, loads = system.border.ties, system.border.pulls, system.loads
-    level, rated = loads.level[0], scheme.mode == ACCELERATION or scheme.mode == RESOLVED
+    topology = system.topology
+    frames = system.frames
+    variation = system.variation
+    work = system.work
+    ties = system.border.ties
+    pulls = system.border.pulls
+    loads = system.loads
+    level = loads.level[0]
+    rated = scheme.mode == ACCELERATION or scheme.mode == RESOLVED
     forward_pass(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
     node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
@@ -64,8 +76,11 @@ def evaluate(system, scheme, joints, want_tangent):
 @jit_inner
 def newton(system, scheme, joints, y, most):
     """Solve one instant in at ``most`` iterations; return status, iterations or the bad element, last increment [-]."""
-    topology, ties, work = system.topology, system.border.ties, system.work
-    size, last = 0.0, False
+    topology = system.topology
+    ties = system.border.ties
+    work = system.work
+    size = 0.0
+    last = False
     for iteration in range(most + 1):
         bad = evaluate(system, scheme, joints, not last)
         if bad >= 0:
@@ -124,8 +139,12 @@ def march(system, scheme, instants, y, out):
     system : `system.System`; instants : `system.Instants`; out : `system.Trajectory`; y : (sides, unknowns) scratch
     Return status, sample reached, element or iterations, last relative increment [-].
     """
-    state, ties, topology, rel = system.state, system.border.ties, system.topology, instants.joints
-    count, size = 0, 0.0
+    state = system.state
+    ties = system.border.ties
+    topology = system.topology
+    rel = instants.joints
+    count = 0
+    size = 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         set_loads(system.loads, instants.table[sample], instants.efforts[sample])
@@ -135,7 +154,8 @@ def march(system, scheme, instants, y, out):
             bad = evaluate(system, scheme, j, True)
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
         moves = scheme.mode == DYNAMIC
-        predicted, status = moves and state.order[0] > 0, NOT_CONVERGED
+        predicted = moves and state.order[0] > 0
+        status = NOT_CONVERGED
         copy(ties.multiplier, ties.kept)
         while True:
             if moves:
@@ -144,7 +164,8 @@ def march(system, scheme, instants, y, out):
             if status == CONVERGED or not predicted:
                 break
             copy(ties.kept, ties.multiplier)  # where something has just let go, the past says little about what comes
-            predicted, state.order[0] = False, 0
+            predicted = False
+            state.order[0] = 0
         if status != CONVERGED:
             return status, sample, count, size
         projects = moves and constraint_rows.any_acts(ties)
@@ -190,7 +211,8 @@ def collide(system, joints, y):
 
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
     """
-    ties, state = system.border.ties, system.state
+    ties = system.border.ties
+    state = system.state
     evaluate(system, generalized_alpha.ACCELERATIONS, joints, True)
     tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):

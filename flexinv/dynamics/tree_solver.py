@@ -40,7 +40,9 @@ def side_end(plan, part, first_only):
 @jit_inner
 def solve_block(topology, work, b, sides, y):
     """Solve diagonal y = -residual of one block for some right sides [m], [rad]."""
-    size, first, system = topology.size[b], topology.offset[b], work.system
+    size = topology.size[b]
+    first = topology.offset[b]
+    system = work.system
     for r in range(size):
         for c in range(size):
             system[r, c] = work.diagonal[b, r, c]
@@ -64,13 +66,18 @@ def _row(topology, nodes, i):
 @jit_inner
 def _condense(topology, elements, variation, work, k, sides):
     """Solve for the element's own blocks in terms of its first block, and add what they do to it."""
-    nodes, count, system, tangent = elements.nodes[k], elements.order[k] + 1, work.system, work.tangent[k]
-    rows, columns = _row(topology, nodes, count), topology.size[topology.block[nodes[0]]]
+    nodes = elements.nodes[k]
+    count = elements.order[k] + 1
+    system = work.system
+    tangent = work.tangent[k]
+    rows = _row(topology, nodes, count)
+    columns = topology.size[topology.block[nodes[0]]]
     for r in range(rows):
         for c in range(rows + columns + len(sides)):
             system[r, c] = 0.0
     for i in range(1, count):
-        b, at = topology.block[nodes[i]], _row(topology, nodes, i)
+        b = topology.block[nodes[i]]
+        at = _row(topology, nodes, i)
         for r in range(topology.size[b]):
             for c in range(topology.size[b]):
                 system[at + r, at + c] = work.diagonal[b, r, c]
@@ -95,7 +102,9 @@ def _condense(topology, elements, variation, work, k, sides):
 @jit_inner
 def _add_to_first(topology, elements, variation, work, k, sides):
     """Subtract from the first block's linearisation and residuals what the eliminated unknowns do to it."""
-    nodes, count, tangent = elements.nodes[k], elements.order[k] + 1, work.tangent[k]
+    nodes = elements.nodes[k]
+    count = elements.order[k] + 1
+    tangent = work.tangent[k]
     first = topology.block[nodes[0]]
     columns = topology.size[first]
     for i in range(1, count):
@@ -115,11 +124,14 @@ def _add_to_first(topology, elements, variation, work, k, sides):
 @jit_inner
 def _expand(topology, elements, work, y, k, sides):
     """Unknowns of the element's own blocks, once those of its first block are known."""
-    nodes, count = elements.nodes[k], elements.order[k] + 1
+    nodes = elements.nodes[k]
+    count = elements.order[k] + 1
     first = topology.block[nodes[0]]
-    columns, o = topology.size[first], topology.offset[first]
+    columns = topology.size[first]
+    o = topology.offset[first]
     for i in range(1, count):
-        b, at = topology.block[nodes[i]], _row(topology, nodes, i)
+        b = topology.block[nodes[i]]
+        at = _row(topology, nodes, i)
         for r in range(topology.size[b]):
             for s in range(len(sides)):
                 value = -work.solved[k, at + r, columns + s]

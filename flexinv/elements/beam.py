@@ -77,7 +77,8 @@ class Scratch(NamedTuple):
     @classmethod
     def of(cls, count: int) -> Scratch:
         """Return arrays for elements of at most ``count`` nodes [-]."""
-        vectors, matrices = (count, 3), (count, 3, 3)
+        vectors = (count, 3)
+        matrices = (count, 3, 3)
         shapes = (vectors, matrices, vectors, vectors, matrices, (count, 6), (count, 6), (4, 36), (count, count, 36))
         return cls(*(np.zeros(shape) for shape in shapes))
 
@@ -89,7 +90,8 @@ def tangent_slope(psi, b, q, sign):
     H b = (1 - s B) b - A psi x b + B psi (psi . b), s = psi . psi; the transpose turns the sign of A.
     """
     a0, a1, _, b0, b1, _ = q
-    s, along = dot(psi, psi), dot(psi, b)
+    s = dot(psi, psi)
+    along = dot(psi, b)
     turned = scale(-2 * sign * a1, vec3.cross(psi, b))
     by_s = vec3.sum3(scale(-2 * (b0 + s * b1), b), turned, scale(2 * b1 * along, psi))
     return madd(madd(quadratic(b, b0 * along, sign * a0, 0.0), outer(by_s, psi)), outer(scale(b0, psi), b))
@@ -102,8 +104,12 @@ def tangent_curvature(psi, a, b, q):
     h = (a.b)(1 - s B) - A psi.(b x a) + B (a.psi)(b.psi), s = psi . psi; q from `coefficients`
     """
     _, a1, a2, b0, b1, b2 = q
-    s, ab, ap, bp = dot(psi, psi), dot(a, b), dot(a, psi), dot(b, psi)
-    c, p = vec3.cross(b, a), dot(psi, vec3.cross(b, a))
+    s = dot(psi, psi)
+    ab = dot(a, b)
+    ap = dot(a, psi)
+    bp = dot(b, psi)
+    c = vec3.cross(b, a)
+    p = dot(psi, vec3.cross(b, a))
     round_part = -2 * ab * (b0 + s * b1) - 2 * a1 * p + 2 * b1 * ap * bp
     dyad_part = -4 * ab * (2 * b1 + s * b2) - 4 * a2 * p + 4 * b2 * ap * bp
     mixed = vec3.sum3(scale(-2 * a1, c), scale(2 * b1 * bp, a), scale(2 * b1 * ap, b))
@@ -117,7 +123,8 @@ def inverse_tangent_slope(psi, g, sign):
 
     H^-1 g = (1 - s c) g + psi x g / 2 + c psi (psi . g), s = psi . psi; the transpose turns the sign of the middle term.
     """
-    s, along = dot(psi, psi), dot(psi, g)
+    s = dot(psi, psi)
+    along = dot(psi, g)
     c, c1 = so3.inverse_coefficient(s)
     by_s = vec3.add(scale(-2 * (c + s * c1), g), scale(2 * c1 * along, psi))
     return madd(madd(quadratic(g, c * along, -0.5 * sign, 0.0), outer(by_s, psi)), outer(scale(c, psi), g))
@@ -127,7 +134,8 @@ def inverse_tangent_slope(psi, g, sign):
 def relative(count, scratch):
     """Fill u_i = x_i - x_0 [m] and psi_i = log(R_0^T R_i) [rad] of scratch z; return the largest |psi_i| [rad]."""
     largest = 0.0
-    first, x0 = mat(scratch.r[0]), vec(scratch.x[0])
+    first = mat(scratch.r[0])
+    x0 = vec(scratch.x[0])
     for i in range(count):
         psi = log(tmul(first, mat(scratch.r[i])))
         put(scratch.u[i], 0, vec3.sub(vec(scratch.x[i]), x0))
@@ -140,10 +148,14 @@ def relative(count, scratch):
 @jit_inner
 def interpolate(count, shape, slope, moved, turned):
     """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point, or their rates; node 0 contributes nothing: u_0 = psi_0 = 0."""
-    du, psi, dpsi = vec3.ZERO, vec3.ZERO, vec3.ZERO
+    du = vec3.ZERO
+    psi = vec3.ZERO
+    dpsi = vec3.ZERO
     for i in range(1, count):
-        du, turn = vec3.add_scaled(du, slope[i], vec(moved[i])), vec(turned[i])
-        psi, dpsi = vec3.add_scaled(psi, shape[i], turn), vec3.add_scaled(dpsi, slope[i], turn)
+        du = vec3.add_scaled(du, slope[i], vec(moved[i]))
+        turn = vec(turned[i])
+        psi = vec3.add_scaled(psi, shape[i], turn)
+        dpsi = vec3.add_scaled(dpsi, slope[i], turn)
     return du, psi, dpsi
 
 
@@ -175,10 +187,14 @@ def point_hessian(point, stress, stiffness, w, parts):
     stress : n [N], m [N m] and n x S^T u'; stiffness : C_N [N], C_M [N m^2]
     """
     psi, dpsi, q, s, h, stretch, bend = point
-    (n, m, couple), (c_n, c_m) = stress, stiffness
+    n, m, couple = stress
+    c_n, c_m = stiffness
     spin = mul(skew(stretch), h)  # dGamma = S^T du' + spin dpsi
-    c_spin, c_bend, turned = rows(c_n, spin), rows(c_m, bend), mul(skew(n), spin)
-    by_u_u, by_u_psi = mul(s, rows(c_n, transpose(s))), mul(s, vec3.msub(c_spin, mul(skew(n), h)))
+    c_spin = rows(c_n, spin)
+    c_bend = rows(c_m, bend)
+    turned = mul(skew(n), spin)
+    by_u_u = mul(s, rows(c_n, transpose(s)))
+    by_u_psi = mul(s, vec3.msub(c_spin, mul(skew(n), h)))
     stretching = madd(madd(tmul(spin, c_spin), tmul(h, turned)), tangent_slope(psi, couple, q, -1.0))
     bending = madd(tmul(bend, c_bend), tangent_curvature(psi, m, dpsi, q))
     by_slope_psi = madd(tmul(h, c_bend), tangent_slope(psi, m, q, -1.0))
@@ -211,7 +227,10 @@ def spread(count, shape, slope, parts, out, whole):
     """Add one Gauss point's derivatives to those of the pairs of nodes i, j (j >= i unless ``whole``) [N/m], [N], [N m]."""
     for i in range(1, count):
         for j in range(1 if whole else i, count):
-            ss, sn, ns, nn = slope[i] * slope[j], slope[i] * shape[j], shape[i] * slope[j], shape[i] * shape[j]
+            ss = slope[i] * slope[j]
+            sn = slope[i] * shape[j]
+            ns = shape[i] * slope[j]
+            nn = shape[i] * shape[j]
             for k in range(36):
                 out[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
 
@@ -257,7 +276,9 @@ class Rate(NamedTuple):
 @jit_inner
 def relative_rates(count, scratch, rates):
     """Fill du [m/s], dpsi [rad/s] and how they vary with the nodes' poses; `relative` came before."""
-    first, v0, w0 = mat(scratch.r[0]), vec(rates.v[0]), vec(rates.w[0])
+    first = mat(scratch.r[0])
+    v0 = vec(rates.v[0])
+    w0 = vec(rates.w[0])
     world = apply(first, w0)
     vec3.put_block(rates.spin, 0, 0, skew(world))
     for i in range(count):
@@ -274,7 +295,8 @@ def relative_rates(count, scratch, rates):
 def rate_of(count, shape, slope, point, rates):
     """Return the `Rate` [1/s], [rad/s] of the relative motion at one Gauss point."""
     du, psi, dpsi = interpolate(count, shape, slope, rates.du, rates.dpsi)
-    slid, turn = vec3.tapply(point.s, du), apply(point.h, psi)
+    slid = vec3.tapply(point.s, du)
+    turn = apply(point.h, psi)
     gamma = vec3.add(slid, vec3.cross(point.stretch, turn))
     return Rate(slid, turn, psi, dpsi, gamma, vec3.add(apply(point.h, dpsi), apply(point.bend, psi)))
 
@@ -283,17 +305,24 @@ def rate_of(count, shape, slope, point, rates):
 def rates_by_pose(point, rate, damping, w, parts):
     """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses; damping D [N s], [N m^2 s]."""
     psi, dpsi, q, s, h, stretch, bend = point
-    (slid, turn, psi_rate, dpsi_rate, _, _), (d_n, d_m) = rate, damping
-    spin, whirl = mul(skew(stretch), h), skew(turn)
+    slid, turn, psi_rate, dpsi_rate, _, _ = rate
+    d_n, d_m = damping
+    spin = mul(skew(stretch), h)
+    whirl = skew(turn)
     by_u = rows(d_n, mscale(-1.0, mul(whirl, transpose(s))))
     slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
     by_psi = rows(d_n, madd(slides, mul(skew(stretch), tangent_slope(psi, psi_rate, q, 1.0))))
     x, y, z = EYE
-    a, b, c = tangent_slope(psi, x, q, 1.0), tangent_slope(psi, y, q, 1.0), tangent_slope(psi, z, q, 1.0)
+    a = tangent_slope(psi, x, q, 1.0)
+    b = tangent_slope(psi, y, q, 1.0)
+    c = tangent_slope(psi, z, q, 1.0)
     grown = transpose((apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)))
-    a, b, c = tangent_curvature(psi, x, dpsi, q), tangent_curvature(psi, y, dpsi, q), tangent_curvature(psi, z, dpsi, q)
+    a = tangent_curvature(psi, x, dpsi, q)
+    b = tangent_curvature(psi, y, dpsi, q)
+    c = tangent_curvature(psi, z, dpsi, q)
     twice = apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)
-    by_slope, by_bend = rows(d_m, grown), rows(d_m, madd(tangent_slope(psi, dpsi_rate, q, 1.0), twice))
+    by_slope = rows(d_m, grown)
+    by_bend = rows(d_m, madd(tangent_slope(psi, dpsi_rate, q, 1.0), twice))
     _add_part(parts[0], 0, 0, mscale(w, mul(s, by_u)))
     _add_part(parts[0], 3, 3, mscale(w, tmul(h, by_slope)))
     _add_part(parts[1], 0, 3, mscale(w, mul(s, by_psi)))

@@ -50,23 +50,31 @@ class Elements(NamedTuple):
 @jit_inner
 def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     """Add a Gauss point to the gradient, and its derivatives; return what it stores [J] and loses [W]."""
-    shape, slope, w = elements.shape[k, g], elements.slope[k, g], elements.weight[k, g]
+    shape = elements.shape[k, g]
+    slope = elements.slope[k, g]
+    w = elements.weight[k, g]
     stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
     point = point_of(count, shape, slope, scratch)
     gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
     kappa = sub(vec3.apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
-    n, m, lost = vec3.times(stiffness[0], gamma), vec3.times(stiffness[1], kappa), 0.0
+    n = vec3.times(stiffness[0], gamma)
+    m = vec3.times(stiffness[1], kappa)
+    lost = 0.0
     stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
     if rates is not None:
         damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
         rate = rate_of(count, shape, slope, point, rates)
-        n_lost, m_lost = vec3.times(damping[0], rate.gamma), vec3.times(damping[1], rate.kappa)
-        n, m = add(n, n_lost), add(m, m_lost)
+        n_lost = vec3.times(damping[0], rate.gamma)
+        m_lost = vec3.times(damping[1], rate.kappa)
+        n = add(n, n_lost)
+        m = add(m, m_lost)
         lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
     put(internal, 0, n)
     put(internal, 3, m)
     couple = vec3.cross(n, point.stretch)
-    by_du, by_dpsi = scale(w, vec3.apply(point.s, n)), scale(w, vec3.tapply(point.h, m))  # dE/du', dE/dpsi'
+    # dE/du', dE/dpsi'
+    by_du = scale(w, vec3.apply(point.s, n))
+    by_dpsi = scale(w, vec3.tapply(point.h, m))
     by_psi = scale(w, add(vec3.tapply(point.h, couple), vec3.tapply(point.bend, m)))
     for i in range(1, count):
         vec3.add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
@@ -89,13 +97,15 @@ def element_gradient(k, count, elements, scratch, rates, internal, want_tangent)
     rates : `beam.Rates` of a damped element, here and below; None of an undamped one, for which their branches are not compiled
     Return the elastic energy [J] and the power that is dissipated [W].
     """
-    energy, lost = 0.0, 0.0
+    energy = 0.0
+    lost = 0.0
     _clear(count, scratch.gradient, scratch.hessian, want_tangent)
     if rates is not None:
         _clear(count, scratch.gradient, rates.drag, want_tangent)
     for g in range(count - 1):
         stored, gone = _add_point(k, g, count, elements, scratch, rates, internal[g], want_tangent)
-        energy, lost = energy + stored, lost + gone
+        energy = energy + stored
+        lost = lost + gone
     return energy, lost
 
 
@@ -116,10 +126,13 @@ def element_forces(count, scratch):
     F_i = dE/du_i, M_i = H_i^-T dE/dpsi_i; the sums of forces and moments vanish, and R_0^T R_i H_i^-T = H_i^-1:
     F_0 = - sum F_i,   M_0 = - sum (R_0^T (u_i x F_i) + H_i^-1 dE/dpsi_i)
     """
-    force, moment, r0 = vec3.ZERO, vec3.ZERO, mat(scratch.r[0])
+    force = vec3.ZERO
+    moment = vec3.ZERO
+    r0 = mat(scratch.r[0])
     for i in range(1, count):
         inverse = mat(scratch.inverse[i])
-        f, by_psi = vec(scratch.gradient[i]), vec_at(scratch.gradient[i], 3)
+        f = vec(scratch.gradient[i])
+        by_psi = vec_at(scratch.gradient[i], 3)
         put(scratch.forces[i], 0, f)
         put(scratch.forces[i], 3, vec3.tapply(inverse, by_psi))
         force = sub(force, f)
@@ -135,21 +148,32 @@ def _pair(i, j, scratch, rates, tangent):
     By poses K = B^T (d2E) B + (dB^T) g with B = diag(1, H_i^-1), symmetric but for (theta_i, theta_i): translations and rotations
     of different nodes commute; with damping  A_i^T (P A_j + V E_j),  and by velocities  A_i^T V A_j.
     """
-    own, other, stiff = mat(scratch.inverse[i]), mat(scratch.inverse[j]), scratch.hessian[i, j]
-    row, column = 6 * i, 6 * j
-    x_x, x_t = part(stiff, 0, 0), mul(part(stiff, 0, 3), other)
-    t_x, t_t = part(stiff, 3, 0), mul(part(stiff, 3, 3), other)
+    own = mat(scratch.inverse[i])
+    other = mat(scratch.inverse[j])
+    stiff = scratch.hessian[i, j]
+    row = 6 * i
+    column = 6 * j
+    x_x = part(stiff, 0, 0)
+    x_t = mul(part(stiff, 0, 3), other)
+    t_x = part(stiff, 3, 0)
+    t_t = mul(part(stiff, 3, 3), other)
     if rates is not None:
-        drag, spin, turned = rates.drag[i, j], mat(rates.spin), mat(rates.turned[j])
-        x_x, x_t = msub(x_x, mul(part(drag, 0, 0), spin)), madd(x_t, mul(part(drag, 0, 3), turned))
-        t_x, t_t = msub(t_x, mul(part(drag, 3, 0), spin)), madd(t_t, mul(part(drag, 3, 3), turned))
-    t_x, t_t = vec3.tmul(own, t_x), vec3.tmul(own, t_t)
+        drag = rates.drag[i, j]
+        spin = mat(rates.spin)
+        turned = mat(rates.turned[j])
+        x_x = msub(x_x, mul(part(drag, 0, 0), spin))
+        x_t = madd(x_t, mul(part(drag, 0, 3), turned))
+        t_x = msub(t_x, mul(part(drag, 3, 0), spin))
+        t_t = madd(t_t, mul(part(drag, 3, 3), turned))
+    t_x = vec3.tmul(own, t_x)
+    t_t = vec3.tmul(own, t_t)
     if i == j:
         geometric = inverse_tangent_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
         t_t = madd(t_t, mul(geometric, own))
     _put_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
     if rates is not None:
-        t_x, t_t = vec3.tmul(own, part(drag, 3, 0)), vec3.tmul(own, mul(part(drag, 3, 3), other))
+        t_x = vec3.tmul(own, part(drag, 3, 0))
+        t_t = vec3.tmul(own, mul(part(drag, 3, 3), other))
         _put_pair(rates.by_velocity, row, column, ((part(drag, 0, 0), mul(part(drag, 0, 3), other)), (t_x, t_t)))
     elif j > i:
         _mirror(tangent, row, column)
@@ -204,7 +228,9 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
         for k in range(6):
             tangent[row, last + k] = by[k]
         for j in range(1, count):
-            n, at, turned = nodes[j], 6 * j, vec_at(by, 6 * j + 3)
+            n = nodes[j]
+            at = 6 * j
+            turned = vec_at(by, 6 * j + 3)
             for k in range(3):  # a section's places move its velocity alone, its turns its angular velocity
                 tangent[row, at + k] += by[at + k] * variation.v[n, k, k]
                 tangent[row, at + 3 + k] += dot(turned, vec(variation.w[n, 3 + k]))
@@ -213,7 +239,8 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
 @jit_inner
 def _first_row(j, count, scratch, rates, tangent):
     """Forces on the first node by pose and velocity of node j: F_0 = - sum F_i,  M_0 = - R_0^T sum (u_i x F_i + R_i M_i)."""
-    force, moment = vec(scratch.forces[j]), vec_at(scratch.forces[j], 3)
+    force = vec(scratch.forces[j])
+    moment = vec_at(scratch.forces[j], 3)
     carried = mul(mat(scratch.r[j]), skew(moment))  # R_j (theta x M) = - R_j skew(M) theta
     _sum_row(j, count, scratch, vec3.mscale(-1.0, skew(force)), vec3.mscale(-1.0, carried), tangent)
     _sum_row(j, count, scratch, vec3.diagonal(0.0), vec3.diagonal(0.0), rates.by_velocity)
@@ -222,12 +249,21 @@ def _first_row(j, count, scratch, rates, tangent):
 @jit_inner
 def _sum_row(j, count, scratch, by_x, by_t, a):
     """Balance of one column of (6, 6) blocks; by_x, by_t : how arm and frame of node j itself change the moment."""
-    none, r0 = vec3.diagonal(0.0), mat(scratch.r[0])
-    x_x, x_t, t_x, t_t = none, none, by_x, by_t
+    none = vec3.diagonal(0.0)
+    r0 = mat(scratch.r[0])
+    x_x = none
+    x_t = none
+    t_x = by_x
+    t_t = by_t
     for i in range(1, count):
-        arm, turn, row, column = skew(vec(scratch.u[i])), mat(scratch.r[i]), 6 * i, 6 * j
-        f_x, f_t = block(a, row, column), block(a, row, column + 3)
-        x_x, x_t = msub(x_x, f_x), msub(x_t, f_t)
+        arm = skew(vec(scratch.u[i]))
+        turn = mat(scratch.r[i])
+        row = 6 * i
+        column = 6 * j
+        f_x = block(a, row, column)
+        f_t = block(a, row, column + 3)
+        x_x = msub(x_x, f_x)
+        x_t = msub(x_t, f_t)
         t_x = madd(t_x, madd(mul(arm, f_x), mul(turn, block(a, row + 3, column))))
         t_t = madd(t_t, madd(mul(arm, f_t), mul(turn, block(a, row + 3, column + 3))))
     back = vec3.mscale(-1.0, vec3.transpose(r0))
@@ -242,19 +278,28 @@ def _by_objectivity(i, count, scratch, rates, tangent):
     x_0 by phi, poses and velocities, they turn:
     K_(i,t0) R_0^T phi = (phi x F_i, 0) - sum_j (K_(i,xj) (phi x u_j) + K_(i,tj) R_j^T phi + V_(i,vj) (phi x (v_j - v_0)))
     """
-    none, r0, row = vec3.diagonal(0.0), mat(scratch.r[0]), 6 * i
+    none = vec3.diagonal(0.0)
+    r0 = mat(scratch.r[0])
+    row = 6 * i
     for half in range(0, 6, 3):
-        by_x, by_v, by_w = none, none, none
+        by_x = none
+        by_v = none
+        by_w = none
         by_t = vec3.mscale(-1.0, skew(vec(scratch.forces[i]))) if half == 0 else none
         for j in range(1, count):
-            arm, turn, column = skew(vec(scratch.u[j])), vec3.transpose(mat(scratch.r[j])), 6 * j
-            k_x, k_t = block(tangent, row + half, column), block(tangent, row + half, column + 3)
-            by_x, turned = msub(by_x, k_x), msub(mul(k_x, arm), mul(k_t, turn))
+            arm = skew(vec(scratch.u[j]))
+            turn = vec3.transpose(mat(scratch.r[j]))
+            column = 6 * j
+            k_x = block(tangent, row + half, column)
+            k_t = block(tangent, row + half, column + 3)
+            by_x = msub(by_x, k_x)
+            turned = msub(mul(k_x, arm), mul(k_t, turn))
             if rates is not None:
                 v_x = block(rates.by_velocity, row + half, column)
                 v_t = block(rates.by_velocity, row + half, column + 3)
                 turned = madd(turned, mul(v_x, skew(sub(vec(rates.v[j]), vec(rates.v[0])))))
-                by_v, by_w = msub(by_v, v_x), madd(by_w, msub(mul(v_x, arm), mul(v_t, turn)))
+                by_v = msub(by_v, v_x)
+                by_w = madd(by_w, msub(mul(v_x, arm), mul(v_t, turn)))
             by_t = madd(by_t, turned)
         put_block(tangent, row + half, 0, by_x)
         put_block(tangent, row + half, 3, mul(by_t, r0))

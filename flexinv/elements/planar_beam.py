@@ -82,25 +82,38 @@ def interpolate(elements, pose, u, p):
 
     u : (count, 3) scratch, u_i [m] and psi_i [rad] of one element
     """
-    largest, worst, points = 0.0, 0, elements.shape.shape[1]
+    largest = 0.0
+    worst = 0
+    points = elements.shape.shape[1]
     for k in range(len(elements.order)):
-        count, first = elements.order[k] + 1, pose[elements.nodes[k, 0]]
+        count = elements.order[k] + 1
+        first = pose[elements.nodes[k, 0]]
         for i in range(1, count):
             node = pose[elements.nodes[k, i]]
             turned = node[2] - first[2] + elements.bend[k, i]
-            u[i, 0], u[i, 1] = node[0] - first[0], node[1] - first[1]
+            u[i, 0] = node[0] - first[0]
+            u[i, 1] = node[1] - first[1]
             u[i, 2] = turned - FULL_TURN * np.floor(turned / FULL_TURN + 0.5)
             if not abs(u[i, 2]) <= largest:
-                largest, worst = abs(u[i, 2]), k
+                largest = abs(u[i, 2])
+                worst = k
         phi0 = elements.heading[k] + first[2]
         for g in range(count - 1):
-            u1, u2, psi, bend = 0.0, 0.0, 0.0, 0.0
+            u1 = 0.0
+            u2 = 0.0
+            psi = 0.0
+            bend = 0.0
             for i in range(1, count):
                 slope = elements.slope[k, g, i]
-                u1, u2 = u1 + slope * u[i, 0], u2 + slope * u[i, 1]
-                psi, bend = psi + elements.shape[k, g, i] * u[i, 2], bend + slope * u[i, 2]
+                u1 = u1 + slope * u[i, 0]
+                u2 = u2 + slope * u[i, 1]
+                psi = psi + elements.shape[k, g, i] * u[i, 2]
+                bend = bend + slope * u[i, 2]
             at = point_offset(k, g, points)
-            p[at + U1], p[at + U2], p[at + PHI], p[at + BEND] = u1, u2, phi0 + psi, bend
+            p[at + U1] = u1
+            p[at + U2] = u2
+            p[at + PHI] = phi0 + psi
+            p[at + BEND] = bend
     return largest, worst
 
 
@@ -108,7 +121,8 @@ def interpolate(elements, pose, u, p):
 def relax(elements, p):
     """Leave all points without stress [N], [N m], exactly."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
-        at, own = block * POINT_BLOCK, block * CONSTANTS
+        at = block * POINT_BLOCK
+        own = block * CONSTANTS
         for i in range(POINT_BLOCK):
             p[at + i] = 0.0
         for lane in range(_LANES):
@@ -124,14 +138,24 @@ def interpolate_rates(elements, rate, r):
     for k in range(len(elements.order)):
         first = rate[elements.nodes[k, 0]]
         for g in range(elements.order[k]):
-            v1, v2, spin, bent = 0.0, 0.0, first[2], 0.0
+            v1 = 0.0
+            v2 = 0.0
+            spin = first[2]
+            bent = 0.0
             for i in range(1, elements.order[k] + 1):
-                own, slope = rate[elements.nodes[k, i]], elements.slope[k, g, i]
-                v1, v2, turn = v1 + slope * (own[0] - first[0]), v2 + slope * (own[1] - first[1]), own[2] - first[2]
-                spin, bent = spin + elements.shape[k, g, i] * turn, bent + slope * turn
+                own = rate[elements.nodes[k, i]]
+                slope = elements.slope[k, g, i]
+                v1 = v1 + slope * (own[0] - first[0])
+                v2 = v2 + slope * (own[1] - first[1])
+                turn = own[2] - first[2]
+                spin = spin + elements.shape[k, g, i] * turn
+                bent = bent + slope * turn
             n = np.uint64(k * points + g)
             at = n // _LANES * RATE_BLOCK + n % _LANES
-            r[at + R1], r[at + R2], r[at + PHI_RATE], r[at + KAPPA_RATE] = v1, v2, spin, bent
+            r[at + R1] = v1
+            r[at + R2] = v2
+            r[at + PHI_RATE] = spin
+            r[at + KAPPA_RATE] = bent
 
 
 @jit_inner
@@ -147,27 +171,43 @@ def point_gradients(elements, p, r):
 @jit_inner
 def _gradients(lanes, block, elements, p, r):
     """First derivatives at the points of a block; r : None where no beam is damped, and nothing of damping is compiled."""
-    at, own, k = block * POINT_BLOCK, block * CONSTANTS, elements.constants
-    by, d = block * RATE_BLOCK, block * COEFFICIENTS
+    at = block * POINT_BLOCK
+    own = block * CONSTANTS
+    k = elements.constants
+    by = block * RATE_BLOCK
+    d = block * COEFFICIENTS
     for lane in range(lanes):
         c, s = cos_sin(p[at + PHI + lane])
-        u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
-        y1, y2 = c * u1 + s * u2, c * u2 - s * u1
+        u1 = p[at + U1 + lane]
+        u2 = p[at + U2 + lane]
+        y1 = c * u1 + s * u2
+        y2 = c * u2 - s * u1
         n1 = k[own + AXIAL + lane] * (y1 - k[own + STRAIN1 + lane])
         n2 = k[own + SHEAR + lane] * (y2 - k[own + STRAIN2 + lane])
         m = k[own + BENDING + lane] * (p[at + BEND + lane] - k[own + CURVATURE + lane])
         if r is not None:
-            v1, v2, spin = r[by + R1 + lane], r[by + R2 + lane], r[by + PHI_RATE + lane]
-            rate1, rate2 = c * v1 + s * v2 + spin * y2, c * v2 - s * v1 - spin * y1
-            r[by + RATE1 + lane], r[by + RATE2 + lane] = rate1, rate2
+            v1 = r[by + R1 + lane]
+            v2 = r[by + R2 + lane]
+            spin = r[by + PHI_RATE + lane]
+            rate1 = c * v1 + s * v2 + spin * y2
+            rate2 = c * v2 - s * v1 - spin * y1
+            r[by + RATE1 + lane] = rate1
+            r[by + RATE2 + lane] = rate2
             n1 += elements.damping[d + D_AXIAL + lane] * rate1
             n2 += elements.damping[d + D_SHEAR + lane] * rate2
             m += elements.damping[d + D_BENDING + lane] * r[by + KAPPA_RATE + lane]
         w = k[own + WEIGHT + lane]
-        p[at + COS_PHI + lane], p[at + SIN_PHI + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
-        p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
-        p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
-        p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
+        p[at + COS_PHI + lane] = c
+        p[at + SIN_PHI + lane] = s
+        p[at + Y1 + lane] = y1
+        p[at + Y2 + lane] = y2
+        p[at + N1 + lane] = n1
+        p[at + N2 + lane] = n2
+        p[at + M + lane] = m
+        p[at + BY_U1 + lane] = w * (c * n1 - s * n2)
+        p[at + BY_U2 + lane] = w * (s * n1 + c * n2)
+        p[at + BY_PSI + lane] = w * (n1 * y2 - n2 * y1)
+        p[at + BY_BEND + lane] = w * m
 
 
 @jit_inner
@@ -186,19 +226,33 @@ def point_hessians(elements, cv, p):
 @jit_inner
 def _hessians(lanes, block, elements, cv, p):
     """Second derivatives at the points of a block; cv : None where no beam is damped."""
-    at, own, d, k = block * POINT_BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
+    at = block * POINT_BLOCK
+    own = block * CONSTANTS
+    d = block * COEFFICIENTS
+    k = elements.constants
     for lane in range(lanes):
-        c, s, y1, y2 = p[at + COS_PHI + lane], p[at + SIN_PHI + lane], p[at + Y1 + lane], p[at + Y2 + lane]
-        n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], k[own + WEIGHT + lane]
-        ea, ga, bending = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
+        c = p[at + COS_PHI + lane]
+        s = p[at + SIN_PHI + lane]
+        y1 = p[at + Y1 + lane]
+        y2 = p[at + Y2 + lane]
+        n1 = p[at + N1 + lane]
+        n2 = p[at + N2 + lane]
+        w = k[own + WEIGHT + lane]
+        ea = k[own + AXIAL + lane]
+        ga = k[own + SHEAR + lane]
+        bending = k[own + BENDING + lane]
         if cv is not None:
             ea += cv * elements.damping[d + D_AXIAL + lane]
             ga += cv * elements.damping[d + D_SHEAR + lane]
             bending += cv * elements.damping[d + D_BENDING + lane]
-        b1, b2 = ea * y2 - n2, n1 - ga * y1
-        p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
-        p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * bending
-        p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
+        b1 = ea * y2 - n2
+        b2 = n1 - ga * y1
+        p[at + U1_U1 + lane] = w * (ea * c * c + ga * s * s)
+        p[at + U2_U2 + lane] = w * (ea * s * s + ga * c * c)
+        p[at + U1_U2 + lane] = w * (ea - ga) * c * s
+        p[at + BEND_BEND + lane] = w * bending
+        p[at + U1_PSI + lane] = w * (c * b1 - s * b2)
+        p[at + U2_PSI + lane] = w * (s * b1 + c * b2)
         p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
 
 
@@ -210,21 +264,34 @@ def add_forces(elements, pose, p, wrench, felt):
     """
     points = elements.shape.shape[1]
     for k in range(len(elements.order)):
-        count, first = elements.order[k] + 1, elements.nodes[k, 0]
-        fx, fy, moment = 0.0, 0.0, 0.0
+        count = elements.order[k] + 1
+        first = elements.nodes[k, 0]
+        fx = 0.0
+        fy = 0.0
+        moment = 0.0
         for i in range(1, count):
-            n, f1, f2, m = elements.nodes[k, i], 0.0, 0.0, 0.0
+            n = elements.nodes[k, i]
+            f1 = 0.0
+            f2 = 0.0
+            m = 0.0
             for g in range(count - 1):
-                at, slope = point_offset(k, g, points), elements.slope[k, g, i]
-                f1, f2 = f1 + slope * p[at + BY_U1], f2 + slope * p[at + BY_U2]
+                at = point_offset(k, g, points)
+                slope = elements.slope[k, g, i]
+                f1 = f1 + slope * p[at + BY_U1]
+                f2 = f2 + slope * p[at + BY_U2]
                 m += elements.shape[k, g, i] * p[at + BY_PSI] + slope * p[at + BY_BEND]
-            felt[k, i, 0], felt[k, i, 1], felt[k, i, 2] = f1, f2, m
+            felt[k, i, 0] = f1
+            felt[k, i, 1] = f2
+            felt[k, i, 2] = m
             wrench[n, 0] += f1
             wrench[n, 1] += f2
             wrench[n, 2] += m
-            fx, fy = fx - f1, fy - f2
+            fx = fx - f1
+            fy = fy - f2
             moment -= m + (pose[n, 0] - pose[first, 0]) * f2 - (pose[n, 1] - pose[first, 1]) * f1
-        felt[k, 0, 0], felt[k, 0, 1], felt[k, 0, 2] = fx, fy, moment
+        felt[k, 0, 0] = fx
+        felt[k, 0, 1] = fy
+        felt[k, 0, 2] = moment
         wrench[first, 0] += fx
         wrench[first, 1] += fy
         wrench[first, 2] += moment
@@ -236,15 +303,28 @@ def pair_stiffness(k, i, j, elements, p):
 
     K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `point_hessians`
     """
-    a11, a12, a22, b1, b2, c1, c2, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a11 = 0.0
+    a12 = 0.0
+    a22 = 0.0
+    b1 = 0.0
+    b2 = 0.0
+    c1 = 0.0
+    c2 = 0.0
+    d = 0.0
     for g in range(elements.order[k]):
         at = point_offset(k, g, elements.shape.shape[1])
-        slope_i, slope_j = elements.slope[k, g, i], elements.slope[k, g, j]
-        shape_i, shape_j = elements.shape[k, g, i], elements.shape[k, g, j]
+        slope_i = elements.slope[k, g, i]
+        slope_j = elements.slope[k, g, j]
+        shape_i = elements.shape[k, g, i]
+        shape_j = elements.shape[k, g, j]
         slopes = slope_i * slope_j
-        a11, a12, a22 = a11 + p[at + U1_U1] * slopes, a12 + p[at + U1_U2] * slopes, a22 + p[at + U2_U2] * slopes
-        b1, b2 = b1 + p[at + U1_PSI] * slope_i * shape_j, b2 + p[at + U2_PSI] * slope_i * shape_j
-        c1, c2 = c1 + p[at + U1_PSI] * shape_i * slope_j, c2 + p[at + U2_PSI] * shape_i * slope_j
+        a11 = a11 + p[at + U1_U1] * slopes
+        a12 = a12 + p[at + U1_U2] * slopes
+        a22 = a22 + p[at + U2_U2] * slopes
+        b1 = b1 + p[at + U1_PSI] * slope_i * shape_j
+        b2 = b2 + p[at + U2_PSI] * slope_i * shape_j
+        c1 = c1 + p[at + U1_PSI] * shape_i * slope_j
+        c2 = c2 + p[at + U2_PSI] * shape_i * slope_j
         d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
     return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
 
@@ -252,11 +332,14 @@ def pair_stiffness(k, i, j, elements, p):
 @jit_inner
 def energy(elements, p):
     """Return the elastic energy of all elements [J]."""
-    total, c = 0.0, elements.constants
+    total = 0.0
+    c = elements.constants
     for block in range(np.uint64(len(c)) // CONSTANTS):
-        at, own = block * POINT_BLOCK, block * CONSTANTS
+        at = block * POINT_BLOCK
+        own = block * CONSTANTS
         for lane in range(_LANES):
-            axial, shear = p[at + Y1 + lane] - c[own + STRAIN1 + lane], p[at + Y2 + lane] - c[own + STRAIN2 + lane]
+            axial = p[at + Y1 + lane] - c[own + STRAIN1 + lane]
+            shear = p[at + Y2 + lane] - c[own + STRAIN2 + lane]
             curvature = p[at + BEND + lane] - c[own + CURVATURE + lane]
             stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
             bent = c[own + BENDING + lane] * curvature * curvature
@@ -267,11 +350,16 @@ def energy(elements, p):
 @jit_inner
 def dissipated(elements, r):
     """Return the power that all elements dissipate [W]."""
-    total, damping = 0.0, elements.damping
+    total = 0.0
+    damping = elements.damping
     for block in range(np.uint64(len(damping)) // COEFFICIENTS):
-        by, own, d = block * RATE_BLOCK, block * CONSTANTS, block * COEFFICIENTS
+        by = block * RATE_BLOCK
+        own = block * CONSTANTS
+        d = block * COEFFICIENTS
         for lane in range(_LANES):
-            rate1, rate2, bent = r[by + RATE1 + lane], r[by + RATE2 + lane], r[by + KAPPA_RATE + lane]
+            rate1 = r[by + RATE1 + lane]
+            rate2 = r[by + RATE2 + lane]
+            bent = r[by + KAPPA_RATE + lane]
             lost = damping[d + D_AXIAL + lane] * rate1 * rate1 + damping[d + D_SHEAR + lane] * rate2 * rate2
             lost += damping[d + D_BENDING + lane] * bent * bent
             total += elements.constants[own + WEIGHT + lane] * lost

@@ -50,7 +50,8 @@ def gauss_lobatto(order: int) -> tuple[Array, Array]:
     Nodes are the ends and the roots of P_p'; w_i = 2 / (p (p+1) P_p(x_i)^2): Canuto et al., *Spectral Methods*, 2006, (2.3.12).
     """
     basis = legendre.Legendre.basis(order)
-    first, second = basis.deriv(1), basis.deriv(2)
+    first = basis.deriv(1)
+    second = basis.deriv(2)
     inner = np.sort(np.real(first.roots())) if order > 1 else np.empty(0)
     for _ in range(3):  # polish the companion-matrix roots to the last digit
         inner = inner - first(inner) / second(inner)
@@ -63,7 +64,8 @@ def lagrange(nodes: Array, x: Array) -> tuple[Array, Array]:
 
     By products, not through monomials: no cancellation at high order.
     """
-    value, slope = np.ones((len(x), len(nodes))), np.zeros((len(x), len(nodes)))
+    value = np.ones((len(x), len(nodes)))
+    slope = np.zeros((len(x), len(nodes)))
     for i in range(len(nodes)):
         others = [k for k in range(len(nodes)) if k != i]
         scale = np.prod(nodes[i] - nodes[others])

@@ -72,7 +72,10 @@ ANGLES = {
     "deg": Way(Pair, "two angles", "deg", _radians, "at which it rests", (ZEROS, "[30, 20]", ZEROS, "[10, -5]")),
     "rad": Way(Pair, "two angles", "rad", si_numbers, "at which it rests", (ZEROS, "[0.5, 0.2]", ZEROS, "[0.2, -0.1]")),
 }
-NEUTRAL, LEVEL, QUARTER, ABOVE = "[0, 0, 0, 1]", "[0, 0, 0]", "[0, 0, 90]", "[0, 0, 1]"
+NEUTRAL = "[0, 0, 0, 1]"
+LEVEL = "[0, 0, 0]"
+QUARTER = "[0, 0, 90]"
+ABOVE = "[0, 0, 1]"
 TURNED_EXAMPLES = NEUTRAL, "[0, 0, 0.6, 0.8]", NEUTRAL, NEUTRAL
 ORIENTATION_WAYS = {
     "quaternion": Way(Quaternion, "x, y, z, w", "-", si_numbers, "where it rests", TURNED_EXAMPLES),
@@ -121,7 +124,8 @@ MOVES: dict[tuple[str, ...], tuple[type[MoveTable], Parts, str]] = {}
 STARTS: dict[tuple[str, ...], tuple[type[Table], Parts, str]] = {}
 for _units, (_name, _joint, _what, _parts, _move, _start) in JOINTS.items():
     _moving, _starting = _tables(_name, _joint, _what, _parts)
-    MOVES[_units], STARTS[_units] = (_moving, _parts, _move), (_starting, _parts, _start)
+    MOVES[_units] = (_moving, _parts, _move)
+    STARTS[_units] = (_starting, _parts, _start)
 
 
 class MotionTable(Table):

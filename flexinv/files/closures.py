@@ -159,7 +159,8 @@ def read_closure(
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise where.wrong("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
-        gear, write = validate(CouplingTable, data, where), "factors = { motor = 1, wheel = -5 }"
+        gear = validate(CouplingTable, data, where)
+        write = "factors = { motor = 1, wheel = -5 }"
         scalar = [j for j, joint in taken.items() if joint.kind in GEARED]
         for other in gear.factors:
             if other not in scalar:
@@ -171,10 +172,12 @@ def read_closure(
             raise where.wrong("factors", toml_text(gear.factors), "two joints or more with factors other than 0", write)
         return Closure(name, gear.kind, Attachment(WORLD), Attachment(WORLD), factors=used, offset=gear.offset)
     table = validate(CLOSURE_TABLES[kind or "revolute"], data, where)
-    (first, second), axes = _pair(table, links, where), read_axes(table, where)
+    first, second = _pair(table, links, where)
+    axes = read_axes(table, where)
     times = [time for interval in table.active_s for time in interval]
     if any(b <= a for a, b in pairwise(times)):
-        given, expected = toml_text(table.active_s), "intervals [start, end] with start < end, one after the other [s]"
+        given = toml_text(table.active_s)
+        expected = "intervals [start, end] with start < end, one after the other [s]"
         raise where.wrong("active_s", f"active_s = {given}", expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     if table.impact not in IMPACTS:
         write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
@@ -201,9 +204,11 @@ def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str
         gas = GasLaw(table.force_N, table.travel_m, table.exponent)
         return Spring(name, first, second, 0.0, table.rest_m, table.damping_Ns_per_m, gas)
     assert isinstance(table, TableSpringTable)
-    length, force = np.array(table.length_m), np.array(table.force_N)
+    length = np.array(table.length_m)
+    force = np.array(table.force_N)
     if len(length) < 2 or (np.diff(length) <= 0).any():
-        given, write = f"length_m = {toml_text(table.length_m)}", "length_m = [0.60, 0.65, 0.70]"
+        given = f"length_m = {toml_text(table.length_m)}"
+        write = "length_m = [0.60, 0.65, 0.70]"
         raise where.wrong("length_m", given, "two lengths or more, increasing [m]", write)
     if len(force) != len(length):
         expected = f"{len(length)} numbers, one for each of length_m [N]"
@@ -216,7 +221,8 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
     table = validate(ForceTable, data, where)
     time = np.array(table.time_s or [0.0])
     if (np.diff(time) <= 0).any():
-        given, write = f"time_s = {toml_text(table.time_s)}", "time_s = [0.0, 0.5]"
+        given = f"time_s = {toml_text(table.time_s)}"
+        write = "time_s = [0.0, 0.5]"
         raise where.wrong("time_s", given, "times that increase [s]", write)
     if table.force_N is None and table.moment_Nm is None:
         raise where.wrong("force_N", "nothing", "force_N [N], moment_Nm [N m] or both", "force_N = [0, 0, -10]")
@@ -224,7 +230,8 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
     for word, rows in (("force_N", table.force_N), ("moment_Nm", table.moment_Nm)):
         values = np.array([[0.0, 0.0, 0.0]] if rows is None else rows)
         if len(values) not in (1, time.size):
-            given, several = f"{len(values)} rows", f"one row, or {time.size}: one for each of time_s"
+            given = f"{len(values)} rows"
+            several = f"one row, or {time.size}: one for each of time_s"
             expected = several if time.size > 1 else "one row, or time_s with the times"
             raise where.wrong(word, given, expected, f"time_s with {len(values)} times")
         parts.append(np.broadcast_to(values, (time.size, 3)))
@@ -252,6 +259,7 @@ def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Att
         write = f'link = "{near}"' if near else "the name of one of these"
         raise where.wrong("link", f'link = "{table.link}"', expected, write)
     on_beam = table.link != WORLD and links[table.link].beam is not None
-    beam, other = f"the beam {table.link} that carries it", f"{table.link} is not a beam"
+    beam = f"the beam {table.link} that carries it"
+    other = f"{table.link} is not a beam"
     check_station(table.station, on_beam, where, beam, other, "xyz_m = [0.4, 0, 0]")
     return Attachment(table.link, read_placement(table, where), table.station)

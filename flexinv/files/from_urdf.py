@@ -118,7 +118,8 @@ def robots_folder() -> Path:
     try:
         folder = Path(str(distribution("example-robot-data").locate_file(ROBOTS)))
     except PackageNotFoundError:
-        given, expected = "it is not installed", "the PyPI package example-robot-data (models only, 131 MB)"
+        given = "it is not installed"
+        expected = "the PyPI package example-robot-data (models only, 131 MB)"
         raise complaint("package example-robot-data", given, expected, advice) from None
     if not folder.is_dir():
         raise complaint("package example-robot-data", f"no folder {folder}", "its robots there", advice)
@@ -166,7 +167,8 @@ def _inertia(link: Element, path: Path) -> Inertia | None:
     mass = urdf_number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
     if mass < 0:
         raise complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
-    entry, where = inertial.find("inertia"), location(path, link, "inertia")
+    entry = inertial.find("inertia")
+    where = location(path, link, "inertia")
     xx, xy, xz, yy, yz, zz = (
         urdf_number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
@@ -184,7 +186,8 @@ def _origin(element: Element, where: str) -> Placement:
 
 
 def _joint(element: Element, path: Path) -> Joint:
-    kind, where = element.get("type", ""), location(path, element)
+    kind = element.get("type", "")
+    where = location(path, element)
     if kind not in URDF_KINDS:
         near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, URDF_KINDS) or "revolute"
         expected = f"one of {', '.join(URDF_KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
@@ -205,7 +208,9 @@ def _joint(element: Element, path: Path) -> Joint:
         value = losses[loss] = urdf_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
         if value < 0:
             raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
-    limits, limit, at = Limits(), element.find("limit"), f"{where}, limit"
+    limits = Limits()
+    limit = element.find("limit")
+    at = f"{where}, limit"
     if limit is not None:  # 0 is how URDF writers say "not stated"; a continuous joint has no position limits
         effort, velocity = (abs(urdf_number(limit, k, 0.0, at, NO_LIMIT)) or np.inf for k in ("effort", "velocity"))
         limits = Limits(effort, velocity)
@@ -274,7 +279,8 @@ def read_xml(path: Path) -> Element:
     except Unbounded as error:
         raise complaint(str(path), error.given, error.expected, error.write) from None
     except (ParseError, ValueError, LookupError) as error:
-        given, write = f"XML that does not parse: {error}", "each tag closed"
+        given = f"XML that does not parse: {error}"
+        write = "each tag closed"
         if b"<" not in data[:256]:
             write = "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
         elif "invalid token" in str(error):

@@ -213,7 +213,8 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
     kind = one_of(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
     table = validate(JOINT_TABLES[kind or "revolute"], data, where)
-    axes, pitch = read_axes(table, where), getattr(table, "pitch_m", None)
+    axes = read_axes(table, where)
+    pitch = getattr(table, "pitch_m", None)
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT_LENGTH:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
@@ -270,7 +271,8 @@ def unit_axis(axis: Any, where: str, write: str) -> Array:
 
 def rotation_from_rpy(rpy: Any) -> Array:
     """Return R = R_z(yaw) R_y(pitch) R_x(roll), (3, 3) [-], from rpy (3,) [rad]: URDF's fixed-axis angles."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    sr, sp, sy = np.sin(rpy)
+    cr, cp, cy = np.cos(rpy)
     x = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr]
     y = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr]
     return np.array([x, y, [-sp, cp * sr, cp * cr]])

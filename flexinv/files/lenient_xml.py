@@ -44,7 +44,8 @@ def _without_hyphens(data: bytes) -> tuple[bytes, list[str]]:
     words: list[str] = []
     parts: list[bytes] = []
     copied = 0
-    line, counted = 1, 0
+    line = 1
+    counted = 0
     for mark, start, end in _find_sections(data):
         inside = data[start:end]
         if mark != b"<!--" or (b"--" not in inside and not inside.endswith(b"-")):
@@ -66,7 +67,8 @@ def _without_sections(text: bytes) -> bytes:
     parts: list[bytes] = []
     copied = 0
     for mark, start, end in _find_sections(text):
-        first, last = start - len(mark), end + len(SECTION_ENDS[mark])
+        first = start - len(mark)
+        last = end + len(SECTION_ENDS[mark])
         parts += [text[copied:first], b" " * (last - first)]
         copied = last
     return b"".join([*parts, text[copied:]])

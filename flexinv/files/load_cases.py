@@ -34,7 +34,8 @@ WHOLE_QUOTIENT = 1e-9
 MOST_PARTS = 1e15  # steps in a case [-]: beyond, a number of them cannot be told from the next
 LARGEST_FILE = 64 << 20  # [byte]: a million samples of a robot
 LOST_SAMPLES = 3.0  # an interval this many times the median one is samples lost, not a change of pace
-ANGLE_UNITS, LENGTH_UNITS = ("rad", "deg", "mrad"), ("m", "mm", "cm")
+ANGLE_UNITS = ("rad", "deg", "mrad")
+LENGTH_UNITS = ("m", "mm", "cm")
 Column = tuple[str, int, float]  # joint, which of its numbers, factor to SI
 
 
@@ -129,7 +130,8 @@ def _case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, 
     table = validate(schema.CaseTable, data, where)
     motion = read_motion(table.motion, mechanism, where.inner("motion"))
     start = read_start(table.start, mechanism, motion, where.inner("start"))
-    end, sample = table.end_s or motion.duration, table.sample_s or table.step_s
+    end = table.end_s or motion.duration
+    sample = table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
     for quantity in table.quantities:
@@ -148,7 +150,8 @@ def _case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, 
         if Path(table.measured).name != table.measured or not measured.is_file():
             near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
             write = f'measured = "{near}"' if near else "the name of a file that exists"
-            given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
+            given = f'measured = "{table.measured}"'
+            expected = "the name of a CSV file in the same folder"
             raise where.wrong("measured", given, expected, write)
     limits = *table.limits, *(limit for limit in whole.limits if limit.quantity in table.quantities)
     own = tuple(Limit(**{**dict(limit), "engines": tuple(limit.engines)}) for limit in limits)
@@ -169,7 +172,8 @@ def _check_times(table: schema.CaseTable, motion: Motion, end: float, sample: fl
             expected = f"at most {MOST_PARTS:g} times {word} = {part:g} [s]"
             raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {1000 * part:.4g}")
         if not _is_multiple(value, part):
-            nearby, expected = max(round(value / part), 1) * part, f"a whole number of {word} = {part:g} [s]"
+            nearby = max(round(value / part), 1) * part
+            expected = f"a whole number of {word} = {part:g} [s]"
             raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
     for jump in motion.jumps:
         if jump < end and not _is_multiple(jump, step):
@@ -194,7 +198,8 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
             if getattr(table, name):
                 expected = "the times and joints of the CSV file alone"
                 raise where.wrong(name, f"{name} beside csv", expected, "samples that rest, if so meant")
-        folder, named = where.file.resolve().parent, Path(table.csv)
+        folder = where.file.resolve().parent
+        named = Path(table.csv)
         samples = (folder / named).resolve()
         if named.is_absolute() or not samples.is_relative_to(folder):
             write = f'csv = "{named.name}"'
@@ -289,11 +294,13 @@ def read_places(
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
         model, parts, write = schema.STARTS[KINDS[mechanism.joint_of[name].kind].units]
-        table, values = validate(model, data, where.inner(name)), []
+        table = validate(model, data, where.inner(name))
+        values = []
         for part in parts:
             stated = [key for key in part if getattr(table, key) is not None]
             if len(stated) != 1:
-                given, expected = " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}"
+                given = " and ".join(stated) or "nothing"
+                expected = f"where it starts: one of {', '.join(part)}"
                 raise where.inner(name).wrong("", given, expected, write)
             values.append(part[stated[0]].read(getattr(table, stated[0])))
         out[name] = np.concatenate(values)
@@ -312,7 +319,8 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     samples: list[list[float]] = []
     for line, row in rows[1:]:
         if len(row) != len(header):
-            given, expected = f"{len(row)} cells", f"{len(header)}, as in the first line"
+            given = f"{len(row)} cells"
+            expected = f"{len(header)}, as in the first line"
             raise complaint(f"{path}: line {line}", given, expected, "a number in each column")
         samples.append([])
         for name, cell in zip(header, row, strict=True):
@@ -324,14 +332,17 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
                 where = f"{path}: line {line}, column {name}"
                 raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
             samples[-1].append(value)
-    table, lines = np.array(samples), [line for line, _ in rows[1:]]
+    table = np.array(samples)
+    lines = [line for line, _ in rows[1:]]
     if len(table) < 2:
         raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
-    time, steps = table[:, 0], np.diff(table[:, 0])
+    time = table[:, 0]
+    steps = np.diff(table[:, 0])
     gap = LOST_SAMPLES * float(np.median(steps)) if largest_gap is None else largest_gap
     k = int(np.argmax(steps <= 0))
     if steps[k] <= 0:
-        where, given = f"{path}: line {lines[k + 1]}, column time_s", f"{time[k + 1]:g} after {time[k]:g}"
+        where = f"{path}: line {lines[k + 1]}, column time_s"
+        given = f"{time[k + 1]:g} after {time[k]:g}"
         raise complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once")
     if time[0] != 0.0:
         where = f"{path}: line {lines[0]}, column time_s"

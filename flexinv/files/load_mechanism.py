@@ -42,7 +42,8 @@ def load_mechanism(path: str | Path) -> Mechanism:
         mechanism = expanded(mechanism)  # by what drives add, joints and links
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
-    links, joints = mechanism.link_of, mechanism.joint_of
+    links = mechanism.link_of
+    joints = mechanism.joint_of
     closures = (read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items())
     springs = (read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items())
     forces = (read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items())
@@ -61,7 +62,8 @@ def read_layers(file: Path) -> tuple[dict[str, Any], Path]:
     name = data.get("over")
     if name is None:
         return data, file
-    where, expected = Location(file), "the path of a mechanism file, from this file's folder, that is over no other one"
+    where = Location(file)
+    expected = "the path of a mechanism file, from this file's folder, that is over no other one"
     if not isinstance(name, str) or not name.endswith(".toml") or not (file.parent / name).is_file():
         raise where.wrong("over", toml_text(name), expected, 'over = "mechanism.toml"')
     base = file.parent / name
@@ -81,10 +83,12 @@ def _laid(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
     if table.overlay is not None:
-        given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
+        given = "overlay without [urdf]"
+        advice = "its keys in [links.NAME] and [joints.NAME] themselves"
         raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
     gravity = "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)"
-    a_link, base = '[links.arm] with kind = "rigid" or "beam"', f'[joints.base] with kind, parent = "{WORLD}", child'
+    a_link = '[links.arm] with kind = "rigid" or "beam"'
+    base = f'[joints.base] with kind, parent = "{WORLD}", child'
     for key, write in (("gravity_m_per_s2", gravity), ("links", a_link), ("joints", base)):
         if not getattr(table, key):
             raise top.wrong(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
@@ -93,7 +97,8 @@ def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], 
     moving = depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
     for joint in moving:
         on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
-        beam, other = f"the beam {joint.parent} that carries the joint", f"{joint.parent} is not a beam"
+        beam = f"the beam {joint.parent} that carries the joint"
+        other = f"{joint.parent} is not a beam"
         where = top.inner(f"joints.{joint.name}")
         check_station(joint.station, on_beam, where, beam, other, "placement = { xyz_m = [0.4, 0, 0] }")
     pull = np.array(table.gravity_m_per_s2, dtype=np.float64)
@@ -122,7 +127,8 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Loc
         raise where.wrong("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
     if one_of(data, where, "kind", ("rigid", "beam"), '"rigid" or "beam"', "rigid") == "beam":
         made = validate(schema.BeamLinkTable, data, where)
-        section, bend = section_along(made.section, sections, where), made.curvature_per_m
+        section = section_along(made.section, sections, where)
+        bend = made.curvature_per_m
         curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
         root = read_placement(made.root, where.inner("root"))
         beam = Beam(made.length_m, section, made.elements, made.order, curvature, root)
@@ -157,7 +163,9 @@ def _overlaid(
     mechanism: Mechanism, table: schema.OverlayTable, sections: Mapping[str, CrossSection], top: Location
 ) -> Mechanism:
     """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry stays."""
-    links, joints, notes = dict(mechanism.link_of), dict(mechanism.joint_of), list(mechanism.notes)
+    links = dict(mechanism.link_of)
+    joints = dict(mechanism.joint_of)
+    notes = list(mechanism.notes)
     for kind, known, tables in (("link", links, table.links), ("joint", joints, table.joints)):
         for name in tables:
             if name not in known:
@@ -165,10 +173,12 @@ def _overlaid(
                 write = f"[overlay.{kind}s.{near}]" if near else f"one of {', '.join(list(known)[:20])}"
                 raise top.inner(f"{kind}s.{name}").wrong("", f'a {kind} "{name}"', f"a {kind} of the URDF", write)
     for name, data in table.links.items():
-        where, link = top.inner(f"links.{name}"), links[name]
+        where = top.inner(f"links.{name}")
+        link = links[name]
         laid = validate(schema.OverlayLinkTable, data, where)
         if laid.beam is not None and laid.tip_m is not None:
-            given, expected = f"tip_m = {laid.tip_m} beside a beam", "no tip: a beam reports its end"
+            given = f"tip_m = {laid.tip_m} beside a beam"
+            expected = "no tip: a beam reports its end"
             raise where.wrong("tip_m", given, expected, "the beam alone")
         if laid.beam is not None:
             link, changed, note = _flexible(link, joints, laid.beam, sections, where.inner("beam"))
@@ -219,7 +229,8 @@ def _flexible(
         expected = f"a root away from joint {table.to_joint}: a beam has a length > 0 [m]"
         given = f"root_xyz_m = {start.tolist()}, where the joint is"
         raise where.wrong("root_xyz_m", given, expected, "root_xyz_m = [0, 0, 0]")
-    x, y = along / length, np.array(table.y_axis, dtype=np.float64)
+    x = along / length
+    y = np.array(table.y_axis, dtype=np.float64)
     across = y - (y @ x) * x
     size = float(np.linalg.norm(across))
     # a direction within 1e-6 of the beam's would leave its part across to rounding

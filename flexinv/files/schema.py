@@ -22,7 +22,8 @@ def finite(value: Any) -> float:
 
 def numbers_by_name(value: Any, required: str, optional: str = "") -> NumbersByName:
     """Read ``{ y = 1.0, z = 2.0 }`` into numbers by name [unit of the key]; ValueError when names are wrong."""
-    names, may = required.split(), optional.split()
+    names = required.split()
+    may = optional.split()
     if not isinstance(value, dict) or not set(names) <= set(value) <= {*names, *may}:
         wanted = ", ".join(f"{name} = ..." for name in names)
         raise ValueError(f"should be {{ {wanted} }}" + (f" and may have {', '.join(may)}" if may else ""))
@@ -306,15 +307,20 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
         expected = f"exactly one of {', '.join(INERTIA_SHAPES)}"
         raise where.wrong("inertia_kgm2", " and ".join(given) or "nothing", expected, advice)
-    mass, long, com = table.mass_kg, table.rod or table.cylinder, None
+    mass = table.mass_kg
+    long = table.rod or table.cylinder
+    com = None
     if long is not None:
         if isinstance(long, RodTable):
-            axial, across = long.axial_inertia_kgm2, mass * long.length_m**2 / 12
+            axial = long.axial_inertia_kgm2
+            across = mass * long.length_m**2 / 12
         else:
-            axial, across = mass * long.radius_m**2 / 2, mass * (3 * long.radius_m**2 + long.length_m**2) / 12
+            axial = mass * long.radius_m**2 / 2
+            across = mass * (3 * long.radius_m**2 + long.length_m**2) / 12
         moments = np.full(3, across)
         moments["xyz".index(long.along)] = axial
-        tensor, com = np.diag(moments), far_end(long) / 2
+        tensor = np.diag(moments)
+        com = far_end(long) / 2
     elif table.box is not None:  # m (b^2 + c^2)/12
         squares = np.square(table.box.size_m)
         tensor = np.diag(mass * (squares.sum() - squares) / 12)
@@ -342,7 +348,8 @@ def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Locat
     bodies: list[Body] = []
     for k, table in enumerate(tables):
         here = where.inner(f"payload[{k}]")
-        on, off = "the beam's length that carries it", "the link is rigid"
+        on = "the beam's length that carries it"
+        off = "the link is rigid"
         check_station(table.station, beam, here, on, off, "com_m alone, in the link frame")
         if table.name in (own, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"

@@ -122,13 +122,18 @@ def _from_geometry(table: ShapeTable) -> CrossSection:
     """EA, k_y GA, k_z GA, G J, E I_y, E I_z; rho A; rho (I_y + I_z), rho I_y, rho I_z."""
     young, shear, poisson = _moduli(table)
     if isinstance(table, RectangleTable):  # A [m^2], J, I_y = int z^2 dA, I_z = int y^2 dA [m^4]
-        y, z = table.size_y_m, table.size_z_m
-        area, torsion, second_y, second_z = y * z, rectangle_torsion(y, z), y * z**3 / 12, z * y**3 / 12
+        y = table.size_y_m
+        z = table.size_z_m
+        area = y * z
+        torsion = rectangle_torsion(y, z)
+        second_y = y * z**3 / 12
+        second_z = z * y**3 / 12
     else:
         outer = table.diameter_m if isinstance(table, CircleTable) else table.outer_diameter_m
         inner = 0.0 if isinstance(table, CircleTable) else table.outer_diameter_m - 2 * table.wall_m
         second_y = second_z = np.pi * (outer**4 - inner**4) / 64
-        area, torsion = np.pi * (outer**2 - inner**2) / 4, 2 * second_y
+        area = np.pi * (outer**2 - inner**2) / 4
+        torsion = 2 * second_y
     factors = table.shear_factor or shear_factors(table, poisson)
     rho = table.rho_kg_per_m3
     numbers = [
@@ -234,7 +239,8 @@ def _between(first: CrossSection, last: CrossSection, start: float, end: float) 
 
 def _mixed(first: CrossSection, last: CrossSection, part: float) -> CrossSection:
     """The section at a part of the way from one to another of the same shape: dimensions, E, G, density linear."""
-    a, b = first.table, last.table
+    a = first.table
+    b = last.table
     assert a is not None
     assert b is not None
 

@@ -159,7 +159,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise complaint(str(path), given, "TOML, each table and key once", write) from None
     said = tables.get("format", FORMAT)
     if isinstance(said, int) and said > FORMAT:  # before all else: other keys may mean something else in a newer format
-        given, expected = f"format = {toml_text(said)}", f"format {FORMAT} or older: this flexinv knows no newer one"
+        given = f"format = {toml_text(said)}"
+        expected = f"format {FORMAT} or older: this flexinv knows no newer one"
         write = "the file in this format, or install a newer flexinv, which reads it"
         raise Location(path).wrong("format", given, expected, write)
     return tables
@@ -209,7 +210,8 @@ def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]
     while isinstance(loc[-1], int):
         index = f"[{loc.pop()}]{index}"
     parts = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc[:-1])
-    name, inner = loc[-1], Location(top.file, (top.table + parts).removeprefix("."))
+    name = loc[-1]
+    inner = Location(top.file, (top.table + parts).removeprefix("."))
     owner, info = _field(model, [part for part in loc if isinstance(part, str)])
     if error["type"] == "extra_forbidden":
         known = list(owner.model_fields)

@@ -9,7 +9,9 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 LARGEST_NUMBER = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
 FORMAT = 1  # of mechanism.toml, cases.toml and identify.toml; a change that an older version would misread raises it
-LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
+# [characters]
+LONGEST_NAME = 100
+LONGEST_TEXT = 4000
 
 
 def bounded(value: Any) -> Any:

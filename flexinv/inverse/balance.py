@@ -45,10 +45,12 @@ class Balance:
         Put in are the energy of the start, the work of drives and forces, that of gravity, and what a motion that is given to the
         joints carries; time (samples,) [s], qd (samples, nv) [rad/s], [m/s], passive : joints without one, step [s]
         """
-        holds, from_nowhere = self.kinetic + self.elastic, -self.work
+        holds = self.kinetic + self.elastic
+        from_nowhere = -self.work
         if not len(mesh.elements.order) or not (from_nowhere > (1 - 1 / REASON) * holds).any():
             return
-        fallen, whole = np.abs(self.potential - self.potential[0]), self.work + holds + self.potential
+        fallen = np.abs(self.potential - self.potential[0])
+        whole = self.work + holds + self.potential
         worked = np.abs(np.diff(whole, prepend=whole[0]))
         most = np.maximum.accumulate(fallen + carried(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
         beyond = without_reason(mesh, from_nowhere, most)
@@ -64,7 +66,8 @@ class Balance:
 
 def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     """Return the kinetic energy of the total mass at the speed of the given joint rates at full length, (samples,) [J]."""
-    m, speed = mesh.mechanism, np.zeros(len(qd))
+    m = mesh.mechanism
+    speed = np.zeros(len(qd))
     driven = np.array([joint.name not in passive for joint in m.joints for _ in range(joint.nv)], dtype=bool)
     for n in np.flatnonzero(mesh.v_index >= 0):
         own = slice(mesh.v_index[n], mesh.v_index[n] + mesh.freedoms[n])
@@ -120,9 +123,13 @@ def instant_energies(masses, frames, stored, driven, tau, qd):
 
     sum 1/2 (m v.v + w.J w) + elastic, - sum m g.x, sum tau qd of driven coordinates
     """
-    held, potential, power, g = stored[0], 0.0, 0.0, vec(masses.gravity)
+    held = stored[0]
+    potential = 0.0
+    power = 0.0
+    g = vec(masses.gravity)
     for n in range(len(masses.mass)):
-        v, w = vec(frames.v[n]), vec(frames.w[n])
+        v = vec(frames.v[n])
+        w = vec(frames.w[n])
         held += 0.5 * (masses.mass[n] * dot(v, v) + dot(w, apply(mat(masses.inertia[n]), w)))
         potential -= masses.mass[n] * dot(g, vec(frames.x[n]))
     for k in range(len(driven)):

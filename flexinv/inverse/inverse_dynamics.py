@@ -62,7 +62,9 @@ def inverse_dynamics(
 
 def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
-    force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
+    # (sample, node, xyz)
+    force = np.empty(motion.a.shape)
+    moment = np.empty(motion.a.shape)
     nodal_samples(Masses(mesh.mass, mesh.inertia, for_kernels(mesh.mechanism.gravity)), motion.frames, force, moment)
     return (
         NodalForces(force, moment) if applied is None else NodalForces(force - applied.force, moment - applied.moment)
@@ -83,7 +85,8 @@ def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[i
     """Return the wrenches of `joint_wrenches` of the joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
     moves = np.flatnonzero(mesh.v_index >= 0)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
-    own, line = np.empty((len(nodes), len(motion.x), 6)), np.empty((mesh.size, 6))
+    own = np.empty((len(nodes), len(motion.x), 6))
+    line = np.empty((mesh.size, 6))
     parts = (for_kernels(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
     sum_in_frames(mesh.parent, nodes, *parts, line, own)
     return dict(zip(nodes.tolist(), own, strict=True))
@@ -97,8 +100,11 @@ def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict
     wrenches = own_wrenches(mesh, motion, forces) if wrenches is None else wrenches
     tau = np.zeros((len(motion.x), mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0).tolist():
-        own, first, count = wrenches[node], mesh.v_index[node], mesh.freedoms[node]
-        slide, turn = mesh.slide[node, :count], mesh.turn[node, :count]
+        own = wrenches[node]
+        first = mesh.v_index[node]
+        count = mesh.freedoms[node]
+        slide = mesh.slide[node, :count]
+        turn = mesh.turn[node, :count]
         tau[:, first : first + count] = own[:, :3] @ slide.T + own[:, 3:] @ turn.T
     return tau
 
@@ -143,7 +149,8 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
     for force in m.forces:
         node, arm, _, _ = _point(mesh, motion, force.at)
         wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
-        push, turn = wrench[:, :3], wrench[:, 3:]
+        push = wrench[:, :3]
+        turn = wrench[:, 3:]
         if force.follower and node >= 0:
             axes = motion.rotation[:, node] @ force.at.placement.rotation
             push, turn = (np.einsum("sij,sj->si", axes, part) for part in (push, turn))
@@ -153,7 +160,8 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
 
 def _point(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
     """Node, lever arm, position and velocity of an attachment's origin, (samples, 3) world."""
-    node, place = attachment_node(mesh, at), at.placement.position
+    node = attachment_node(mesh, at)
+    place = at.placement.position
     if node < 0:
         still = np.zeros_like(motion.x[:, 0])
         return node, still, still + place, still
@@ -174,10 +182,12 @@ def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array
     history : q (samples, nq) is a motion, along which the angle of a continuous joint is followed over whole turns;
         else each sample stands for itself, with its angle in -pi .. pi
     """
-    out, laws = np.zeros((len(q), mechanism.nv)), laws_of(mechanism)._replace(friction=0.0)
+    out = np.zeros((len(q), mechanism.nv))
+    laws = laws_of(mechanism)._replace(friction=0.0)
     for joint in mechanism.joints:
         if joint.stiffness:
-            own, v = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name].start
+            own = q[:, mechanism.q_slices[joint.name]]
+            v = mechanism.v_slices[joint.name].start
             place = scalar_coordinate(joint, own, history)
             out[:, v] = resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
     return out
@@ -228,7 +238,8 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
     row (i; j, k) = [(a_i x r_j)^T, d a_i^T], with d = 1 for the last step (the node itself).  Prismatic: [d a_i^T, 0].
     Source: the paper, eqs. (2)-(3), in the letters of NOTATION.md.
     """
-    x, rotation = motion.x[sample], motion.rotation[sample]
+    x = motion.x[sample]
+    rotation = motion.rotation[sample]
     steps = []  # (j, k, the node after j on the way to k, the joints with this step on their way)
     for k in range(mesh.size):
         if mesh.mass[k] or mesh.inertia[k].any():
@@ -237,11 +248,13 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
             for following, j in pairwise(_downward(mesh, k)):
                 joints = [i for i in _downward(mesh, j) if mesh.v_index[i] >= 0]
                 steps += [(j, k, following, joints)] if joints else []
-    t, length = np.zeros((6 * len(steps), 6 * mesh.size)), np.zeros((mesh.mechanism.nv, 6 * len(steps)))
+    t = np.zeros((6 * len(steps), 6 * mesh.size))
+    length = np.zeros((mesh.mechanism.nv, 6 * len(steps)))
     for n, (j, k, following, joints) in enumerate(sorted(steps)):
         for row in (0, 3):
             t[6 * n + row : 6 * n + row + 3, 6 * k + row : 6 * k + row + 3] = rotation[j].T
-        arm, last = rotation[j].T @ (x[following] - x[j]), 1.0 if following == k else 0.0
+        arm = rotation[j].T @ (x[following] - x[j])
+        last = 1.0 if following == k else 0.0
         for i in joints:
             rows = slice(mesh.v_index[i], mesh.v_index[i] + mesh.freedoms[i])
             axes = (part[i, : mesh.freedoms[i]] @ rotation[i].T @ rotation[j] for part in (mesh.turn, mesh.slide))

@@ -22,7 +22,8 @@ from flexinv.typing import Array
 @jit_inner
 def own_force(mass, inertia, gravity, rotation, omega, a, alpha):
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of one node at one sample."""
-    w, tensor = vec(omega), mat(inertia)
+    w = vec(omega)
+    tensor = mat(inertia)
     body = add(apply(tensor, vec(alpha)), cross(w, apply(tensor, w)))
     return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
 
@@ -42,7 +43,10 @@ def nodal_samples(masses, frames, force, moment):
     gravity = vec(masses.gravity)
     for s in range(force.shape[0]):
         for n in range(force.shape[1]):
-            r, w, a, al = frames.r[s, n], frames.w[s, n], frames.a[s, n], frames.al[s, n]
+            r = frames.r[s, n]
+            w = frames.w[s, n]
+            a = frames.a[s, n]
+            al = frames.al[s, n]
             p, q = own_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
             put(force[s, n], 0, p)
             put(moment[s, n], 0, q)
@@ -107,9 +111,13 @@ def instant_torques(nodes, drives, masses, frames, line, motion, tau):
     P = M (a - g), summed from the leaves (line : (nodes, 6) scratch), along the axes; plus what the drive takes
     motion : q (nq,), qd, qdd (nv,)
     """
-    gravity, (q, qd, qdd) = vec(masses.gravity), motion
+    gravity = vec(masses.gravity)
+    q, qd, qdd = motion
     for n in range(nodes.parent.shape[0]):
-        r, w, a, al = frames.r[n], frames.w[n], frames.a[n], frames.al[n]
+        r = frames.r[n]
+        w = frames.w[n]
+        a = frames.a[n]
+        al = frames.al[n]
         force, moment = own_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
         put(line[n], 0, force)
         put(line[n], 3, moment)
@@ -117,7 +125,8 @@ def instant_torques(nodes, drives, masses, frames, line, motion, tau):
     for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
             turned = mat(frames.r[n])
-            force, moment = tapply(turned, vec_at(line[n], 0)), tapply(turned, vec_at(line[n], 3))
+            force = tapply(turned, vec_at(line[n], 0))
+            moment = tapply(turned, vec_at(line[n], 3))
             law = law_at(drives.law, n)
             place = coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
             for i in range(drives.freedoms[n]):
@@ -200,7 +209,9 @@ class SecondStepArrays(NamedTuple):
 @jit
 def second_step_samples(skeleton, moving, given, line, out):
     """Fill ``out`` from skeleton, motion (`Frames` of all samples) and what is given [m, N, J]; line : (nodes, 6) scratch."""
-    supplied, work, start = 0.0, 0.0, 0.0
+    supplied = 0.0
+    work = 0.0
+    start = 0.0
     for s in range(moving.x.shape[0]):
         outside = _forces(s, skeleton, moving, given, out)
         sum_inboard(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
@@ -214,28 +225,37 @@ def second_step_samples(skeleton, moving, given, line, out):
             put(out.deflection[i, s], 0, sub(along, vec(skeleton.straight[i])))
         kinetic, potential, moved = _energies(s, skeleton, moving, given, out)
         energy = kinetic + potential + given.energy[s, 0]
-        before, supplied = supplied, tau + outside - given.energy[s, 2]
+        before = supplied
+        supplied = tau + outside - given.energy[s, 2]
         if s == 0:
             start = energy
         else:
             work += 0.5 * (given.time[s] - given.time[s - 1]) * (supplied + before)
         if len(given.brought) > 0:
             work += given.brought[s]
-        out.kinetic[s], out.potential[s] = kinetic, potential
-        out.power[s], out.work[s] = tau - moved - given.energy[s, 1], work - (energy - start)
+        out.kinetic[s] = kinetic
+        out.potential[s] = potential
+        out.power[s] = tau - moved - given.energy[s, 1]
+        out.work[s] = work - (energy - start)
 
 
 @jit_inner
 def _forces(s, skeleton, moving, given, out):
     """Set the nodal forces; return the power of those that are applied [W]."""
-    gravity, power = vec(skeleton.gravity), 0.0
+    gravity = vec(skeleton.gravity)
+    power = 0.0
     for n in range(len(skeleton.parent)):
-        r, w, a, al = moving.r[s, n], moving.w[s, n], moving.a[s, n], moving.al[s, n]
+        r = moving.r[s, n]
+        w = moving.w[s, n]
+        a = moving.a[s, n]
+        al = moving.al[s, n]
         p, q = own_force(skeleton.mass[n], skeleton.inertia[n], gravity, r, w, a, al)
         if given.force.shape[0] > 0:
-            force, moment = vec(given.force[s, n]), vec(given.moment[s, n])
+            force = vec(given.force[s, n])
+            moment = vec(given.moment[s, n])
             power += dot(force, vec(moving.v[s, n])) + dot(moment, apply(mat(r), vec(w)))
-            p, q = sub(p, force), sub(q, moment)
+            p = sub(p, force)
+            q = sub(q, moment)
         put(out.force[s, n], 0, p)
         put(out.moment[s, n], 0, q)
     return power
@@ -248,15 +268,21 @@ def _efforts(s, skeleton, moving, given, line, out):
     for n in range(len(skeleton.parent)):
         if skeleton.freedoms[n] > 0:
             turned = mat(moving.r[s, n])
-            force, moment = tapply(turned, vec_at(line[n], 0)), tapply(turned, vec_at(line[n], 3))
-            pull, twist = tapply(turned, vec_at(given.wrench[s, n], 0)), vec_at(given.wrench[s, n], 3)
+            force = tapply(turned, vec_at(line[n], 0))
+            moment = tapply(turned, vec_at(line[n], 3))
+            pull = tapply(turned, vec_at(given.wrench[s, n], 0))
+            twist = vec_at(given.wrench[s, n], 3)
             for i in range(skeleton.freedoms[n]):
-                v, slide, turn = skeleton.v_index[n] + i, vec(skeleton.slide[n, i]), vec(skeleton.turn[n, i])
+                v = skeleton.v_index[n] + i
+                slide = vec(skeleton.slide[n, i])
+                turn = vec(skeleton.turn[n, i])
                 effort = dot(slide, force) + dot(turn, moment)
-                out.tau[s, v], out.reaction[s, v] = effort, dot(slide, pull) + dot(turn, twist)
+                out.tau[s, v] = effort
+                out.reaction[s, v] = dot(slide, pull) + dot(turn, twist)
                 power += effort * given.qd[s, v]
     for j in range(len(skeleton.joint)):
-        n, turned = skeleton.joint[j], mat(moving.r[s, skeleton.joint[j]])
+        n = skeleton.joint[j]
+        turned = mat(moving.r[s, skeleton.joint[j]])
         put(out.wrench[j, s], 0, tapply(turned, vec_at(line[n], 0)))
         put(out.wrench[j, s], 3, tapply(turned, vec_at(line[n], 3)))
     return power
@@ -268,18 +294,32 @@ def _energies(s, skeleton, moving, given, out):
 
     momentum : what the base gives (wrenches of the nodes that hang on the world) less sum P, sum x x P + Q
     """
-    gravity, kinetic, potential, power, none = vec(skeleton.gravity), 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
-    base_push, base_turn, push, turn = none, none, none, none
+    gravity = vec(skeleton.gravity)
+    kinetic = 0.0
+    potential = 0.0
+    power = 0.0
+    none = (0.0, 0.0, 0.0)
+    base_push = none
+    base_turn = none
+    push = none
+    turn = none
     for n in range(len(skeleton.parent)):
-        place, speed, w, turned = vec(moving.x[s, n]), vec(moving.v[s, n]), vec(moving.w[s, n]), mat(moving.r[s, n])
-        p, q = vec(out.force[s, n]), vec(out.moment[s, n])
+        place = vec(moving.x[s, n])
+        speed = vec(moving.v[s, n])
+        w = vec(moving.w[s, n])
+        turned = mat(moving.r[s, n])
+        p = vec(out.force[s, n])
+        q = vec(out.moment[s, n])
         kinetic += 0.5 * (skeleton.mass[n] * dot(speed, speed) + dot(w, apply(mat(skeleton.inertia[n]), w)))
         potential -= skeleton.mass[n] * dot(gravity, place)
         power += dot(p, speed) + dot(q, apply(turned, w))
-        push, turn = add(push, p), add(turn, add(cross(place, p), q))
+        push = add(push, p)
+        turn = add(turn, add(cross(place, p), q))
         if skeleton.parent[n] < 0:
-            force, moment = vec_at(given.wrench[s, n], 0), apply(turned, vec_at(given.wrench[s, n], 3))
-            base_push, base_turn = add(base_push, force), add(base_turn, add(cross(place, force), moment))
+            force = vec_at(given.wrench[s, n], 0)
+            moment = apply(turned, vec_at(given.wrench[s, n], 3))
+            base_push = add(base_push, force)
+            base_turn = add(base_turn, add(cross(place, force), moment))
     put(out.momentum[s], 0, sub(base_push, push))
     put(out.momentum[s], 3, sub(base_turn, turn))
     return kinetic, potential, power

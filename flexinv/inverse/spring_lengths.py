@@ -136,11 +136,14 @@ def _gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> Triple:
 
 
 def _end(mesh: Mesh, motion: NodalMotion, at: Attachment) -> Triple:
-    node, place = attachment_node(mesh, at), at.placement.position
+    node = attachment_node(mesh, at)
+    place = at.placement.position
     if node < 0:
         still = np.zeros((len(motion.x), 3))
         return still + place, still, still
-    r, w, al = motion.rotation[:, node], motion.omega[:, node], motion.alpha[:, node]
+    r = motion.rotation[:, node]
+    w = motion.omega[:, node]
+    al = motion.alpha[:, node]
     spin = np.cross(w, place)
     bent = np.cross(al, place) + np.cross(w, spin)
     arm, speed, turned = (np.einsum("sij,sj->si", r, part) for part in (np.tile(place, (len(r), 1)), spin, bent))

@@ -131,8 +131,10 @@ def _tell() -> None:
 
 def _keep(kernel: Any) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
-    kept, module = kernel._cache, kernel.py_func.__module__
-    file, save = kept._cache_file, kept.save_overload
+    kept = kernel._cache
+    module = kernel.py_func.__module__
+    file = kept._cache_file
+    save = kept.save_overload
     stamp = source_stamp(PACKAGE, module.removeprefix("flexinv."))
     file._source_stamp = (file._source_stamp, stamp)
     file._load_index = forgiving(file._load_index, {})
@@ -161,7 +163,8 @@ def _keep(kernel: Any) -> None:
         with suppress(OSError):  # a disk that is full: the next process compiles again
             save(*result)
 
-    kept.load_overload, kept.save_overload = loaded, saved
+    kept.load_overload = loaded
+    kept.save_overload = saved
 
 
 def forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]:
@@ -189,7 +192,8 @@ def family(module: str, folder: Path) -> tuple[str, ...]:
     """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
     if not _is_source(folder, module):
         return sources(folder)
-    found, ahead = {module}, [module]
+    found = {module}
+    ahead = [module]
     while ahead:
         imports = _IMPORT.findall(_text(folder, ahead.pop()))
         names = {f"{package}.{one}".rstrip(".") for package, line in imports for one in ("", *re.findall(r"\w+", line))}

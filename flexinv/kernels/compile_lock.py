@@ -71,7 +71,8 @@ class CompileLock:
             file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         except OSError:
             return False
-        until, waited = time.monotonic() + patience, False
+        until = time.monotonic() + patience
+        waited = False
         while not _locked(file):
             waited = True
             if time.monotonic() > until:

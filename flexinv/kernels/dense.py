@@ -86,7 +86,10 @@ def _eliminate_column(a, c, rows, columns):
 @jit_inner
 def subtract_four(row, factors, others, first, last):
     """Subtract multiples of four other rows from a row, from entry ``first`` to before ``last`` [any unit]."""
-    p, q, r, s = factors[0], factors[1], factors[2], factors[3]
+    p = factors[0]
+    q = factors[1]
+    r = factors[2]
+    s = factors[3]
     for c in range(first, last):
         row[c] -= p * others[0, c] + q * others[1, c] + r * others[2, c] + s * others[3, c]
 
@@ -109,14 +112,18 @@ def invert(a, size):
     """
     threes = size - size % 3
     for k in range(0, threes, 3):
-        one, two, three = a[k], a[k + 1], a[k + 2]
+        one = a[k]
+        two = a[k + 1]
+        three = a[k + 2]
         p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
         put(one, k, (1.0, 0.0, 0.0))
         put(two, k, (0.0, 1.0, 0.0))
         put(three, k, (0.0, 0.0, 1.0))
         for c in range(size):
             v = one[c], two[c], three[c]
-            one[c], two[c], three[c] = dot(p, v), dot(q, v), dot(r, v)
+            one[c] = dot(p, v)
+            two[c] = dot(q, v)
+            three[c] = dot(r, v)
         for i in range(size):
             if i < k or i > k + 2:
                 x, y, z = vec_at(a[i], k)
@@ -130,7 +137,9 @@ def invert(a, size):
 @jit_inner
 def inverse_transposed(m):
     """Return the transposed inverse of a (3, 3) matrix [any unit]: its cofactors over its determinant."""
-    x, y, z = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
+    x = cross(m[1], m[2])
+    y = cross(m[2], m[0])
+    z = cross(m[0], m[1])
     over = 1.0 / dot(m[0], x)
     return scale(over, x), scale(over, y), scale(over, z)
 
@@ -156,15 +165,18 @@ def invert_scaled(m, rows, least, over, left):
     Rows are scaled to a unit diagonal first: metres and radians stand side by side.  over, left : scratch
     """
     for i in range(rows):
-        over[i], left[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0, True
+        over[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0
+        left[i] = True
     for i in range(rows):
         for j in range(rows):
             m[i, j] *= over[i] * over[j]
     for _ in range(rows):
-        p, largest = 0, least
+        p = 0
+        largest = least
         for i in range(rows):
             if left[i] and abs(m[i, i]) > largest:
-                p, largest = i, abs(m[i, i])
+                p = i
+                largest = abs(m[i, i])
         if not largest > least:
             break
         left[p] = False
@@ -277,7 +289,8 @@ def blocks_of(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
     beside = [sorted(turn[other] for other in others) for others in further]
     first = np.cumsum([0, *(len(others) for others in beside)]).astype(np.int64)
     whole = np.array([other for others in beside for other in others], dtype=np.int64)
-    start, end = ends[:-1][order], ends[1:][order]
+    start = ends[:-1][order]
+    end = ends[1:][order]
     looked_at = np.zeros((ends[-1], ends[-1]), dtype=bool)
     for b, others in enumerate(beside):
         for other in (b, *others):
@@ -296,16 +309,23 @@ def factorise_blocks(m, blocks, least, pivots):
     """
     over = pivots.over
     if m.shape[0] == 2 and blocks.start.shape[0] == 1:
-        a, b, c, d = m[0, 0], m[0, 1], m[1, 0], m[1, 1]
+        a = m[0, 0]
+        b = m[0, 1]
+        c = m[1, 0]
+        d = m[1, 1]
         det = a * d - b * c
         if abs(det) > least * abs(a * d):  # both pivots, scaled, are
-            m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
+            m[0, 0] = d / det
+            m[0, 1] = -b / det
+            m[1, 0] = -c / det
+            m[1, 1] = a / det
             pivots.row[0] = INVERTED
             return
     for k in range(m.shape[0]):
         over[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
     for e in range(blocks.entry.shape[0]):
-        i, j = blocks.entry[e, 0], blocks.entry[e, 1]
+        i = blocks.entry[e, 0]
+        j = blocks.entry[e, 1]
         m[i, j] *= over[i] * over[j]
     for block in range(blocks.start.shape[0]):
         _eliminate_block(m, blocks, block, least, pivots)
@@ -314,15 +334,21 @@ def factorise_blocks(m, blocks, least, pivots):
 @jit_inner
 def _eliminate_block(m, blocks, b, least, pivots):
     """Eliminate one block from itself and from those after it; factors stay where zeros would."""
-    start, end, row, column = blocks.start[b], blocks.end[b], pivots.row, pivots.column
+    start = blocks.start[b]
+    end = blocks.end[b]
+    row = pivots.row
+    column = pivots.column
     for k in range(start, end):
-        row[k], column[k] = k, k
+        row[k] = k
+        column[k] = k
     for k in range(start, end):
-        p, q = k, k
+        p = k
+        q = k
         for i in range(k, end):
             for j in range(k, end):
                 if abs(m[row[i], column[j]]) > abs(m[row[p], column[q]]):
-                    p, q = i, j
+                    p = i
+                    q = j
         if not abs(m[row[p], column[q]]) > least:
             for i in range(k, end):
                 row[i] = -1
@@ -339,7 +365,8 @@ def _eliminate_block(m, blocks, b, least, pivots):
 @jit_inner
 def _subtract_row(m, blocks, b, i, k, pivots):
     """Subtract from row i what makes it zero in the column of pivot k of block b, where the block has entries."""
-    r, c = pivots.row[k], pivots.column[k]
+    r = pivots.row[k]
+    c = pivots.column[k]
     factor = m[i, c] / m[r, c]
     m[i, c] = factor
     if factor == 0.0:
@@ -354,16 +381,20 @@ def _subtract_row(m, blocks, b, i, k, pivots):
 def solve_blocks(m, blocks, pivots, right, x):
     """Solve for x (rows,) with the factors at hand [any unit]; ``right`` (rows,) is overwritten."""
     if m.shape[0] == 2 and pivots.row[0] == INVERTED:
-        x[0], x[1] = m[0, 0] * right[0] + m[0, 1] * right[1], m[1, 0] * right[0] + m[1, 1] * right[1]
+        x[0] = m[0, 0] * right[0] + m[0, 1] * right[1]
+        x[1] = m[1, 0] * right[0] + m[1, 1] * right[1]
         return
-    row, column = pivots.row, pivots.column
+    row = pivots.row
+    column = pivots.column
     for k in range(m.shape[0]):
         right[k] *= pivots.over[k]
     for b in range(blocks.start.shape[0]):
         for k in range(blocks.start[b], blocks.end[b]):
             if row[k] < 0:
                 continue
-            value, c = right[row[k]], column[k]  # as the elimination of pivot k has changed the rows
+            # as the elimination of pivot k has changed the rows
+            value = right[row[k]]
+            c = column[k]
             for i in range(k + 1, blocks.end[b]):
                 if row[i] >= 0:
                     right[row[i]] -= m[row[i], c] * value
@@ -372,7 +403,8 @@ def solve_blocks(m, blocks, pivots, right, x):
                     right[i] -= m[i, c] * value
     for b in range(blocks.start.shape[0] - 1, -1, -1):
         for k in range(blocks.end[b] - 1, blocks.start[b] - 1, -1):
-            r, c = row[k], column[k]
+            r = row[k]
+            c = column[k]
             if r < 0:
                 x[c] = 0.0
                 continue

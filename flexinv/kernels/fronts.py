@@ -51,7 +51,8 @@ def fronts_of(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None)
 @lru_cache(maxsize=256)
 def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
     """The fronts of a pattern: the same closures are asked for again and again."""
-    pattern, count = np.frombuffer(entries, dtype=bool).reshape(shape), shape[1]
+    pattern = np.frombuffer(entries, dtype=bool).reshape(shape)
+    count = shape[1]
     order, further = least_degree_order(pattern, np.frombuffer(last, dtype=bool))
     turn = np.empty(count, dtype=np.int64)
     turn[order] = np.arange(count)
@@ -67,7 +68,8 @@ def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
     # the arrays: rows and values one front after the other
     local = [{column: k for k, column in enumerate(own + others)} for own, others in groups]
     parent = np.array([front[others[0]] if others else -1 for _, others in groups], dtype=np.int64)
-    source, base = [list(own) for own in rows], np.zeros(len(groups), dtype=np.int64)
+    source = [list(own) for own in rows]
+    base = np.zeros(len(groups), dtype=np.int64)
     for f, (_, others) in enumerate(groups):
         if others:
             base[f] = len(source[parent[f]])
@@ -101,7 +103,9 @@ def least_degree_order(
         where = set(np.flatnonzero(row).tolist())
         for c in where:
             beside[c] |= where - {c}
-    left, order, further = set(range(count)), [], []
+    left = set(range(count))
+    order = []
+    further = []
     while left:
         c = min(left, key=lambda c: (last is not None and bool(last[c]), len(beside[c]), c))
         left.remove(c)

@@ -22,7 +22,9 @@ from numba.core.compiler import Compiler, DefaultPassBuilder
 from flexinv.kernels.records import RecordType
 
 # Of a record: nobody writes there meanwhile, and its address is not kept: in words of LLVM 21, or else 20 (Numba 0.62).
-NOT_WRITTEN, NOT_KEPT, NOT_KEPT_BEFORE = "noalias", "captures(none)", "nocapture"
+NOT_WRITTEN = "noalias"
+NOT_KEPT = "captures(none)"
+NOT_KEPT_BEFORE = "nocapture"
 # Loops over lanes are long, and take vectors of 512 bits where the processor has them.  For some (Intel's server processors,
 # and x86-64-v4, for which wheels bring code) LLVM prefers 256: a batch of Panda's torques then takes 62.6 ns a sample instead of
 # 45.5 (Emerald Rapids; with code for x86-64-v4 47.8 instead of 29.7 on a Zen 5).

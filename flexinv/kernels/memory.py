@@ -36,7 +36,8 @@ def together(*shapes: tuple[int, ...]) -> list[Array]:
         block = np.empty(size)
     else:
         left = np.empty(PIECE) if size > len(left) else left
-        block, _PIECE.left = left[:size], left[size:]
+        block = left[:size]
+        _PIECE.left = left[size:]
     return [np.ndarray(shape, float, block, place) for shape, place in zip(shapes, places, strict=True)]
 
 

@@ -161,7 +161,8 @@ def _lay_out(context: Any, builder: Any, have: Any, wanted: Any, given: Any) -> 
 
 def _write(context: Any, builder: Any, have: Any, given: Any, wanted: Any, room: Any) -> None:
     for k, (one, (kind, offset)) in enumerate(zip(have.types, _placed(context, wanted, 0), strict=True)):
-        part, place = builder.extract_value(given, k), _at(builder, room, offset)
+        part = builder.extract_value(given, k)
+        place = _at(builder, room, offset)
         if isinstance(one, RecordType):
             cgutils.raw_memcpy(builder, place, part, ir.IntType(64)(_size(context, kind)), 1, align=_WORD)
         elif isinstance(argument_type(one), RecordType):
@@ -192,7 +193,8 @@ def _from_python(kind: Any, given: Any, native: Any) -> Any:
 
 def _put(kind: Any, given: Any, room: Any, native: Any) -> Iterator[Any]:
     for k, (one, offset) in enumerate(_placed(native.context, kind, 0)):
-        item, place = native.pyapi.tuple_getitem(given, k), _at(native.builder, room, offset)
+        item = native.pyapi.tuple_getitem(given, k)
+        place = _at(native.builder, room, offset)
         if isinstance(argument_type(one), RecordType):
             yield from _put(one, item, place, native)
         else:
@@ -201,7 +203,8 @@ def _put(kind: Any, given: Any, room: Any, native: Any) -> Iterator[Any]:
 
 def _reader(kind: Any, native: Any) -> Any:
     """The function that lays one array or number of Python's out in memory, of which a module has one: records have ninety."""
-    module, signature = native.builder.module, ir.FunctionType(ir.IntType(1), [cgutils.voidptr_t, cgutils.voidptr_t])
+    module = native.builder.module
+    signature = ir.FunctionType(ir.IntType(1), [cgutils.voidptr_t, cgutils.voidptr_t])
     function = cgutils.get_or_insert_function(module, signature, f"flexinv.read.{kind}")
     if function.is_declaration:
         function.linkage = "internal"

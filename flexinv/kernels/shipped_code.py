@@ -79,7 +79,8 @@ def _chosen(folder: Path) -> tuple[Path, dict[str, Any]]:
         return nothing
     try:
         index = json.loads((found[0] / INDEX).read_text(encoding="utf-8"))
-        made, kernels = dict(index["maker"]), dict(index["kernels"])
+        made = dict(index["maker"])
+        kernels = dict(index["kernels"])
     except (OSError, ValueError, KeyError, TypeError):
         _tell(f"{found[0] / INDEX} is damaged: install flexinv again")
         return nothing
@@ -110,7 +111,8 @@ def write_shipped(folder: Path, kernels: Iterable[Any]) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     entries: dict[str, Any] = {}
     for kernel in kernels:
-        cache_, function = kernel._cache, kernel.py_func
+        cache_ = kernel._cache
+        function = kernel.py_func
         machine = kernel.targetctx.codegen().magic_tuple()
         for (signature, made_for, *_), _file in sorted(cache_._cache_file._load_index().items(), key=str):
             if made_for != machine:

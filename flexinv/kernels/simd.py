@@ -113,6 +113,7 @@ def astray(rows, first, lanes):
     """Return the number of lanes in which two rows [-] are not the cosine and sine of one angle."""
     count = 0
     for k in range(lanes):
-        c, s = rows[first + k], rows[first + LANES + k]
+        c = rows[first + k]
+        s = rows[first + LANES + k]
         count += 0 if abs(c * c + s * s - 1.0) <= ASTRAY else 1
     return count

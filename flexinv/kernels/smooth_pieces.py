@@ -27,7 +27,8 @@ SAME_VALUE = 1e-12
 SHORTEST_PIECE = 2e-10
 # A tail that halving makes no smaller by this factor, where it is that small a part of the function, is rounding: not smoothness,
 # which divides the tail by 2^17, nor a corner of the function or one of its rates, which divide it by 2 or more.
-SMALLER, SMALL_TAIL = 0.7, 1e-8
+SMALLER = 0.7
+SMALL_TAIL = 1e-8
 # Imaginary parts of a stationary point that is real: rounding of a double one, where the function does not turn, is its root.
 REAL = 1e-6
 
@@ -76,14 +77,16 @@ class Pieces:
         """Return the largest value of a column [unit of the function] and its time [s]."""
         own = self.coefficients[:, :, column]
         most = own[:, 0] + np.abs(own[:, 1:]).sum(axis=1)  # no value of the piece is larger
-        best, at = -np.inf, float(self.begin[0])
+        best = -np.inf
+        at = float(self.begin[0])
         for piece in np.argsort(-most).tolist():
             if most[piece] <= best:
                 break
             times = self.turning(piece, column)
             values = self.value(piece, column, times)
             if (found := float(values.max())) > best:
-                best, at = found, float(times[int(np.argmax(values))])
+                best = found
+                at = float(times[int(np.argmax(values))])
         return best, at
 
     def passes(self, column: int, level: float) -> bool:
@@ -177,7 +180,8 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
     size : (columns,) what rounding is measured against where values are smaller [unit of the function]
     """
     marks = np.unique(np.asarray(breaks, dtype=float))
-    begin, end = marks[:-1], marks[1:]
+    begin = marks[:-1]
+    end = marks[1:]
     before = np.full(len(begin), np.inf)
     done: list[tuple[Array, Array, Array]] = []
     scale = np.maximum(np.asarray(size, dtype=float), np.finfo(float).tiny)
@@ -193,7 +197,9 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
         coefficients[jumps] = _lines(values[jumps])
         smooth |= jumps
         done.append((begin[smooth], end[smooth], coefficients[smooth]))
-        left, right, before = begin[~smooth], end[~smooth], np.repeat(tail[~smooth], 2)
+        left = begin[~smooth]
+        right = end[~smooth]
+        before = np.repeat(tail[~smooth], 2)
         middle = 0.5 * (left + right)
         begin = np.stack([left, middle], axis=1).reshape(-1)
         end = np.stack([middle, right], axis=1).reshape(-1)

@@ -49,7 +49,8 @@ def coefficients(s):
         b, b1, b2 = _series(_B, s)
         return a, a1, a2, b, b1, b2
     t = np.sqrt(s)
-    sin_t, cos_t = np.sin(t), np.cos(t)
+    sin_t = np.sin(t)
+    cos_t = np.cos(t)
     a = (1 - cos_t) / s
     a1 = (sin_t / (2 * t) - a) / s
     a2 = ((t * cos_t - sin_t) / (4 * t * s) - 2 * a1) / s
@@ -122,13 +123,25 @@ def log(r):
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = r
     trace = xx + yy + zz
     if trace >= max(xx, yy, zz):
-        x, y, z, w = zy - yz, xz - zx, yx - xy, 1 + trace
+        x = zy - yz
+        y = xz - zx
+        z = yx - xy
+        w = 1 + trace
     elif xx >= max(yy, zz):
-        x, y, z, w = 1 + xx - yy - zz, yx + xy, zx + xz, zy - yz
+        x = 1 + xx - yy - zz
+        y = yx + xy
+        z = zx + xz
+        w = zy - yz
     elif yy >= zz:
-        x, y, z, w = xy + yx, 1 + yy - zz - xx, zy + yz, xz - zx
+        x = xy + yx
+        y = 1 + yy - zz - xx
+        z = zy + yz
+        w = xz - zx
     else:
-        x, y, z, w = xz + zx, yz + zy, 1 + zz - xx - yy, yx - xy
+        x = xz + zx
+        y = yz + zy
+        z = 1 + zz - xx - yy
+        w = yx - xy
     sine = np.sqrt(x * x + y * y + z * z)
     if sine == 0.0:
         return 0.0, 0.0, 0.0

@@ -23,7 +23,8 @@ from flexinv.typing import Array
 
 # What is left of a column over the longest column: above SURE_PIVOT it counts, below NO_PIVOT it repeats others (rounding of
 # 1e-16 in some tens of columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
-SURE_PIVOT, NO_PIVOT = 1e-7, 1e-13
+SURE_PIVOT = 1e-7
+NO_PIVOT = 1e-13
 
 
 @by_address
@@ -94,13 +95,18 @@ def factorise_qr(fronts, qr):
 @jit_inner
 def _factorise_front(fronts, qr, f):
     """Eliminate the own columns of a front, and bring the others to a triangle where they are fewer than its rows left."""
-    first, own, rows = fronts.first[f], fronts.own[f], fronts.begin[f + 1] - fronts.begin[f]
-    width, top, tall = fronts.first[f + 1] - first, 0, True
+    first = fronts.first[f]
+    own = fronts.own[f]
+    rows = fronts.begin[f + 1] - fronts.begin[f]
+    width = fronts.first[f + 1] - first
+    top = 0
+    tall = True
     for c in range(width):
         at = first + c
         qr.pivot[at] = -1
         if c == own:
-            qr.top[f], tall = top, rows - top > width - own
+            qr.top[f] = top
+            tall = rows - top > width - own
         if not tall:
             continue
         place = _value(fronts, f, c)
@@ -136,7 +142,8 @@ def _measure(column, top, squares):
 @jit_inner
 def _counts(squares, scale):
     """1 where a column is independent in all lanes, 0 where it is in none, -1 in doubt; from the squares of what is left."""
-    least, most = np.inf, 0.0
+    least = np.inf
+    most = 0.0
     for k in range(scale.shape[0]):
         part = squares[k] * scale[k]
         if part < least or part != part:  # a NaN stays
@@ -152,7 +159,8 @@ def _counts(squares, scale):
 def _set_reflection(column, top, squares, beta, diagonal):
     """Turn a column (rows, lanes) into its reflection from row ``top`` on; a lane that is zero stays as it is."""
     for k in range(squares.shape[0]):
-        norm, head = math.sqrt(squares[k]), column[top, k]
+        norm = math.sqrt(squares[k])
+        head = column[top, k]
         diagonal[k] = -math.copysign(norm, head)
         beta[k] = 1.0 / (norm * (norm + abs(head))) if norm > 0.0 else 0.0
         column[top, k] = head - diagonal[k]
@@ -191,16 +199,20 @@ def _reflect(y, v, beta, top, sums):
 @jit_inner
 def _left(fronts, qr, f):
     """Number of rows that a front passes on."""
-    width, rows = fronts.first[f + 1] - fronts.first[f], fronts.begin[f + 1] - fronts.begin[f]
+    width = fronts.first[f + 1] - fronts.first[f]
+    rows = fronts.begin[f + 1] - fronts.begin[f]
     return min(rows - qr.top[f], width - fronts.own[f])
 
 
 @jit_inner
 def _pass_on(fronts, qr, f):
     """Copy what a front has left to the front that takes it."""
-    first, parent, top = fronts.first[f], fronts.parent[f], qr.top[f]
+    first = fronts.first[f]
+    parent = fronts.parent[f]
+    top = qr.top[f]
     for d in range(fronts.own[f], fronts.first[f + 1] - first):
-        pivot, own = qr.pivot[first + d], qr.values[_value(fronts, f, d) :]
+        pivot = qr.pivot[first + d]
+        own = qr.values[_value(fronts, f, d) :]
         to = qr.values[_value(fronts, parent, fronts.place[first + d]) + fronts.base[f] :]
         for r in range(_left(fronts, qr, f)):
             for k in range(qr.scale.shape[0]):
@@ -218,7 +230,8 @@ def least_squares(fronts, qr, y, x):
         for k in range(lanes):
             qr.line[i, k] = y[fronts.source[i], k] if fronts.source[i] >= 0 else 0.0
     for f in range(fronts.parent.shape[0]):
-        first, part = fronts.first[f], qr.line[fronts.begin[f] : fronts.begin[f + 1]]
+        first = fronts.first[f]
+        part = qr.line[fronts.begin[f] : fronts.begin[f + 1]]
         for c in range(fronts.first[f + 1] - first):
             pivot = qr.pivot[first + c]
             if pivot >= 0:
@@ -240,7 +253,8 @@ def least_norm(fronts, qr, x, y):
     solve_lower(fronts, qr, x)
     lanes = qr.scale.shape[0]
     for f in range(fronts.parent.shape[0] - 1, -1, -1):
-        first, part = fronts.first[f], qr.line[fronts.begin[f] : fronts.begin[f + 1]]
+        first = fronts.first[f]
+        part = qr.line[fronts.begin[f] : fronts.begin[f + 1]]
         part[:] = 0.0
         for c in range(fronts.own[f]):
             if qr.pivot[first + c] >= 0:
@@ -277,11 +291,13 @@ def solve_upper(fronts, qr, x):
     for f in range(fronts.parent.shape[0] - 1, -1, -1):
         first = fronts.first[f]
         for c in range(fronts.own[f] - 1, -1, -1):
-            pivot, own = qr.pivot[first + c], fronts.column[first + c]
+            pivot = qr.pivot[first + c]
+            own = fronts.column[first + c]
             if pivot < 0:
                 continue
             for d in range(c + 1, fronts.first[f + 1] - first):
-                row, other = qr.values[_value(fronts, f, d) + pivot], fronts.column[first + d]
+                row = qr.values[_value(fronts, f, d) + pivot]
+                other = fronts.column[first + d]
                 for k in range(x.shape[1]):
                     x[own, k] -= row[k] * x[other, k]
             for k in range(x.shape[1]):
@@ -294,13 +310,15 @@ def solve_lower(fronts, qr, x):
     for f in range(fronts.parent.shape[0]):
         first = fronts.first[f]
         for c in range(fronts.own[f]):
-            pivot, own = qr.pivot[first + c], fronts.column[first + c]
+            pivot = qr.pivot[first + c]
+            own = fronts.column[first + c]
             if pivot < 0:
                 continue
             for k in range(x.shape[1]):
                 x[own, k] /= qr.diagonal[first + c, k]
             for d in range(c + 1, fronts.first[f + 1] - first):
-                row, other = qr.values[_value(fronts, f, d) + pivot], fronts.column[first + d]
+                row = qr.values[_value(fronts, f, d) + pivot]
+                other = fronts.column[first + d]
                 for k in range(x.shape[1]):
                     x[other, k] -= row[k] * x[own, k]
 
@@ -315,7 +333,9 @@ def condition_estimate(fronts, qr, x, sign):
     sqrt(columns) |R|_F |R^-1|_1, the last by Hager's method (N. J. Higham, ACM Trans. Math. Softw. 14, 1988, 381-396), whose
     estimates are bounds from below, seldom by more than a factor of three.  x, sign : (columns, 1) scratch
     """
-    columns, size, norm = x.shape[0], 0.0, 0.0
+    columns = x.shape[0]
+    size = 0.0
+    norm = 0.0
     if columns == 0:
         return 0.0
     for f in range(fronts.parent.shape[0]):

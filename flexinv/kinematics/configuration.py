@@ -46,7 +46,8 @@ def nodes_of(mesh: Mesh) -> Nodes:
 @jit_inner
 def turn_of(q, first):
     """Return the rotation matrix [-] of the quaternion x, y, z, w at ``first``, normalised first."""
-    u, w = vec_at(q, first), q[first + 3]
+    u = vec_at(q, first)
+    w = q[first + 3]
     size = dot(u, u) + w * w
     return quadratic(u, 1.0 - 2.0 * dot(u, u) / size, 2.0 * w / size, 2.0 / size)
 
@@ -54,25 +55,43 @@ def turn_of(q, first):
 @jit_inner
 def move_joint(n, nodes, q, qd, qdd, joints):
     """Set the relative motion of node n [m, rad, s] from the coordinates of its joint."""
-    kind, i, k = nodes.kind[n], nodes.q_index[n], nodes.v_index[n]
-    placed, none = mat(nodes.rotation[n]), (0.0, 0.0, 0.0)
-    p, dp, ddp, turn, w, al = vec(nodes.offset[n]), none, none, placed, none, none
+    kind = nodes.kind[n]
+    i = nodes.q_index[n]
+    k = nodes.v_index[n]
+    placed = mat(nodes.rotation[n])
+    none = (0.0, 0.0, 0.0)
+    p = vec(nodes.offset[n])
+    dp = none
+    ddp = none
+    turn = placed
+    w = none
+    al = none
     if k >= 0:
         if kind == SPHERICAL:
-            turn, w, al = mul(placed, turn_of(q, i)), vec_at(qd, k), vec_at(qdd, k)
+            turn = mul(placed, turn_of(q, i))
+            w = vec_at(qd, k)
+            al = vec_at(qdd, k)
         elif kind == FREE:
-            turn, v, w, al = mul(placed, turn_of(q, i + 3)), vec_at(qd, k), vec_at(qd, k + 3), vec_at(qdd, k + 3)
-            p, dp = add(p, apply(placed, vec_at(q, i))), apply(turn, v)
+            turn = mul(placed, turn_of(q, i + 3))
+            v = vec_at(qd, k)
+            w = vec_at(qd, k + 3)
+            al = vec_at(qdd, k + 3)
+            p = add(p, apply(placed, vec_at(q, i)))
+            dp = apply(turn, v)
             ddp = apply(turn, add(vec_at(qdd, k), cross(w, v)))
         else:
-            slide, axis = vec(nodes.slide[n, 0]), vec(nodes.turn[n, 0])
+            slide = vec(nodes.slide[n, 0])
+            axis = vec(nodes.turn[n, 0])
             if dot(slide, slide) > 0.0:
                 along = apply(placed, slide)
-                p, dp, ddp = add(p, scale(q[i], along)), scale(qd[k], along), scale(qdd[k], along)
+                p = add(p, scale(q[i], along))
+                dp = scale(qd[k], along)
+                ddp = scale(qdd[k], along)
             if dot(axis, axis) > 0.0:
                 c, s = (q[i], q[i + 1]) if kind == CONTINUOUS else (math.cos(q[i]), math.sin(q[i]))
                 turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
-                w, al = scale(qd[k], axis), scale(qdd[k], axis)
+                w = scale(qd[k], axis)
+                al = scale(qdd[k], axis)
     put(joints.p[n], 0, p)
     put(joints.dp[n], 0, dp)
     put(joints.ddp[n], 0, ddp)
@@ -94,8 +113,11 @@ def _turn(q, first, d):
     """The quaternion at ``first`` times that of the rotation vector d: R(q) exp(d)."""
     angle = math.sqrt(dot(d, d))
     step = scale(0.5 * (math.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0), d)
-    c, own, real = math.cos(0.5 * angle), vec_at(q, first), q[first + 3]
-    vector, scalar = add(add(scale(real, step), scale(c, own)), cross(own, step)), real * c - dot(own, step)
+    c = math.cos(0.5 * angle)
+    own = vec_at(q, first)
+    real = q[first + 3]
+    vector = add(add(scale(real, step), scale(c, own)), cross(own, step))
+    scalar = real * c - dot(own, step)
     size = 1.0 / math.sqrt(dot(vector, vector) + scalar * scalar)
     put(q, first, scale(size, vector))
     q[first + 3] = size * scalar
@@ -105,21 +127,27 @@ def _turn(q, first, d):
 def step_coordinates(nodes, q, d):
     """Move q [rad], [m] in place along the increment d of the velocity coordinates; joints with none stay as they are."""
     for n in range(nodes.parent.shape[0]):
-        kind, i, k = nodes.kind[n], nodes.q_index[n], nodes.v_index[n]
+        kind = nodes.kind[n]
+        i = nodes.q_index[n]
+        k = nodes.v_index[n]
         if k < 0:
             continue
         if kind == CONTINUOUS:
             if d[k] != 0.0:
-                c, s = math.cos(d[k]), math.sin(d[k])
-                x, y = q[i] * c - q[i + 1] * s, q[i] * s + q[i + 1] * c
+                c = math.cos(d[k])
+                s = math.sin(d[k])
+                x = q[i] * c - q[i + 1] * s
+                y = q[i] * s + q[i + 1] * c
                 size = 1.0 / math.sqrt(x * x + y * y)
-                q[i], q[i + 1] = size * x, size * y
+                q[i] = size * x
+                q[i + 1] = size * y
         elif kind == SPHERICAL:
             psi = vec_at(d, k)
             if dot(psi, psi) > 0.0:
                 _turn(q, i, psi)
         elif kind == FREE:
-            move, psi = vec_at(d, k), vec_at(d, k + 3)
+            move = vec_at(d, k)
+            psi = vec_at(d, k + 3)
             if dot(move, move) + dot(psi, psi) > 0.0:
                 put(q, i, add(vec_at(q, i), apply(turn_of(q, i + 3), move)))
                 _turn(q, i + 3, psi)
@@ -170,5 +198,7 @@ def fill_given(nodes, q, qd, qdd, given):
     for n in range(nodes.parent.shape[0]):
         if nodes.v_index[n] >= 0:
             v = nodes.v_index[n]
-            given[k, 0], given[k, 1], given[k, 2] = coordinate(n, nodes, q), qd[v], qdd[v]
+            given[k, 0] = coordinate(n, nodes, q)
+            given[k, 1] = qd[v]
+            given[k, 2] = qdd[v]
             k += 1

@@ -114,13 +114,17 @@ class _Builder(Places):
         return len(self.rows) - 1
 
     def joint(self, joint: Joint, link: int) -> None:
-        node, placement = attachment_node(self, Attachment(joint.parent, station=joint.station)), joint.placement
+        node = attachment_node(self, Attachment(joint.parent, station=joint.station))
+        placement = joint.placement
         q, v = (slices[joint.name].start for slices in (self.mechanism.q_slices, self.mechanism.v_slices))
-        number, owner = KINDS[joint.kind].number, self.mechanism.links[link]
+        number = KINDS[joint.kind].number
+        owner = self.mechanism.links[link]
         for axis in joint.axes:
             node = self.node(node, number, placement, link)
             self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis)
-            placement, q, v = _AT_ITS_PARENT, q + CONFIGURATIONS[number], v + VELOCITIES[number]
+            placement = _AT_ITS_PARENT
+            q = q + CONFIGURATIONS[number]
+            v = v + VELOCITIES[number]
         self.joint_node[joint.name] = node
         if owner.beam is not None:
             self.beam(owner, owner.beam, link, node)
@@ -136,17 +140,22 @@ class _Builder(Places):
         hung = [j.station for j in self.mechanism.joints if j.parent == link.name] + [b.station for b in link.bodies]
         hung += [end.station for end in self.mechanism.attachments if end.link == link.name]
         wanted = [station for station in hung if station is not None]
-        nodes, stations = [self.node(node, RIGID, beam.placement, index)], [0.0]
+        nodes = [self.node(node, RIGID, beam.placement, index)]
+        stations = [0.0]
         for start, end in pairwise(_element_bounds(beam, wanted)):
             self.element(beam, index, start, end, nodes, stations)
-        self.tip_node[link.name], self.section_nodes[link.name] = nodes[-1], np.array(nodes)
+        self.tip_node[link.name] = nodes[-1]
+        self.section_nodes[link.name] = np.array(nodes)
         self.section_stations[link.name] = np.array(stations)
 
     def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
         """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
-        ref, half, own = reference(beam.order), 0.5 * (end - start), [nodes[-1]]
+        ref = reference(beam.order)
+        half = 0.5 * (end - start)
+        own = [nodes[-1]]
         jacobian = half * beam.length  # ds/dxi
-        at_nodes, at_points = start + half * (1 + ref.nodes), start + half * (1 + ref.points)
+        at_nodes = start + half * (1 + ref.nodes)
+        at_points = start + half * (1 + ref.points)
         for previous, here in pairwise(at_nodes):
             own.append(self.node(own[-1], SECTION, arc(beam, (here - previous) * beam.length), link))
         nodes += own[1:]
@@ -193,7 +202,8 @@ def section_breaks(beam: Beam) -> list[float]:
     difference of two meshes says much.  Kinks are told by the change of the relative slope of any number of the section over one
     element's length (`KINK`); stations that stand for a smooth taper have small ones.
     """
-    section, at = beam.section, beam.section.stations
+    section = beam.section
+    at = beam.section.stations
     if len(at) < 3:
         return []
     columns = np.column_stack([section.stiffness, section.mass_per_length, section.rotary_inertia])
@@ -225,17 +235,22 @@ def _interpolate(beam: Beam, bounds: tuple[float, float], at: Array, *tables: Ar
 def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
     """Strains that the element's own interpolation sees in the undeformed shape: they are subtracted."""
     places = [arc(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
-    x, psi = np.array([p.position for p in places]), log_so3(np.array([p.rotation for p in places]))
-    gamma, kappa = np.empty((len(shape), 3)), np.empty((len(shape), 3))
+    x = np.array([p.position for p in places])
+    psi = log_so3(np.array([p.rotation for p in places]))
+    gamma = np.empty((len(shape), 3))
+    kappa = np.empty((len(shape), 3))
     for g, (n, dn) in enumerate(zip(shape, slope, strict=True)):
-        gamma[g], kappa[g] = exp_so3(n @ psi).T @ (dn @ x), tangent3(n @ psi) @ (dn @ psi)
+        gamma[g] = exp_so3(n @ psi).T @ (dn @ x)
+        kappa[g] = tangent3(n @ psi) @ (dn @ psi)
     return gamma, kappa
 
 
 def _elements(rows: list[list[Array]]) -> Elements:
     if not rows:
-        index, flat = np.empty(0, dtype=np.int64), np.empty((0, 0))
-        vectors, sections = np.empty((0, 0, 3)), np.empty((0, 0, 6))
+        index = np.empty(0, dtype=np.int64)
+        flat = np.empty((0, 0))
+        vectors = np.empty((0, 0, 3))
+        sections = np.empty((0, 0, 6))
         of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
     parts: list[Any] = []
@@ -264,7 +279,8 @@ def build(mechanism: Mechanism) -> Mesh:
         from flexinv.linearized.modal_damping import damped  # its modes need a mesh
 
         return build(damped(mechanism))
-    builder, index = _Builder(mechanism, {}, {}, {}, {}, {}), {link.name: k for k, link in enumerate(mechanism.links)}
+    builder = _Builder(mechanism, {}, {}, {}, {}, {})
+    index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
@@ -272,7 +288,8 @@ def build(mechanism: Mechanism) -> Mesh:
     parent, kind, placement, link, axis, q, v, moved, turned = columns
     slide, turn = np.zeros((2, len(moved), 6, 3))
     for n, count in enumerate(map(len, moved)):
-        slide[n, :count], turn[n, :count] = moved[n], turned[n]
+        slide[n, :count] = moved[n]
+        turn[n, :count] = turned[n]
     whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, [len(own) for own in moved], link)]
     return Mesh(
         mechanism, builder.joint_node, builder.tip_node, builder.section_nodes, builder.section_stations, builder.body_node,

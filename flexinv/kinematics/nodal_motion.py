@@ -88,7 +88,8 @@ def differenced(motion: NodalMotion, step: float) -> NodalMotion:
     v = np.gradient(motion.x, step, axis=0, edge_order=2)
     a = _extended(np.diff(motion.x, 2, axis=0) / step**2)
     phi = log_so3(np.einsum("snji,snjk->snik", motion.rotation[:-1], motion.rotation[1:])) / step  # (step, node, xyz)
-    first, last = 1.5 * phi[:1] - 0.5 * phi[1:2], 1.5 * phi[-1:] - 0.5 * phi[-2:-1]
+    first = 1.5 * phi[:1] - 0.5 * phi[1:2]
+    last = 1.5 * phi[-1:] - 0.5 * phi[-2:-1]
     omega = np.concatenate([first, 0.5 * (phi[1:] + phi[:-1]), last])
     return NodalMotion(motion.x, motion.rotation, v, omega, a, _extended(np.diff(phi, axis=0) / step))
 
@@ -154,8 +155,10 @@ def difference(mechanism: Mechanism, q0: Array, q1: Array) -> Array:
     """Return the increment (nv,) [rad], [m] of the velocity coordinates from q0 (nq,) to q1: ``moved(m, q0, it)`` is q1."""
     out = np.zeros(mechanism.nv)
     for joint in mechanism.joints:
-        own, layout = mechanism.q_slices[joint.name], KINDS[joint.kind].layout
-        first, last = q0[own], q1[own]
+        own = mechanism.q_slices[joint.name]
+        layout = KINDS[joint.kind].layout
+        first = q0[own]
+        last = q1[own]
         if layout == CIRCLE:
             change = np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)
         elif layout == ROTATION:
@@ -215,36 +218,52 @@ def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, q
     for name in passive & mesh.mechanism.joint_of.keys():
         span = mesh.mechanism.v_slices[name]
         for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
-            kind, axis = int(mesh.kind[node]), mesh.axis[node]
-            nq, nv = mesh.q_index[node], mesh.v_index[node]
+            kind = int(mesh.kind[node])
+            axis = mesh.axis[node]
+            nq = mesh.q_index[node]
+            nv = mesh.v_index[node]
             p, dp, ddp, turn, rate, acceleration = _relative(mesh, motion, int(node))
             if kind == SPHERICAL:
                 q[:, nq : nq + 4] = _quaternion(turn, q[0, nq : nq + 4])
-                qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = rate, acceleration
+                qd[:, nv : nv + 3] = rate
+                qdd[:, nv : nv + 3] = acceleration
             elif kind == FREE:
                 v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
                 dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
                 q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn, q[0, nq + 3 : nq + 7])])
-                qd[:, nv : nv + 6], qdd[:, nv : nv + 6] = np.hstack([v, rate]), np.hstack([dv, acceleration])
+                qd[:, nv : nv + 6] = np.hstack([v, rate])
+                qdd[:, nv : nv + 6] = np.hstack([dv, acceleration])
             elif not mesh.turn[node].any():
-                q[:, nq], qd[:, nv], qdd[:, nv] = p @ axis, dp @ axis, ddp @ axis
+                q[:, nq] = p @ axis
+                qd[:, nv] = dp @ axis
+                qdd[:, nv] = ddp @ axis
             else:
                 angle = np.unwrap(log_so3(turn) @ axis)
                 if kind == CONTINUOUS:
-                    q[:, nq], q[:, nq + 1] = np.cos(angle), np.sin(angle)
+                    q[:, nq] = np.cos(angle)
+                    q[:, nq + 1] = np.sin(angle)
                 else:
                     q[:, nq] = angle + 2 * np.pi * np.round((q[0, nq] - angle[0]) / (2 * np.pi))
-                qd[:, nv], qdd[:, nv] = rate @ axis, acceleration @ axis
+                qd[:, nv] = rate @ axis
+                qdd[:, nv] = acceleration @ axis
 
 
 def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
     """Joint motion of one node in the joint frame: p, p', p'' and R_j, with rates in the node's frame."""
-    placed, offset, parent = mesh.rotation[node], mesh.offset[node], mesh.parent[node]
-    x, r = motion.x[:, node], motion.rotation[:, node]
-    v, w, a, al = motion.v[:, node], motion.omega[:, node], motion.a[:, node], motion.alpha[:, node]
+    placed = mesh.rotation[node]
+    offset = mesh.offset[node]
+    parent = mesh.parent[node]
+    x = motion.x[:, node]
+    r = motion.rotation[:, node]
+    v = motion.v[:, node]
+    w = motion.omega[:, node]
+    a = motion.a[:, node]
+    al = motion.alpha[:, node]
     if parent < 0:
         return (x - offset) @ placed, v @ placed, a @ placed, placed.T @ r, w, al
-    rm, wm, alm = motion.rotation[:, parent], motion.omega[:, parent], motion.alpha[:, parent]
+    rm = motion.rotation[:, parent]
+    wm = motion.omega[:, parent]
+    alm = motion.alpha[:, parent]
 
     def back(vector: Array) -> Array:
         return np.asarray(np.einsum("sji,sj->si", rm, vector))  # (sample, xyz), parent's frame

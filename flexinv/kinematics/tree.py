@@ -78,17 +78,26 @@ class Variation(NamedTuple):
 @jit_inner
 def carry(n, m, frames, joints):
     """Set the motion of node n from that of its parent m (-1: the fixed world) [m, rad, s]."""
-    p, dp, ddp = vec(joints.p[n]), vec(joints.dp[n]), vec(joints.ddp[n])
-    rj, wj, alj = mat(joints.r[n]), vec(joints.w[n]), vec(joints.al[n])
+    p = vec(joints.p[n])
+    dp = vec(joints.dp[n])
+    ddp = vec(joints.ddp[n])
+    rj = mat(joints.r[n])
+    wj = vec(joints.w[n])
+    alj = vec(joints.al[n])
     if m < 0:
         _put_frame(n, frames, p, rj, dp, wj, ddp, alj)
         return
-    r, w, al = mat(frames.r[m]), vec(frames.w[m]), vec(frames.al[m])
+    r = mat(frames.r[m])
+    w = vec(frames.w[m])
+    al = vec(frames.al[m])
     wp = cross(w, p)
     z = sum3(cross(al, p), cross(w, add_scaled(wp, 2.0, dp)), ddp)
     c = tapply(rj, w)
-    x, v, a = add(vec(frames.x[m]), apply(r, p)), vec(frames.v[m]), add(vec(frames.a[m]), apply(r, z))
-    v, alpha = add(v, apply(r, add(wp, dp))), sum3(tapply(rj, al), alj, cross(c, wj))
+    x = add(vec(frames.x[m]), apply(r, p))
+    v = vec(frames.v[m])
+    a = add(vec(frames.a[m]), apply(r, z))
+    v = add(v, apply(r, add(wp, dp)))
+    alpha = sum3(tapply(rj, al), alj, cross(c, wj))
     _put_frame(n, frames, x, mul(r, rj), v, add(c, wj), a, alpha)
 
 
@@ -110,19 +119,33 @@ def carry_variation(n, m, columns, frames, joints, variation):
     """
     if m < 0:
         return
-    p, dp, wj, rj = vec(joints.p[n]), vec(joints.dp[n]), vec(joints.w[n]), mat(joints.r[n])
-    r, w, al = mat(frames.r[m]), vec(frames.w[m]), vec(frames.al[m])
+    p = vec(joints.p[n])
+    dp = vec(joints.dp[n])
+    wj = vec(joints.w[n])
+    rj = mat(joints.r[n])
+    r = mat(frames.r[m])
+    w = vec(frames.w[m])
+    al = vec(frames.al[m])
     wp = cross(w, p)
-    y, y2 = add(wp, dp), add_scaled(wp, 2.0, dp)
+    y = add(wp, dp)
+    y2 = add_scaled(wp, 2.0, dp)
     z = sum3(cross(al, p), cross(w, y2), vec(joints.ddp[n]))
-    c, e = tapply(rj, w), tapply(rj, al)
+    c = tapply(rj, w)
+    e = tapply(rj, al)
     for k in range(columns):
-        t, dw, dal = vec(variation.t[m, k]), vec(variation.w[m, k]), vec(variation.al[m, k])
-        own_x, own_t, own_v = vec(variation.x[n, k]), vec(variation.t[n, k]), vec(variation.v[n, k])
-        own_w, own_a, own_al = vec(variation.w[n, k]), vec(variation.a[n, k]), vec(variation.al[n, k])
+        t = vec(variation.t[m, k])
+        dw = vec(variation.w[m, k])
+        dal = vec(variation.al[m, k])
+        own_x = vec(variation.x[n, k])
+        own_t = vec(variation.t[n, k])
+        own_v = vec(variation.v[n, k])
+        own_w = vec(variation.w[n, k])
+        own_a = vec(variation.a[n, k])
+        own_al = vec(variation.al[n, k])
         dc = add(tapply(rj, dw), cross(c, own_t))
         dwp = add(cross(dw, p), cross(w, own_x))
-        dy, dy2 = add(dwp, own_v), add_scaled(dwp, 2.0, own_v)
+        dy = add(dwp, own_v)
+        dy2 = add_scaled(dwp, 2.0, own_v)
         dz = add(sum3(cross(dal, p), cross(al, own_x), cross(dw, y2)), add(cross(w, dy2), own_a))
         de = add(tapply(rj, dal), cross(e, own_t))
         put(variation.x[n, k], 0, add(vec(variation.x[m, k]), apply(r, add(cross(t, p), own_x))))
@@ -145,7 +168,10 @@ def bring_back(n, m, frames, joints, wrench):
 @jit_inner
 def frames_at(frames, sample):
     """Return one sample of a motion with a leading axis of samples [m, rad, s]."""
-    x, r, v, w = frames.x[sample], frames.r[sample], frames.v[sample], frames.w[sample]
+    x = frames.x[sample]
+    r = frames.r[sample]
+    v = frames.v[sample]
+    w = frames.w[sample]
     return Frames(x, r, v, w, frames.a[sample], frames.al[sample])
 
 

@@ -25,8 +25,10 @@ STEP = 1e-3
 
 def stiffness_of_ties(solver: Solver, joints: Joints) -> Sparse:
     """Return -d(G^T lambda) / dy [N/m], [N m]: what forces in closures add to the stiffness where something loads them."""
-    n, size = constraints(solver), len(solver.topology.scale)
-    force, k = solver.border.ties.multiplier[:n].copy(), scipy.sparse.lil_array((size, size))
+    n = constraints(solver)
+    size = len(solver.topology.scale)
+    force = solver.border.ties.multiplier[:n].copy()
+    k = scipy.sparse.lil_array((size, size))
     if not np.any(force):
         return scipy.sparse.csc_array(k)
 
@@ -38,7 +40,8 @@ def stiffness_of_ties(solver: Solver, joints: Joints) -> Sparse:
 
     plan = solver.border.ties.layout  # the gradient of a row moves with the unknowns of its own nodes only
     for unknown in np.unique(plan.unknown[: plan.first_unknown[n]]).tolist():
-        near, far = pull(unknown, STEP) - pull(unknown, -STEP), pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
+        near = pull(unknown, STEP) - pull(unknown, -STEP)
+        far = pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
         k[:, [unknown]] = ((8 * near - far) / (12 * STEP * solver.topology.scale[unknown]))[:, None]
     return scipy.sparse.csc_array(k)
 

@@ -57,7 +57,8 @@ SMALLEST_SLOPE = 1e-200
 SLOW_ENOUGH = 1e-8
 # Newton's method with both vectors triples the digits: from one, in so many steps, a change below this part of the root is left,
 # or what rounding of P leaves of it.
-MOST_NEWTON_STEPS, NEWTON_CONVERGED = 8, 1e-14
+MOST_NEWTON_STEPS = 8
+NEWTON_CONVERGED = 1e-14
 # Of the fastest motion with inertia: a shift whose square is what rounding of K leaves of a motion without stiffness.
 SMALLEST_SHIFT = 1e-6
 
@@ -141,7 +142,8 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
     bar = bar + lost
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), mass @ right).real)
     order = in_order(squared)
-    squared, shapes = squared[order], shapes[:, order]
+    squared = squared[order]
+    shapes = shapes[:, order]
     return (squared, shapes, bar[order]) if squared.imag.any() else (squared.real, shapes.real, bar[order])
 
 
@@ -154,7 +156,8 @@ def _pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
     moved, held = moved_by_rates(split, damping, stiffness)
     basis = scipy.sparse.csc_array(scipy.sparse.hstack([split.massive, moved, held]))
     m, c, k = ((basis.T @ part @ basis).toarray() for part in (mass, damping, stiffness))
-    r, size = split.massive.shape[1], basis.shape[1]
+    r = split.massive.shape[1]
+    size = basis.shape[1]
     first = r + moved.shape[1]
     a, b = np.zeros((2, size + r, size + r))
     a[:r, size:] = np.eye(r)
@@ -218,7 +221,9 @@ def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sp
 
 def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
     """Left vectors (own, roots) of P from those of the pencil: y_e of what follows by w^H (A - s B)_e + y_e^H A_ee = 0."""
-    r, first, size = own.massive, own.massive + own.moved, own.basis.shape[1]
+    r = own.massive
+    first = own.massive + own.moved
+    size = own.basis.shape[1]
     out = np.zeros((size, len(root)), dtype=complex)
     out[:first] = w[r:]
     if size > first:
@@ -237,7 +242,9 @@ def _refined(
 
     It fails where roots lie so close that it would lead to another one: such a root is not known.
     """
-    out, right, left = root.copy(), x.copy(), y.copy()
+    out = root.copy()
+    right = x.copy()
+    left = y.copy()
     lost = np.zeros(len(root))
     m, c, k = (part.toarray() for part in parts)
     for i in np.flatnonzero(late):
@@ -259,7 +266,8 @@ def _refined(
                 lost[i] = 0.0
                 break
         if lost[i]:
-            right[:, i], left[:, i] = x[:, i], y[:, i]
+            right[:, i] = x[:, i]
+            left[:, i] = y[:, i]
     return out, right, left, lost
 
 
@@ -277,7 +285,8 @@ def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, sh
     apart = np.abs(root[:, None] - root[None])
     apart[np.diag_indices(len(root))] = np.inf
     near = NEAR_NEXT * apart.min(axis=1, initial=np.inf)
-    out, left = root.copy(), np.zeros(len(root))
+    out = root.copy()
+    left = np.zeros(len(root))
     good = np.ones(len(root), dtype=bool)
     for _ in range(CORRECTIONS + 1):
         change = _change(parts, out, x, y)

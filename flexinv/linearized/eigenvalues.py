@@ -22,9 +22,11 @@ SOFT = 1e-12
 SOFTER = 1e3
 # A w^2 below this part of its terms' absolute sum is what is left of terms that cancel: a rigid motion, neither stable nor
 # unstable.  Some tens of operations leave 1e-15; where the terms are zero, rounding of the largest entry is left.
-CANCELLED, LARGEST_ROUNDED = 1e-13, 1e-16
+CANCELLED = 1e-13
+LARGEST_ROUNDED = 1e-16
 # Of a stiffness with a unit diagonal: what rounding leaves of its symmetry, and of an eigenvalue that is zero, for each freedom.
-SYMMETRIC, LEAST = 1e-9, 1e-15
+SYMMETRIC = 1e-9
+LEAST = 1e-15
 # Roundings of an omega^2 over the absolute sum of its terms, where K is not symmetric.
 CIRCULATORY = 1e-13
 # A shift over the size of an omega^2 near which it is: one that is minus the shift makes the matrix singular.
@@ -37,7 +39,8 @@ GROWTH = 1e6
 # Freedoms up to which eigenvalues are found one and all, by dense matrices.
 ONE_AND_ALL = 300
 # Freedoms up to which eigenvalues are counted by a dense matrix, and how often others are moved by rounding before that fails.
-COUNTED, MOST_MOVES = 1500, 8
+COUNTED = 1500
+MOST_MOVES = 8
 
 
 class Split(NamedTuple):
@@ -57,7 +60,8 @@ def split_by_inertia(mass: Sparse) -> Split:
     size = np.where(none, 1.0, np.sqrt(np.abs(diagonal)))
     unit = scipy.sparse.csr_array(scipy.sparse.diags_array(1 / size) @ mass @ scipy.sparse.diags_array(1 / size))
     sets, label = scipy.sparse.csgraph.connected_components(unit, directed=False)
-    order, ends = np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=sets))
+    order = np.argsort(label, kind="stable")
+    ends = np.cumsum(np.bincount(label, minlength=sets))
     alone = np.diff(ends, prepend=0)[label] == 1
     massive = [_columns(np.flatnonzero(alone & ~none), size)]
     massless = [_columns(np.flatnonzero(alone & none), size)]
@@ -77,7 +81,8 @@ def _columns(which: NDArray[Any], size: Array) -> tuple[NDArray[Any], ...]:
 
 def _basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
     """Columns of all parts side by side."""
-    first, shifted = 0, []
+    first = 0
+    shifted = []
     for _, columns, _ in parts:
         shifted.append(columns + first)
         first += int(columns.max(initial=-1)) + 1
@@ -126,7 +131,8 @@ def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     """
     moves = without_massless(stiffness, split_by_inertia(mass))
     k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
-    k, m = (k + k.T) / 2, (m + m.T) / 2
+    k = (k + k.T) / 2
+    m = (m + m.T) / 2
     soft = _soft(k, m)
     # Q^T M x = 0 for the soft motions x: what is left of K moves by Q, and soft motions take no part in it
     rest = scipy.linalg.qr(m @ soft)[0][:, soft.shape[1] :] if soft.shape[1] else np.eye(len(k))
@@ -134,7 +140,8 @@ def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     squared, shapes = _soft_squares(k, m, soft)
     if rest.shape[1]:
         others, stiff = _from_both_ends((inner + inner.T) / 2, (inertia + inertia.T) / 2)
-        squared, shapes = np.concatenate([squared, others]), np.hstack([shapes, rest @ stiff])
+        squared = np.concatenate([squared, others])
+        shapes = np.hstack([shapes, rest @ stiff])
     order = np.argsort(squared, kind="stable")
     masses = np.einsum("km,kl,lm->m", shapes, m, shapes)  # (mode,)
     return squared[order], np.asarray(moves @ (shapes / np.sqrt(masses)))[:, order]
@@ -188,7 +195,8 @@ def in_order(squared: NDArray[Any]) -> NDArray[np.int64]:
         return np.argsort(squared.real, kind="stable")
     order = np.argsort(np.abs(squared), kind="stable")
     for k in range(len(order) - 1):
-        one, other = squared[order[k]], squared[order[k + 1]]
+        one = squared[order[k]]
+        other = squared[order[k + 1]]
         if one.imag > 0.0 and abs(one - np.conj(other)) < SYMMETRIC * abs(one):
             order[k], order[k + 1] = order[k + 1], order[k]
     return order
@@ -208,7 +216,8 @@ def _soft(k: Array, m: Array) -> Array:
     """
     if not k.any() and _definite(m):  # all motions are, and no shift of K is in scale with M
         return np.eye(len(k))
-    shift, smallest = 0.0, SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
+    shift = 0.0
+    smallest = SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
     while not _definite(k + shift * m):
         if shift > smallest / SOFT**2:
             raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
@@ -224,7 +233,8 @@ def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
     if not soft.shape[1]:
         return np.empty(0), soft
     squared, vectors = scipy.linalg.eigh(soft.T @ k @ soft, soft.T @ m @ soft)
-    shapes, stiff = soft @ vectors, np.abs(k)
+    shapes = soft @ vectors
+    stiff = np.abs(k)
     size = np.abs(shapes)  # of unit modal mass
     rounding = (
         CANCELLED * np.einsum("km,kl,lm->m", size, stiff, size) + LARGEST_ROUNDED * stiff.max() * size.max(axis=0) ** 2

@@ -47,13 +47,15 @@ from flexinv.typing import Array, Complex, Sparse
 from flexinv.validation import floats, names, number, of_kind, seconds, table, whole
 
 # Freedoms of a mesh up to which all modes are found where no count is written, and how many slowest ones of a larger mesh.
-ALL_MODES, SLOWEST = 1000, 30
+ALL_MODES = 1000
+SLOWEST = 30
 # The distance to a finer mesh is as large as the error where that converges by half; 1.7 of it were missed at most.
 SAFETY = 2.0
 # Roundings of K beside the absolute sum of the terms of omega^2.
 ROUNDED = 1e-16
 # Finer meshes that are tried for an accuracy, and unknowns beyond which none is.
-MOST_REFINEMENTS, MOST_UNKNOWNS = 8, 50_000
+MOST_REFINEMENTS = 8
+MOST_UNKNOWNS = 50_000
 # Of modes that are fewer than one in so many, the slowest are found by themselves.
 FEW = 3
 
@@ -158,7 +160,8 @@ def refined_modes(modes: Modes) -> Modes:
 
 def _rounding_bars(modes: Modes) -> Array:
     """(modes,) error bars of the frequencies [Hz] of rounding alone: of omega^2 near zero its root."""
-    squared, lost = np.abs(modes.squared), modes.rounding
+    squared = np.abs(modes.squared)
+    lost = modes.rounding
     known = squared > lost
     size = np.sqrt(np.where(known, squared, 1.0)) + np.sqrt(np.where(known, squared - lost, 1.0))
     return np.asarray(np.where(known, lost / size, np.sqrt(squared + lost)) / (2 * np.pi))
@@ -195,7 +198,8 @@ def natural_modes(
     lost = np.einsum("um,um->m", shown.conj(), damping @ shown).real  # (mode,)
     size = np.abs(shown)
     rounding = ROUNDED * np.einsum("um,um->m", size, abs(stiffness) @ size)
-    place, turn = solver.frames.x.copy(), solver.frames.r.copy()
+    place = solver.frames.x.copy()
+    turn = solver.frames.r.copy()
     return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost, rounding)
 
 
@@ -208,7 +212,8 @@ def _accurate(modes: Modes, limit: float) -> Modes:
         frequency = np.where(
             modes.frequency > 0.0, modes.frequency, np.inf
         )  # of rigid motions and divergence none is asked
-        part, rounded = modes.frequency_error / frequency, _rounding_bars(modes) / frequency
+        part = modes.frequency_error / frequency
+        rounded = _rounding_bars(modes) / frequency
         if not (part > limit).any():
             return modes
         hopeless = bool((rounded > limit).any())
@@ -216,7 +221,8 @@ def _accurate(modes: Modes, limit: float) -> Modes:
             break
         modes = refined_modes(modes)
     missed = rounded if hopeless else part
-    worst, why = int(np.nanargmax(missed)), "rounding leaves no more" if hopeless else f"with {modes.mesh.size} nodes"
+    worst = int(np.nanargmax(missed))
+    why = "rounding leaves no more" if hopeless else f"with {modes.mesh.size} nodes"
     raise ConvergenceError(
         f"natural_modes: accuracy {limit:g} is not reached: mode {worst + 1}, {modes.frequency[worst]:.6g} Hz, is known to "
         f"{missed[worst]:.2g} of itself, {why}; write a larger accuracy or a smaller count"
@@ -280,7 +286,8 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
 
     Return the relative motion of its joints, and the solver of the tree so held (of a loop itself).
     """
-    mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
+    mesh = solver.mesh
+    nothing = np.zeros(solver.mesh.mechanism.nv)
     held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
     joints = start_undeformed(solver, q, nothing, nothing)
     solver.load_at(0.0, q, nothing, nothing)
@@ -296,7 +303,8 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     found = equilibrium(held, q, "rest position for modes")
     held.solve_instant(STATICS, found, "rest position for modes")
     sections = solver.topology.independent
-    solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
+    solver.state.x[sections] = held.state.x[sections]
+    solver.state.r[sections] = held.state.r[sections]
     return joints, held
 
 
@@ -319,9 +327,11 @@ def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
 
     These act on K by differences (`stiffness_of_ties`); the march's linearisation leaves out part of that.
     """
-    ties, n = solver.border.ties, constraints(solver)
+    ties = solver.border.ties
+    n = constraints(solver)
     load_springs(solver, joints)
-    force, tied = ties.multiplier.copy(), stiffness_of_ties(solver, joints)
+    force = ties.multiplier.copy()
+    tied = stiffness_of_ties(solver, joints)
     ties.multiplier[:n] = 0.0
     mass, damping, stiffness = matrices(solver, joints)
     ties.multiplier[:] = force
@@ -337,7 +347,8 @@ def unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     """
     if not len(solver.topology.scale):
         return 0, True
-    allowed, found = allowed_motions(solver), matrices_at_rest(solver, joints)
+    allowed = allowed_motions(solver)
+    found = matrices_at_rest(solver, joints)
     m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in found)
     if is_symmetric(k):
         return negative(k), True
@@ -352,9 +363,11 @@ def unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
 def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
     """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
     out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
-    t, variation = solver.topology, solver.variation
+    t = solver.topology
+    variation = solver.variation
     for node, block in enumerate(t.block):
-        size, first = t.size[block], t.offset[block]
+        size = t.size[block]
+        first = t.offset[block]
         by_unknowns = np.hstack([variation.x[node, :size], variation.t[node, :size]])  # B^T (columns, 6)
         out[:, node] = shapes[first : first + size].T @ by_unknowns
     return out

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from flexinv.typing import Complex, Sparse
 
 # Parts of the half circle at first, largest turn of the phase from place to place [rad], and how often a part is halved.
-CIRCLE_SIDES, LARGEST_PHASE, MOST_PARTINGS = 24, np.pi / 4, 8
+CIRCLE_SIDES = 24
+LARGEST_PHASE = np.pi / 4
+MOST_PARTINGS = 8
 # Of a turn: the sum of all is a whole number but for rounding.
 WHOLE_TURNS = 0.05
 # Roots nearer to each other than this part of their size are one: of pairs both or one are known.

@@ -39,11 +39,13 @@ SPARE_MODES = 4
 # Times that the number of modes looked for is doubled, as modes of the same frequency may be found late.
 MOST_DOUBLINGS = 3
 # Vectors of Arnoldi's method for each root that is looked for, and more: ARPACK's own choice fails where many lie together.
-WIDER, WIDER_STILL = 3, 20
+WIDER = 3
+WIDER_STILL = 20
 # Where no mode more than the count is known: they are counted within so many times the size of the last.
 BEYOND_LAST = 1 + 1e-6
 # Factor by which a shift grows until it makes K definite; further than this over the smallest one it never does.
-GROWS, MOST_SHIFT = 10.0, 1e24
+GROWS = 10.0
+MOST_SHIFT = 1e24
 NO_SHIFT = (
     "modes: a freedom has neither inertia nor stiffness, or what has no inertia is unstable; give its link a mass"
 )
@@ -92,7 +94,8 @@ def slowest(stiffness: Sparse, mass: Sparse, count: int) -> tuple[Array, Array]:
         raise ConvergenceError(
             f"modes: of the {count} slowest modes some are missed: they are too close together; write another count"
         )
-    squared, shapes = squared[:count], shapes[:, :count]
+    squared = squared[:count]
+    shapes = shapes[:, :count]
     if shift > 0.0:
         size = np.abs(shapes)
         known = CANCELLED * np.einsum("km,km->m", size, abs(k) @ size)
@@ -209,7 +212,8 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
         count += bool(squared[order[count - 1]].imag)
     order = order[:count]
     order = order[in_order(squared[order])]
-    squared, shapes = squared[order], shapes[:, order]
+    squared = squared[order]
+    shapes = shapes[:, order]
     return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
 
 

@@ -100,7 +100,9 @@ def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Arr
     """
     mass, damping, stiffness = (basis.left.T @ part @ basis.right for part in matrices)
     push = basis.left.T @ efforts
-    g, r, d = basis.given, basis.massive, basis.moved
+    g = basis.given
+    r = basis.massive
+    d = basis.moved
     n = basis.states
     own = len(mass)
     inputs = push.shape[1] + g

@@ -104,7 +104,8 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
         if len(held.topology.scale):
             _find_deformed_shape(held, q, rates)
         sections = solver.topology.independent
-        solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
+        solver.state.x[sections] = held.state.x[sections]
+        solver.state.r[sections] = held.state.r[sections]
         joints = _set_rates(solver, q, rates, 1.0)
     solver.evaluate(STATICS, joints)
     along = _turning(solver, rates, 1.0)
@@ -120,7 +121,8 @@ def with_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, floa
 
     Raises InputError where rates contradict a coupling, where they leave one open, and where a joint would slide along.
     """
-    m, out = mesh.mechanism, dict(rates)
+    m = mesh.mechanism
+    out = dict(rates)
     table = [closure for closure in m.closures if closure.kind == "coupling"]
     moved = {name for closure in table for name, _ in closure.factors}
     grown = {name for name in moved if out.get(name, 0.0) != 0.0}
@@ -156,8 +158,11 @@ def with_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, floa
 
 def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
     """Refuse what would change in the axes that turn along."""
-    m, at, why = mesh.mechanism, mesh.joint_node[joint.name], ""
-    carried, above = beyond(mesh, at), int(mesh.parent[at])
+    m = mesh.mechanism
+    at = mesh.joint_node[joint.name]
+    why = ""
+    carried = beyond(mesh, at)
+    above = int(mesh.parent[at])
     while above >= 0:
         if mesh.kind[above] == SECTION:
             why = f"its axis is carried by a beam ('{m.links[int(mesh.link[above])].name}')"
@@ -177,7 +182,8 @@ def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
 
 def _check_across(mesh: Mesh, joint: Joint, axis: Array) -> None:
     """Refuse gravity and dead loads that are not along the axis of rotation."""
-    m, carried = mesh.mechanism, beyond(mesh, mesh.joint_node[joint.name])
+    m = mesh.mechanism
+    carried = beyond(mesh, mesh.joint_node[joint.name])
     loads: list[tuple[str, Array]] = [(f.name, part) for f in m.forces for part in f.wrench.reshape(-1, 3)
              if not f.follower and f.at.link != WORLD and carried[attachment_node(mesh, f.at)]]  # fmt: skip
     for what, vector in [("gravity", m.gravity), *loads]:
@@ -191,7 +197,8 @@ def _check_across(mesh: Mesh, joint: Joint, axis: Array) -> None:
 
 def _set_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: float) -> Joints:
     """Give joints a part of their rates; return their relative motion."""
-    mesh, t = solver.mesh, solver.topology
+    mesh = solver.mesh
+    t = solver.topology
     qd = np.zeros(mesh.mechanism.nv)
     for name, rate in rates.items():
         qd[mesh.mechanism.v_slices[name]] = part * rate
@@ -205,18 +212,22 @@ def _turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning
     out = Turning(np.zeros((mesh.size, 3)), np.zeros((mesh.size, 3)))
     for name, rate in rates.items():
         if rate:
-            node, carried = mesh.joint_node[name], beyond(mesh, mesh.joint_node[name])
+            node = mesh.joint_node[name]
+            carried = beyond(mesh, mesh.joint_node[name])
             axis = solver.frames.r[node] @ mesh.axis[node]
             _check_across(mesh, mesh.mechanism.joint_of[name], axis)
-            out.rate[carried], out.centre[carried] = part * rate * axis, solver.frames.x[node]
+            out.rate[carried] = part * rate * axis
+            out.centre[carried] = solver.frames.x[node]
     return out
 
 
 def _move_along(solver: Solver, turning: Turning) -> None:
     """Give the sections the velocities and accelerations of the steady motion: W x r, W x (W x r)."""
-    t, s = solver.topology, solver.state
+    t = solver.topology
+    s = solver.state
     for n in np.flatnonzero(t.independent):
-        o, w = t.offset[t.block[n]], turning.rate[n]
+        o = t.offset[t.block[n]]
+        w = turning.rate[n]
         v = np.cross(w, s.x[n] - turning.centre[n])
         s.u[o : o + 6] = np.concatenate([v, s.r[n].T @ w])
         s.du[o : o + 6] = np.concatenate([np.cross(w, v), np.zeros(3)])
@@ -226,13 +237,16 @@ def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -
     """Find the deformed shape, rates raised from zero in steps as large as converge."""
     x, r, place = (part.copy() for part in (solver.state.x, solver.state.r, solver.state.place))
     solver.evaluate(STATICS, _set_rates(solver, q, rates, 0.0))
-    reached, step = 0.0, 1.0
+    reached = 0.0
+    step = 1.0
     while reached < 1.0:
         part = min(1.0, reached + step)
         try:
             _newton(solver, _set_rates(solver, q, rates, part), _turning(solver, rates, part))
         except ConvergenceError:
-            solver.state.x[:], solver.state.r[:], solver.state.place[:] = x, r, place
+            solver.state.x[:] = x
+            solver.state.r[:] = r
+            solver.state.place[:] = place
             step *= 0.5
             if step < 0.5**MOST_HALVINGS:
                 raise
@@ -242,7 +256,9 @@ def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -
 
 
 def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
-    n, ties, size = constraints(solver), solver.border.ties, 0.0
+    n = constraints(solver)
+    ties = solver.border.ties
+    size = 0.0
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
         at_rest.load_springs(solver, joints)
@@ -267,7 +283,8 @@ def _increment(solver: Solver, stiffness: Sparse, residual: Array) -> Array:
 
     All in unknowns over their scales: metres of a small mechanism stand beside radians.
     """
-    scale, free = solver.topology.scale, allowed_motions(solver)
+    scale = solver.topology.scale
+    free = allowed_motions(solver)
     g, rows = scaled_gradient(solver)
     phi = solver.border.ties.value[: len(rows)]
     y = scale * np.linalg.lstsq(g, -phi / rows, rcond=REDUNDANT)[0] if len(rows) else np.zeros(len(scale))
@@ -286,14 +303,19 @@ def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
     by_acceleration, by_rate, by_place = found
     a, b, d = (scipy.sparse.lil_array((len(t.scale), len(t.scale))) for _ in range(3))
     for n in np.flatnonzero(t.independent & turning.rate.any(axis=1)):
-        o, rate = t.offset[t.block[n]], turning.rate[n]
-        place, turn = slice(o, o + 3), slice(o + 3, o + 6)
+        o = t.offset[t.block[n]]
+        rate = turning.rate[n]
+        place = slice(o, o + 3)
+        turn = slice(o + 3, o + 6)
         world, own = (np.cross(np.eye(3), w) for w in (rate, solver.state.r[n].T @ rate))  # skew matrices
-        a[place, place], a[turn, turn] = world, own
-        b[place, place], b[turn, turn] = 2 * world, own
+        a[place, place] = world
+        a[turn, turn] = own
+        b[place, place] = 2 * world
+        b[turn, turn] = own
         d[place, place] = world @ world
     a, b, d = (scipy.sparse.csc_array(part) for part in (a, b, d))
-    damping, stiffness = by_rate + by_acceleration @ b, by_place + by_rate @ a + by_acceleration @ d
+    damping = by_rate + by_acceleration @ b
+    stiffness = by_place + by_rate @ a + by_acceleration @ d
     return Matrices(by_acceleration, damping, stiffness)
 
 
@@ -377,13 +399,15 @@ def steady_modes(
     size = k.shape[0]
     few = count is not None and size > ONE_AND_ALL and at_rest.FEW * count <= size
     found = slowest_roots(m, c, k, count) if few and count is not None else roots(m, c, k)
-    root, shapes = found.root, found.shapes
+    root = found.root
+    shapes = found.shapes
     last = len(root) if count is None else count
     moves: Complex = at_rest.nodal_shapes(motion.solver, n @ shapes[:, :last])
     moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
     largest = np.where(moved > TWISTS * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]
-    place, turn = motion.solver.frames.x.copy(), motion.solver.frames.r.copy()
+    place = motion.solver.frames.x.copy()
+    turn = motion.solver.frames.r.copy()
     return SteadyModes(
         mesh, at, names, moves[..., :3], moves[..., 3:], place, turn, turning, root[:last], found.bar[:last]
     )

@@ -83,7 +83,8 @@ class TableLaw(Frozen):
         return np.vstack([before, np.column_stack([self.length[:-1], inner.c.T]), after])
 
     def _piece(self, length: ArrayLike) -> tuple[Array, Array]:
-        table, at = self.pieces(), np.asarray(length, dtype=np.float64)
+        table = self.pieces()
+        at = np.asarray(length, dtype=np.float64)
         piece = table[np.clip(np.searchsorted(table[:, 0], at, side="right") - 1, 0, len(table) - 1)]
         return piece[..., 1:], at - np.where(np.isfinite(piece[..., 0]), piece[..., 0], self.length[0])
 

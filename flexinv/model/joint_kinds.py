@@ -16,7 +16,10 @@ from flexinv.typing import Array
 RIGID, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SECTION, CONTINUOUS, HELICAL = range(8)
 
 # Layouts of the configuration coordinates: numbers of their own, cosine and sine, a quaternion, a position and a quaternion.
-PLAIN, CIRCLE, ROTATION, POSE = "plain", "circle", "rotation", "pose"
+PLAIN = "plain"
+CIRCLE = "circle"
+ROTATION = "rotation"
+POSE = "pose"
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,10 @@ class JointKind:
         return tuple(unit == "m" for unit in self.units)
 
 
-_ANGLES, _LENGTHS = ("rad", "rad", "rad"), ("m", "m", "m")
-_QUATERNION, _RATES = (".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")
+_ANGLES = ("rad", "rad", "rad")
+_LENGTHS = ("m", "m", "m")
+_QUATERNION = (".qx", ".qy", ".qz", ".qw")
+_RATES = (".wx", ".wy", ".wz")
 # The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w, a free joint is position
 # then quaternion, and its velocity is linear then angular, in the child's frame.
 KINDS: dict[str, JointKind] = {
@@ -85,7 +90,8 @@ def motion_subspace(number: int, axis: Array, pitch: float = 0.0) -> tuple[Array
 
     pitch : of a helical joint [m], its way along the axis for a whole turn about it
     """
-    eye, none = np.eye(3), np.zeros((3, 3))
+    eye = np.eye(3)
+    none = np.zeros((3, 3))
     if number == PRISMATIC:
         return axis[None], none[:1]
     if number == SPHERICAL:

@@ -158,7 +158,8 @@ class Inertia(Frozen):
 
     def restated(self, mass: float | None = None, com: Array | None = None, tensor: Array | None = None) -> Inertia:
         """Return it with other numbers [kg], [m], [kg m^2], whether or not a body can have them."""
-        place, moments = self.com if com is None else com, self.tensor if tensor is None else tensor
+        place = self.com if com is None else com
+        moments = self.tensor if tensor is None else tensor
         return Inertia.stated(self.mass if mass is None else mass, place, moments)
 
 

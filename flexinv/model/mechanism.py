@@ -44,7 +44,9 @@ __all__ = [
     "Placement", "Section", "Spring",
 ]  # fmt: skip
 
-GEAR, SPRING = ".gear", ".spring"  # names of what an elastic drive adds: the gear's output and the spring to the link
+# names of what an elastic drive adds: the gear's output and the spring to the link
+GEAR = ".gear"
+SPRING = ".spring"
 # Kinds of joint that a drive may move, and of the spring between motor and link there.
 SPRINGS = {name: "revolute" if k.circle else name for name, k in KINDS.items() if len(k.v) == 1}
 
@@ -225,12 +227,14 @@ class Mechanism(Frozen):
 
     def refined(self, elements: int = 1, order: int = 0) -> Mechanism:
         """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
-        times, more = whole("elements", elements, 1), whole("order", order, 0)
+        times = whole("elements", elements, 1)
+        more = whole("order", order, 0)
         return self._with_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
 
     def with_mesh(self, elements: int, order: int) -> Mechanism:
         """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
-        count, degree = whole("elements", elements, 1), whole("order", order, 1)
+        count = whole("elements", elements, 1)
+        degree = whole("order", order, 1)
         return self._with_beams(lambda b: replace(b, elements=count, order=degree))
 
     def with_body(self, link: str, body: Body) -> Mechanism:
@@ -281,7 +285,8 @@ def expanded(mechanism: Mechanism) -> Mechanism:
     rotor N^2 J, damping N^2 v, dry friction N c at the joint; the Stribeck part above c is the motor's alone (`motor_side`)
     Raises InputError for a drive on a joint without just one coordinate, or beside rotor, damping, friction or spring.
     """
-    joints, links = [], dict(mechanism.link_of)
+    joints = []
+    links = dict(mechanism.link_of)
     for joint in mechanism.joints:
         drive = joint.drive
         if drive is None or (drive.stiffness and drive.moves == "link"):
@@ -293,7 +298,8 @@ def expanded(mechanism: Mechanism) -> Mechanism:
         if joint.rotor_inertia or joint.damping or joint.friction or joint.stiffness:
             beside = "rotor, damping, friction or spring beside a drive; state them in the drive"
             raise InputError(f"joint {joint.name!r}: {beside}")
-        inertia, damping = drive.ratio**2 * drive.rotor_inertia, drive.ratio**2 * drive.viscous
+        inertia = drive.ratio**2 * drive.rotor_inertia
+        damping = drive.ratio**2 * drive.viscous
         own = replace(joint, rotor_inertia=inertia, damping=damping, friction=drive.ratio * drive.coulomb)
         if not drive.stiffness:
             joints.append(own)

@@ -161,10 +161,12 @@ class Motion(ByValue):
         self.joints(mechanism)
         left = np.full(at.shape, side == "left") | (np.abs(at - self.duration) <= SNAP * self.duration)
         q = np.tile(mechanism.neutral, (at.size, 1))
-        qd, qdd = np.zeros((at.size, mechanism.nv)), np.zeros((at.size, mechanism.nv))
+        qd = np.zeros((at.size, mechanism.nv))
+        qdd = np.zeros((at.size, mechanism.nv))
         for track in self.tracks:
             for joint, part in parts(mechanism, track):
-                rows, columns = mechanism.q_slices[joint.name], mechanism.v_slices[joint.name]
+                rows = mechanism.q_slices[joint.name]
+                columns = mechanism.v_slices[joint.name]
                 q[:, rows], qd[:, columns], qdd[:, columns] = joint_path(track, joint, track.values[:, part], at, left)
         return q, qd, qdd
 

@@ -64,7 +64,8 @@ def _smooth(power: int, peak: float, *series: float) -> Callable[[Array], Triple
     """
 
     def law(s: Array) -> Triple:
-        p, bell = np.minimum(s, 1.0 - s), s * (1.0 - s)
+        p = np.minimum(s, 1.0 - s)
+        bell = s * (1.0 - s)
         part = p ** (power + 1) * np.polynomial.polynomial.polyval(p, series)
         slope = power * peak * bell ** (power - 1) * (1.0 - 2.0 * s)
         return np.where(s < 0.5, part, 1.0 - part), peak * bell**power, slope
@@ -98,7 +99,8 @@ LAWS: dict[str, Law] = {
 def find_law(name: str) -> Law:
     """Return the law of that name; InputError names the laws [-] that exist."""
     if not isinstance(name, str) or name not in LAWS:
-        known, like = ", ".join(LAWS), nearest(str(name), LAWS)
+        known = ", ".join(LAWS)
+        like = nearest(str(name), LAWS)
         raise InputError(f"law = {shown(name)}: expected one of {known}" + (f"; write {like!r}" if like else ""))
     return LAWS[name]
 
@@ -142,7 +144,8 @@ class Sampling:
 
     def check(self, max_gap: float | None) -> None:
         """Raise InputError unless the times can carry a spline; max_gap [s], None for 10 times the median interval."""
-        time, degree = self.time, self.degree
+        time = self.time
+        degree = self.degree
         if degree not in (3, 5):
             raise InputError(f"degree = {degree}: expected 5 (smooth jerk) or 3 (continuous acceleration)")
         if time.ndim != 1:
@@ -157,7 +160,8 @@ class Sampling:
             raise InputError(f"time: {order}; sort the samples and remove repeated ones")
         if time[0] != 0.0:
             raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
-        longest, allowed = int(np.argmax(steps)), HOLE * float(np.median(steps)) if max_gap is None else max_gap
+        longest = int(np.argmax(steps))
+        allowed = HOLE * float(np.median(steps)) if max_gap is None else max_gap
         if steps[longest] > allowed:
             gap = f"a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s"
             advice = "fill the gap, or write max_gap if the spline may cross it"
@@ -189,10 +193,13 @@ def _rest_outside(
     sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, left: Mask, where: str, path: Triple
 ) -> Triple:
     """Rest before and after the samples; the stop itself belongs to the rest unless ``left`` asks for the move."""
-    end, snap = sampling.time[-1], SNAP * sampling.time[-1]
-    after, before = np.where(left, at > end + snap, at >= end - snap), np.where(left, at <= snap, at < -snap)
+    end = sampling.time[-1]
+    snap = SNAP * sampling.time[-1]
+    after = np.where(left, at > end + snap, at >= end - snap)
+    before = np.where(left, at <= snap, at < -snap)
     if np.any(at > end + snap):
-        peak, stop = np.abs(spline(sampling.time, 1)).max(), np.abs(spline(end, 1)).max()
+        peak = np.abs(spline(sampling.time, 1)).max()
+        stop = np.abs(spline(end, 1)).max()
         if stop > ABRUPT * peak:
             advice = "evaluate no later, add samples that come to rest, or write rest=True"
             warnings.warn(f"{where}: the samples end while moving, then stop at once; {advice}", ModelWarning, 6)
@@ -250,14 +257,16 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask)
     left : (samples,) where an acceleration jump gives its limit from the left
     returns q (samples, nq) [rad], [m]; qd (samples, nv) [rad/s], [m/s]; qdd (samples, nv) [rad/s^2], [m/s^2]
     """
-    where, kind = f"joint {joint.name!r}", KINDS[joint.kind]
+    where = f"joint {joint.name!r}"
+    kind = KINDS[joint.kind]
     if kind.layout == ROTATION:
         return _rotation(track, values, at, left, where)
     if kind.layout == POSE:
         position, v, a = _plain(track, values[:, :3], at, left, where)
         quaternion, omega, alpha = _rotation(track, values[:, 3:], at, left, where)
         to_body = scipy.spatial.transform.Rotation.from_quat(quaternion).inv()
-        v, a = to_body.apply(v), to_body.apply(a)
+        v = to_body.apply(v)
+        a = to_body.apply(a)
         return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a - np.cross(omega, v), alpha])
     if kind.circle:
         angle, rate, acceleration = _plain(track, _angles(values, track.sampling is not None, where), at, left, where)
@@ -293,7 +302,10 @@ def _rotation(track: Track, values: Array, at: Array, left: Mask, where: str) ->
         return (first * rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
     spline = track.sampling.spline(continuous_signs(unit, where))
     inside = np.clip(at, 0.0, track.sampling.time[-1])
-    s, s1, s2 = spline(inside), spline(inside, 1), spline(inside, 2)  # (n, xyzw)
+    # (n, xyzw)
+    s = spline(inside)
+    s1 = spline(inside, 1)
+    s2 = spline(inside, 2)
     square = np.sum(s * s, axis=1, keepdims=True)
     omega = 2.0 * _vector_of_product(s, s1) / square
     alpha = 2.0 * _vector_of_product(s, s2) / square - 2.0 * omega * np.sum(s * s1, axis=1, keepdims=True) / square
@@ -325,7 +337,8 @@ def parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]
     Raises InputError: unknown or fixed joint, wrong number of coordinates.
     """
     joints = _named(track.names, mechanism)
-    full, short = [j.nq for j in joints], [1 if KINDS[j.kind].circle else j.nq for j in joints]
+    full = [j.nq for j in joints]
+    short = [1 if KINDS[j.kind].circle else j.nq for j in joints]
     width = track.values.shape[1]
     if track.widths is not None:
         for given, joint, own, least in zip(track.widths, joints, full, short, strict=True):

@@ -40,7 +40,8 @@ def _rates(r, spin, change):
 @jit_inner
 def _gap(x, y, arm_a, arm_b, order):
     """d or one of its rates."""
-    p, q = x[order], y[order]
+    p = x[order]
+    q = y[order]
     return q[0] + arm_b[order][0] - p[0] - arm_a[order][0], q[1] + arm_b[order][1] - p[1] - arm_a[order][1]
 
 
@@ -52,17 +53,21 @@ def _dot(a, b):
 @jit_inner
 def tie_rows(constraints, frames, rated):
     """Set value and gradient of every constraint [m], [-]: phi, or where ``rated`` phi'' = u''.w + 2 u'.w' + u.w''."""
-    on_a, on_b = (1.0, 0.0), (1.0, 0.0)
+    on_a = (1.0, 0.0)
+    on_b = (1.0, 0.0)
     for r in range(len(constraints.a)):
         if r == 0 or constraints.a[r] != constraints.a[r - 1] or constraints.b[r] != constraints.b[r - 1]:
-            on_a, on_b = _angle(frames, constraints.a[r]), _angle(frames, constraints.b[r])
+            on_a = _angle(frames, constraints.a[r])
+            on_b = _angle(frames, constraints.b[r])
         if not constraints.acting[r]:
             constraints.value[r] = 0.0
             put(constraints.gradient[r], 0, ZERO)
             put(constraints.gradient[r], 3, ZERO)
             continue
-        a, b = constraints.a[r], constraints.b[r]
-        x, y = motion_of(frames, a), motion_of(frames, b)
+        a = constraints.a[r]
+        b = constraints.b[r]
+        x = motion_of(frames, a)
+        y = motion_of(frames, b)
         u = _rates(_turned(on_a, constraints.u[r]), x[1][2], x[2][2])
         if constraints.kind[r] == DIRECTION:
             w = _rates(_turned(on_b, constraints.w[r]), y[1][2], y[2][2])
@@ -73,7 +78,9 @@ def tie_rows(constraints, frames, rated):
             arm_a = _rates(_turned(on_a, constraints.place_a[r]), x[1][2], x[2][2])
             arm_b = _rates(_turned(on_b, constraints.place_b[r]), y[1][2], y[2][2])
             w = _gap(x, y, arm_a, arm_b, 0), _gap(x, y, arm_a, arm_b, 1), _gap(x, y, arm_a, arm_b, 2)
-            (u1, u2), (p1, p2), (q1, q2) = u[0], arm_a[0], arm_b[0]
+            u1, u2 = u[0]
+            p1, p2 = arm_a[0]
+            q1, q2 = arm_b[0]
             across = u1 * w[0][1] - u2 * w[0][0]
             put(constraints.gradient[r], 0, (-u1, -u2, across - (u2 * p1 - u1 * p2)))
             put(constraints.gradient[r], 3, (u1, u2, u2 * q1 - u1 * q2))
@@ -85,7 +92,8 @@ def tie_sides(tree, constraints, frames, residual):
     """Put -A, less the gradients by the unknowns, into ``across`` and the right sides 1.. of the solve [-], [m]."""
     plan = constraints.layout
     for r in range(len(constraints.a)):
-        side, gradient = constraints.across[r], constraints.gradient[r]
+        side = constraints.across[r]
+        gradient = constraints.gradient[r]
         for n in range(plan.first_part[r], plan.first_part[r + 1]):
             for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
                 side[i] = 0.0
@@ -100,7 +108,9 @@ def tie_sides(tree, constraints, frames, residual):
 @jit_inner
 def factorise_ties(system):
     """Find K^-1 C, rows 1.. of work.y, and the factors of the border with a new linearisation [m/N], [rad/N]."""
-    ties, plan, work = system.ties, system.ties.layout, system.work
+    ties = system.ties
+    plan = system.ties.layout
+    work = system.work
     tie_sides(system.tree, ties, system.frames, work.residual)
     for part in range(len(plan.first_side) - 1):
         for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:

@@ -82,7 +82,8 @@ def _upright(vectors: Array) -> NDArray[np.bool_]:
 def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
     """Return a message on a closure with frames outside the plane or more than planar ties; empty if none has [-]."""
     rows = constraint_rows(mesh)
-    u, w = seen(plane, rows.a, rows.u), seen(plane, rows.b, rows.w)
+    u = seen(plane, rows.a, rows.u)
+    w = seen(plane, rows.b, rows.w)
     above = [seen(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]
     above = [p - np.where(n < 0, plane.height, 0.0) for n, p in zip((rows.a, rows.b), above, strict=True)]
     skew = ~_upright(u) & (np.abs(u[:, 2]) > PLACEMENT_ROUNDING)
@@ -113,7 +114,8 @@ def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
     for n, parent in enumerate(mesh.parent):
         frame, start = (axes.T, 0.0) if parent < 0 else (frames[parent], heights[parent])
         heights[n] = start + (frame @ mesh.offset[n])[2]
-    plane, gravity = Plane(axes, float(heights[0]) if mesh.size else 0.0, frames), mesh.mechanism.gravity
+    plane = Plane(axes, float(heights[0]) if mesh.size else 0.0, frames)
+    gravity = mesh.mechanism.gravity
     reason = _standing_out(mesh, frames, heights) or _unsymmetric(mesh, frames)
     if not reason and abs(gravity @ normal) > PLACEMENT_ROUNDING * np.linalg.norm(gravity):
         reason = "gravity pulls out of the plane"
@@ -125,7 +127,8 @@ def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:
     """Return a message on the first node whose joint or place leaves the plane; empty if none does."""
     for n in range(mesh.size):
         link = mesh.mechanism.links[int(mesh.link[n])].name
-        slide, turn = frames[n] @ mesh.slide[n, 0], frames[n] @ mesh.turn[n, 0]
+        slide = frames[n] @ mesh.slide[n, 0]
+        turn = frames[n] @ mesh.turn[n, 0]
         if mesh.freedoms[n] > 1:
             return f"the joint of link '{link}' turns in space"
         if np.hypot(turn[0], turn[1]) > PLACEMENT_ROUNDING:
@@ -149,7 +152,8 @@ def _unsymmetric(mesh: Mesh, frames: Array) -> str:
         if not (all(same) and upright and across and np.abs(about).max() * mesh.length <= PLACEMENT_ROUNDING):
             return f"the section or curvature of beam '{mesh.mechanism.links[int(e.link[k])].name}' is not symmetric to the plane"
     for n in range(mesh.size):
-        normal, inertia = frames[n][2], mesh.inertia[n]
+        normal = frames[n][2]
+        inertia = mesh.inertia[n]
         turned = inertia @ normal
         if np.abs(turned - (normal @ turned) * normal).max() > PLACEMENT_ROUNDING * np.abs(inertia).max():
             return f"the inertia of link '{mesh.mechanism.links[int(mesh.link[n])].name}' is not symmetric to the plane"

@@ -49,14 +49,21 @@ def project_accelerations(system):
     What the accelerations of the unknowns change by stays in work.y[0] [m/s^2], [rad/s^2].
     work.residual[0] : what Newton has left [N], [N m]
     """
-    tree, ties, masses, frames = system.tree, system.ties, system.masses, system.frames
-    plan, residual, y = ties.layout, system.work.residual, system.work.y
+    tree = system.tree
+    ties = system.ties
+    masses = system.masses
+    frames = system.frames
+    plan = ties.layout
+    residual = system.work.residual
+    y = system.work.y
     vary_poses(tree, frames)
     tie_rows(ties, frames, True)
     tie_sides(tree, ties, frames, residual)
     for n in range(len(masses.single)):
-        block, over = tree.block[masses.single[n]], masses.over[n]
-        first, part = tree.offset[block], tree.part[block]
+        block = tree.block[masses.single[n]]
+        over = masses.over[n]
+        first = tree.offset[block]
+        part = tree.part[block]
         for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
             for i in range(3):
                 y[side, first + i] = -residual[side, first + i] * over[i]
@@ -64,9 +71,13 @@ def project_accelerations(system):
         _accelerate_block(b, tree, plan, masses, frames, residual, y)
     factorise_border(ties, plan.blocks, y)
     solve_border(ties, plan.blocks, 1.0, y)
-    changes, by = masses.change, y[0]  # accelerations and wrenches are linear in those of unknowns and in multipliers
+    # accelerations and wrenches are linear in those of unknowns and in multipliers
+    changes = masses.change
+    by = y[0]
     for n in range(len(tree.parent)):
-        first, change, m = tree.offset[tree.block[n]], ZERO, tree.mass[n]
+        first = tree.offset[tree.block[n]]
+        change = ZERO
+        m = tree.mass[n]
         if tree.independent[n]:
             change = vec_at(by, first)
         else:
@@ -86,8 +97,11 @@ def project_accelerations(system):
 @jit_inner
 def _accelerate_block(b, tree, plan, masses, frames, residual, y):
     """Set y = -M^-1 residual of one block: its mass matrix from its nodes and the rotors of its passive joints."""
-    block, largest = masses.block[b], 0.0
-    columns, first, m = tree.size[block], tree.offset[block], masses.mass
+    block = masses.block[b]
+    largest = 0.0
+    columns = tree.size[block]
+    first = tree.offset[block]
+    m = masses.mass
     for i in range(columns):
         for j in range(columns):
             m[i, j] = 0.0

@@ -42,7 +42,8 @@ class JointNodes:
         joints = zip(self.q.tolist(), self.v.tolist(), self.turns_on.tolist(), strict=True)
         for k, (place, rate, turns) in enumerate(joints):
             out[:, k, 0] = np.arctan2(q[:, place + 1], q[:, place]) if turns else q[:, place]
-            out[:, k, 1], out[:, k, 2] = qd[:, rate], qdd[:, rate]
+            out[:, k, 1] = qd[:, rate]
+            out[:, k, 2] = qdd[:, rate]
         return out
 
 
@@ -70,15 +71,19 @@ class PlanarModel:
 @kept_with_owner()
 def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
-    plane, t = find_plane(mesh), topology(mesh, passive)
+    plane = find_plane(mesh)
+    t = topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
     rows = constraint_rows(mesh)
     row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
-    tree, space = _tree(mesh, t, plane), _embedding(mesh, plane, row)
-    elements, pick = _elements(mesh, plane, space), _pick(mesh, t, tree, plane, space)
+    tree = _tree(mesh, t, plane)
+    space = _embedding(mesh, plane, row)
+    elements = _elements(mesh, plane, space)
+    pick = _pick(mesh, t, tree, plane, space)
     tied = _ties(rows, row, plane, tree)
     node = np.flatnonzero(mesh.v_index >= 0)
-    turns_on, given = mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
+    turns_on = mesh.kind[node] == CONTINUOUS
+    given = tree.given[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
     return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _masses(tree), joints)
 
@@ -86,7 +91,8 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
 def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
     pick = np.zeros((len(tree.scale), len(topology.scale)))
     for n in range(mesh.size):
-        here, there = int(tree.offset[tree.block[n]]), int(topology.offset[topology.block[n]])
+        here = int(tree.offset[tree.block[n]])
+        there = int(topology.offset[topology.block[n]])
         if tree.independent[n]:
             pick[here : here + 2, there : there + 3] = plane.axes.T[:2]
             pick[here + 2, there + 3 : there + 6] = space.axle[n]
@@ -96,12 +102,17 @@ def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space:
 
 
 def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
-    frames, passive = plane.frames, topology.freedoms > 0
+    frames = plane.frames
+    passive = topology.freedoms > 0
     hangs = np.arange(len(topology.size)) < len(topology.span) - 1  # on the world, with passive freedoms only
     size = np.where(hangs, topology.size, topology.size - 3)  # three freedoms of a node instead of six
-    turning, sliding = np.any(mesh.turn, axis=(1, 2)), np.any(mesh.slide, axis=(1, 2))
-    offset_p, axis = seen(plane, mesh.parent, mesh.offset), seen(plane, np.arange(mesh.size), mesh.axis)  # (node, xyz)
-    scale, (offset, span) = np.ones(int(size.sum())), laid_out(size, topology.part)
+    turning = np.any(mesh.turn, axis=(1, 2))
+    sliding = np.any(mesh.slide, axis=(1, 2))
+    # (node, xyz)
+    offset_p = seen(plane, mesh.parent, mesh.offset)
+    axis = seen(plane, np.arange(mesh.size), mesh.axis)
+    scale = np.ones(int(size.sum()))
+    offset, span = laid_out(size, topology.part)
     column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
     part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
     first = offset[topology.block]
@@ -121,9 +132,11 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
 
 
 def _elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElements:
-    e, side = mesh.elements, space.side
+    e = mesh.elements
+    side = space.side
     root = e.nodes[:, :1].ravel()
-    frames, axle = plane.frames[root], space.axle[root]
+    frames = plane.frames[root]
+    axle = space.axle[root]
     turned = frames[:, None].transpose(0, 1, 3, 2) @ plane.frames[e.nodes]  # (element, node, 3, 3), R_0^T R_i
     bend = np.einsum("kni,ki->kn", log_so3(turned), axle) * (np.arange(e.nodes.shape[1]) <= e.order[:, None])
     stiffness, damping = (
@@ -151,7 +164,9 @@ def _in_blocks(rows: Sequence[Array]) -> Array:
 
 
 def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
-    axes, frames, upright = plane.axes, plane.frames, np.diag([0.0, 0.0, 1.0])
+    axes = plane.axes
+    frames = plane.frames
+    upright = np.diag([0.0, 0.0, 1.0])
     roots = frames[mesh.elements.nodes[:, :1].ravel()]
     parts = np.eye(3) - upright, TURN_BY_90, upright
     across, along, normal = (np.ascontiguousarray(axes @ part @ frames) for part in parts)
@@ -161,11 +176,14 @@ def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
 
 def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
     """Rows, row and own of `PlanarFactors`: where the own unknowns of every element stand."""
-    (elements, count), widest = element_arrays.nodes.shape, max(int(tree.size.max(initial=0)), 1)
+    elements, count = element_arrays.nodes.shape
+    widest = max(int(tree.size.max(initial=0)), 1)
     row = np.zeros((elements, count, widest), dtype=np.int64)
     numbers = []
     for k in range(elements):
-        order, extra, own = int(element_arrays.order[k]), 3 * int(element_arrays.order[k]), {}
+        order = int(element_arrays.order[k])
+        extra = 3 * int(element_arrays.order[k])
+        own = {}
         for i, n in enumerate(element_arrays.nodes[k, 1 : order + 1]):
             block = tree.block[n]
             for j in range(tree.size[block]):
@@ -179,22 +197,27 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
 
 
 def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree) -> Ties:
-    a, b = rows.a[row], rows.b[row]
+    a = rows.a[row]
+    b = rows.b[row]
     pairs = (a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w)
     vectors = [np.ascontiguousarray(seen(plane, node, v[row])[:, :2]) for node, v in pairs]
-    gear, kind = np.zeros((len(row), len(tree.scale))), np.where(rows.direction[row], DIRECTION, POSITION)
+    gear = np.zeros((len(row), len(tree.scale)))
+    kind = np.where(rows.direction[row], DIRECTION, POSITION)
     return ties(kind, (a, b), vectors, gear, layout(tree, (a, b), gear, rows.closure[row]))
 
 
 def _masses(tree: PlanarTree) -> BlockMasses:
-    nodes, widest = np.bincount(tree.block, minlength=len(tree.size)), max(int(tree.size.max(initial=0)), 1)
+    nodes = np.bincount(tree.block, minlength=len(tree.size))
+    widest = max(int(tree.size.max(initial=0)), 1)
     alone = (nodes == 1) & (tree.size == 3)
-    single, blocks = np.flatnonzero(alone[tree.block]), np.flatnonzero((tree.size > 0) & ~alone)
+    single = np.flatnonzero(alone[tree.block])
+    blocks = np.flatnonzero((tree.size > 0) & ~alone)
     member = np.full((len(blocks), nodes[blocks].max(initial=0)), -1, dtype=np.int64)
     for own, block in zip(member, blocks, strict=True):
         own[: nodes[block]] = np.flatnonzero(tree.block == block)
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
     mass, rest = np.zeros((2, widest, widest))
-    weight, left = np.zeros(widest), np.zeros(widest, dtype=bool)
+    weight = np.zeros(widest)
+    left = np.zeros(widest, dtype=bool)
     return BlockMasses(single, over, blocks, member, mass, rest, weight, left, np.zeros((len(tree.parent), 3)))

@@ -41,8 +41,11 @@ class PlanarMarch:
     def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
         m = planar_model(mesh, frozenset(passive))
-        unknowns, widest, sides = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1), 1 + len(m.ties.a)
-        vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
+        unknowns = len(m.tree.scale)
+        widest = max(int(m.tree.size.max(initial=0)), 1)
+        sides = 1 + len(m.ties.a)
+        vectors = (mesh.size, 3)
+        variations = (mesh.size, widest, 3)
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
@@ -59,7 +62,9 @@ class PlanarMarch:
             root=cleared(len(m.tree.span) - 1, columns, columns), diagonal=cleared(len(m.tree.size), widest, widest),
             line=cleared(2, max(most, columns)), found=cleared(elements, most),
         )  # fmt: skip
-        ties, masses, state = _copied(m.ties), _copied(m.masses), State.of(0, unknowns)
+        ties = _copied(m.ties)
+        masses = _copied(m.masses)
+        state = State.of(0, unknowns)
         return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
 
     @classmethod
@@ -82,51 +87,67 @@ class PlanarMarch:
 
         Return status, instants done, iterations or element, last relative increment [-].
         """
-        state, given = self.system.state, self._given(q, qd, qdd)
+        state = self.system.state
+        given = self._given(q, qd, qdd)
         state.u[:], state.du[:] = state.u0, state.du0
         status, instant, count, size = planar_march(self.system, scheme, _NOWHERE, True, given, row, out)
         return int(status), int(instant), int(count), float(size)
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
-        e, (free, at) = self.model.elements, self._independent()
+        e = self.model.elements
+        free, at = self._independent()
         if not 0 <= element < len(e.order):
             return 0.0
-        angle, nodes = self.system.frames.pose[:, 2].copy(), e.nodes[element, : e.order[element] + 1]
+        angle = self.system.frames.pose[:, 2].copy()
+        nodes = e.nodes[element, : e.order[element] + 1]
         angle[free] = self.system.state.place[at[:, 2]]
         angle = angle[nodes] + e.bend[element, : len(nodes)]
         return float(np.abs(np.angle(np.exp(1j * (angle - angle[0])))).max())
 
     def load_from_space(self, state: State, ties: Ties) -> None:
         """Copy the state of the spatial solver, and which closures act there [m, rad, s, N]."""
-        own, row = self.system.ties, self.model.space.row
-        own.acting[:], own.multiplier[:] = ties.acting[row], ties.multiplier[row]
+        own = self.system.ties
+        row = self.model.space.row
+        own.acting[:] = ties.acting[row]
+        own.multiplier[:] = ties.multiplier[row]
         if len(row):
             places = (own.place_a, own.a, ties.place_a), (own.place_b, own.b, ties.place_b)
             for seen_here, node, vectors in (*places, (own.u, own.a, ties.u), (own.w, own.b, ties.w)):
                 seen_here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
-        here, m, (free, at) = self.system.state, self.model, self._independent()
+        here = self.system.state
+        m = self.model
+        free, at = self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(here, name)[:] = m.pick @ getattr(state, name)
         turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
         here.place[at[:, :2]] = state.x[free] @ m.plane.axes[:, :2]
         here.place[at[:, 2]] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-        here.d[:], here.trend[:], here.bend[:], here.order[:] = 0.0, 0.0, 0.0, 0
+        here.d[:] = 0.0
+        here.trend[:] = 0.0
+        here.bend[:] = 0.0
+        here.order[:] = 0
 
     def store_to_space(self, state: State, ties: Ties) -> None:
         """Copy the state of this march to the spatial solver [m, rad, s, N]."""
         ties.multiplier[self.model.space.row] = self.system.ties.multiplier
-        here, m, (free, at) = self.system.state, self.model, self._independent()
+        here = self.system.state
+        m = self.model
+        free, at = self._independent()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(state, name)[:] = m.pick.T @ getattr(here, name)
-        (x, y, angle), space = here.place[at].T[:, :, None, None], m.space
+        x, y, angle = here.place[at].T[:, :, None, None]
+        space = m.space
         state.x[free] = np.column_stack([x.ravel(), y.ravel(), np.full(len(free), space.height)]) @ space.axes.T
         state.r[free] = np.cos(angle) * space.across[free] + np.sin(angle) * space.along[free] + space.normal[free]
         held = np.flatnonzero(~m.tree.independent & (m.tree.column >= 0))
         q = here.place[m.tree.offset[m.tree.block[held]] + m.tree.column[held], None]
         state.x[held] = self.mesh.offset[held] + q * m.topology.slide[held, 0]
         state.r[held] = self.mesh.rotation[held] @ exp_so3(q * m.topology.turn[held, 0])
-        state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
+        state.d[:] = 0.0
+        state.trend[:] = 0.0
+        state.bend[:] = 0.0
+        state.order[:] = 0
 
     def _independent(self) -> tuple[Indices, Indices]:
         """Independent nodes, and where x, y and theta of each stand among the unknowns, (nodes, 3)."""
@@ -143,9 +164,11 @@ class PlanarMarch:
             belong to it; None where it goes on
         row : of ``out`` to be written at each instant, that of the start included, -1 for none
         """
-        given, joint = self._given(*steps), _NOWHERE
+        given = self._given(*steps)
+        joint = _NOWHERE
         if start is not None:
-            here, nodes = self.model.joints.coordinates(*start), self.model.joints
+            here = self.model.joints.coordinates(*start)
+            nodes = self.model.joints
             given = np.concatenate([here[:, nodes.given], given])
             joint = np.zeros((self.mesh.size, 3))
             joint[nodes.node] = here[0]

@@ -101,7 +101,11 @@ def evaluate(system, given, moved):
 
     moved : whether poses or rates have changed since the last evaluation, and with them what the elements feel
     """
-    elements, frames, work, largest, worst = system.elements, system.frames, system.work, 0.0, 0
+    elements = system.elements
+    frames = system.frames
+    work = system.work
+    largest = 0.0
+    worst = 0
     forward_pass(system.tree, system.state, given, frames)
     tie_rows(system.ties, frames, False)
     if moved:
@@ -119,7 +123,10 @@ def evaluate(system, given, moved):
 @jit_inner
 def linearise(system, scheme):
     """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
-    tree, elements, frames, work = system.tree, system.elements, system.frames, system.work
+    tree = system.tree
+    elements = system.elements
+    frames = system.frames
+    work = system.work
     vary(tree, frames, scheme.cv, scheme.ca)
     passes.node_wrench_variations(tree, frames)
     planar_beam.point_hessians(elements, scheme.cv, work.points)
@@ -136,9 +143,15 @@ def newton(system, scheme, given, slow, most):
     Where only accelerations are asked for, the state stands still.
     slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
     """
-    tree, elements, ties = system.tree, system.elements, system.ties
-    state, work = system.state, system.work
-    size, fresh, last, damped = 0.0, True, scheme.mode == ACCELERATION, len(elements.damping) > 0
+    tree = system.tree
+    elements = system.elements
+    ties = system.ties
+    state = system.state
+    work = system.work
+    size = 0.0
+    fresh = True
+    last = scheme.mode == ACCELERATION
+    damped = len(elements.damping) > 0
     for iteration in range(most + 1):
         turned, worst = evaluate(system, given, scheme.mode != ACCELERATION)
         if not turned <= LARGEST_TURN:
@@ -150,7 +163,8 @@ def newton(system, scheme, given, slow, most):
             linearise(system, scheme)
         solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
         solve_border(ties, ties.layout.blocks, 1.0, work.y)
-        before, size = size, generalized_alpha.largest_increment(work.y[0], tree.scale)
+        before = size
+        size = generalized_alpha.largest_increment(work.y[0], tree.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         for i in range(len(state.d)):
@@ -171,7 +185,10 @@ def begin_step(system, scheme, given):
 
     Return whether that leaves something out [-].
     """
-    tree, ties, state, work = system.tree, system.ties, system.state, system.work
+    tree = system.tree
+    ties = system.ties
+    state = system.state
+    work = system.work
     copy(state.du, state.pseudo)
     jump = 0.0
     for i in range(len(state.du)):
@@ -223,9 +240,14 @@ def planar_march(system, step, start_at, still, given, row, out):
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
-    tree, ties, state = system.tree, system.ties, system.state
-    frames, work = system.frames, system.work
-    count, size, acts = 0, 0.0, any_acts(ties)
+    tree = system.tree
+    ties = system.ties
+    state = system.state
+    frames = system.frames
+    work = system.work
+    count = 0
+    size = 0.0
+    acts = any_acts(ties)
     if start_at.shape[0] > 0:
         stand(tree, state, start_at, frames)
         accept(state)
@@ -270,8 +292,12 @@ def planar_march(system, step, start_at, still, given, row, out):
 @jit_inner
 def record(sample, system, out):
     """Write one instant into the histories, in space [m, rad, s, N, J]."""
-    tree, elements, ties, space = system.tree, system.elements, system.ties, system.space
-    frames, work = system.frames, system.work
+    tree = system.tree
+    elements = system.elements
+    ties = system.ties
+    space = system.space
+    frames = system.frames
+    work = system.work
     for n in range(len(tree.parent)):
         _embed(space.axes, frames.pose[n], space.height, out.x[sample, n])
         _embed(space.axes, frames.rate[n], 0.0, out.v[sample, n])
@@ -291,13 +317,17 @@ def record(sample, system, out):
     for n in range(len(elements.order)):
         for i in range(elements.order[n] + 1):
             power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
-        side, axle = space.side[n], space.axle[elements.nodes[n, 0]]
+        side = space.side[n]
+        axle = space.axle[elements.nodes[n, 0]]
         for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal
-            at, internal = point_offset(n, g, elements.shape.shape[1]), out.internal[sample, n, g]
+            at = point_offset(n, g, elements.shape.shape[1])
+            internal = out.internal[sample, n, g]
             for i in range(3):
-                internal[i], internal[3 + i] = work.points[at + N2] * side[i], work.points[at + M] * axle[i]
+                internal[i] = work.points[at + N2] * side[i]
+                internal[3 + i] = work.points[at + M] * axle[i]
             internal[0] = work.points[at + N1]
-    stored, lost = energy(elements, work.points), planar_beam.dissipated(elements, work.rates)
+    stored = energy(elements, work.points)
+    lost = planar_beam.dissipated(elements, work.rates)
     put(out.energy[sample], 0, (stored, power, lost))
 
 

@@ -84,7 +84,8 @@ class PlanarFrames(NamedTuple):
 def forward_pass(tree, state, given, frames):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
-        o, own = tree.offset[tree.block[n]], tree.column[n]
+        o = tree.offset[tree.block[n]]
+        own = tree.column[n]
         if tree.independent[n]:
             put(frames.pose[n], 0, add(vec_at(state.place, o), vec_at(state.d, o)))
             put(frames.rate[n], 0, vec_at(state.u, o))
@@ -109,15 +110,25 @@ def motion_of(frames, n):
 @jit_inner
 def _carry(n, tree, frames):
     """Motion of a dependent node from its parent's, the equations at the head of the file."""
-    m, turn, e1, e2 = tree.parent[n], tree.turn[n], tree.slide[n, 0], tree.slide[n, 1]
-    q, dq, ddq = frames.joint[n, 0], frames.joint[n, 1], frames.joint[n, 2]
-    r1, r2 = tree.offset_p[n, 0] + q * e1, tree.offset_p[n, 1] + q * e2
+    m = tree.parent[n]
+    turn = tree.turn[n]
+    e1 = tree.slide[n, 0]
+    e2 = tree.slide[n, 1]
+    q = frames.joint[n, 0]
+    dq = frames.joint[n, 1]
+    ddq = frames.joint[n, 2]
+    r1 = tree.offset_p[n, 0] + q * e1
+    r2 = tree.offset_p[n, 1] + q * e2
     x, v, a = motion_of(frames, m)
     if m >= 0 and tree.shifted[n]:
         c, s = cos_sin(x[2])
         r1, r2, e1, e2 = c * r1 - s * r2, s * r1 + c * r2, c * e1 - s * e2, s * e1 + c * e2
-    frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = r1, r2, e1, e2
-    w, al = v[2], a[2]
+    frames.arm[n, 0] = r1
+    frames.arm[n, 1] = r2
+    frames.arm[n, 2] = e1
+    frames.arm[n, 3] = e2
+    w = v[2]
+    al = a[2]
     put(frames.pose[n], 0, (x[0] + r1, x[1] + r2, x[2] + turn * q))
     put(frames.rate[n], 0, (v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq))
     a1 = a[0] - al * r2 - w * w * r1 - 2 * w * dq * e2 + ddq * e1
@@ -129,7 +140,8 @@ def _carry(n, tree, frames):
 def stand(tree, state, joint, frames):
     """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
-        o, own = tree.offset[tree.block[n]], tree.column[n]
+        o = tree.offset[tree.block[n]]
+        own = tree.column[n]
         put(frames.joint[n], 0, vec(joint[n]))
         _carry(n, tree, frames)
         if tree.independent[n]:
@@ -137,7 +149,9 @@ def stand(tree, state, joint, frames):
             put(state.u, o, vec(frames.rate[n]))
             put(state.du, o, vec(frames.acceleration[n]))
         elif own >= 0:
-            state.place[o + own], state.u[o + own], state.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
+            state.place[o + own] = joint[n, 0]
+            state.u[o + own] = joint[n, 1]
+            state.du[o + own] = joint[n, 2]
 
 
 @jit_inner
@@ -145,7 +159,9 @@ def accept(state):
     """Let the next step start from the present velocities [m/s] and accelerations [m/s^2], without a past."""
     for k in range(len(state.d)):
         state.u0[k], state.du0[k], state.pseudo[k] = state.u[k], state.du[k], state.du[k]
-        state.d[k], state.trend[k], state.bend[k] = 0.0, 0.0, 0.0
+        state.d[k] = 0.0
+        state.trend[k] = 0.0
+        state.bend[k] = 0.0
     state.order[0] = 0
 
 
@@ -157,7 +173,8 @@ def vary_independent(tree, frames, cv, ca):
             for k in range(tree.size[tree.block[n]]):
                 for i in range(3):
                     own = 1.0 if k == i else 0.0
-                    frames.by_pose[n, k, i], frames.by_rate[n, k, i] = own, cv * own
+                    frames.by_pose[n, k, i] = own
+                    frames.by_rate[n, k, i] = cv * own
                     frames.by_acceleration[n, k, i] = ca * own
 
 
@@ -165,7 +182,8 @@ def vary_independent(tree, frames, cv, ca):
 def vary(tree, frames, cv, ca):
     """Set how dependent nodes move with the unknowns of their blocks [m, rad, s]."""
     for n in range(len(tree.parent)):
-        m, columns = tree.parent[n], tree.size[tree.block[n]]
+        m = tree.parent[n]
+        columns = tree.size[tree.block[n]]
         for k in range(0 if tree.independent[n] else columns):
             for by in (frames.by_pose, frames.by_rate, frames.by_acceleration):
                 put(by[n, k], 0, vec(by[m, k]) if m >= 0 else ZERO)
@@ -181,25 +199,42 @@ def vary_poses(tree, frames):
             x, y, turned = vec(frames.by_pose[m, k]) if m >= 0 else ZERO
             own = 1.0 if k == tree.column[n] else 0.0
             arm = frames.arm[n]
-            x, y = x + own * arm[2] - turned * arm[1], y + own * arm[3] + turned * arm[0]
+            x = x + own * arm[2] - turned * arm[1]
+            y = y + own * arm[3] + turned * arm[0]
             put(frames.by_pose[n, k], 0, (x, y, turned + own * tree.turn[n]))
 
 
 @jit_inner
 def _carry_variation(n, k, tree, frames, cv, ca):
     """Add to the variation of node n, on entry its parent's, the differential of `_carry` by unknown k."""
-    m, own = tree.parent[n], 1.0 if k == tree.column[n] else 0.0
+    m = tree.parent[n]
+    own = 1.0 if k == tree.column[n] else 0.0
     w, al = (frames.rate[m, 2], frames.acceleration[m, 2]) if m >= 0 else (0.0, 0.0)
-    turned, dw, dal = frames.by_pose[n, k, 2], frames.by_rate[n, k, 2], frames.by_acceleration[n, k, 2]
-    r1, r2, e1, e2 = frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3]
-    dq, ddq = frames.joint[n, 1], frames.joint[n, 2]
-    dr1, dr2 = own * e1 - turned * r2, own * e2 + turned * r1
-    s1, s2 = cv * own * e1 - turned * dq * e2, cv * own * e2 + turned * dq * e1  # d(S p')
-    z1, z2 = ca * own * e1 - turned * ddq * e2, ca * own * e2 + turned * ddq * e1  # d(S p'')
-    x, v, a, turn = frames.by_pose[n, k], frames.by_rate[n, k], frames.by_acceleration[n, k], own * tree.turn[n]
+    turned = frames.by_pose[n, k, 2]
+    dw = frames.by_rate[n, k, 2]
+    dal = frames.by_acceleration[n, k, 2]
+    r1 = frames.arm[n, 0]
+    r2 = frames.arm[n, 1]
+    e1 = frames.arm[n, 2]
+    e2 = frames.arm[n, 3]
+    dq = frames.joint[n, 1]
+    ddq = frames.joint[n, 2]
+    dr1 = own * e1 - turned * r2
+    dr2 = own * e2 + turned * r1
+    # d(S p')
+    s1 = cv * own * e1 - turned * dq * e2
+    s2 = cv * own * e2 + turned * dq * e1
+    # d(S p'')
+    z1 = ca * own * e1 - turned * ddq * e2
+    z2 = ca * own * e2 + turned * ddq * e1
+    x = frames.by_pose[n, k]
+    v = frames.by_rate[n, k]
+    a = frames.by_acceleration[n, k]
+    turn = own * tree.turn[n]
     put(x, 0, (x[0] + dr1, x[1] + dr2, turned + turn))
     put(v, 0, (v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn))
-    spin, dspin = w * w, 2 * w * dw
+    spin = w * w
+    dspin = 2 * w * dw
     a1 = a[0] - dal * r2 - al * dr2 - dspin * r1 - spin * dr1 - 2 * (dw * dq * e2 + w * s2) + z1
     a2 = a[1] + dal * r1 + al * dr1 - dspin * r2 - spin * dr2 + 2 * (dw * dq * e1 + w * s1) + z2
     put(a, 0, (a1, a2, dal + ca * turn))
@@ -209,7 +244,8 @@ def _carry_variation(n, k, tree, frames, cv, ca):
 def node_wrenches(tree, frames):
     """Set every node's own wrench P = m (a - g) [N], Q = J al [N m]."""
     for n in range(len(tree.parent)):
-        m, a = tree.mass[n], frames.acceleration[n]
+        m = tree.mass[n]
+        a = frames.acceleration[n]
         put(frames.wrench[n], 0, (m * (a[0] - tree.gravity[0]), m * (a[1] - tree.gravity[1]), tree.inertia[n] * a[2]))
 
 
@@ -217,7 +253,8 @@ def node_wrenches(tree, frames):
 def node_wrench_variations(tree, frames):
     """Set how every node's own wrench varies with the unknowns of its block [N], [N m]."""
     for n in range(len(tree.parent)):
-        m, j = tree.mass[n], tree.inertia[n]
+        m = tree.mass[n]
+        j = tree.inertia[n]
         for k in range(tree.size[tree.block[n]]):
             a = frames.by_acceleration[n, k]
             put(frames.dwrench[n, k], 0, (m * a[0], m * a[1], j * a[2]))
@@ -227,13 +264,16 @@ def node_wrench_variations(tree, frames):
 def gather(tree, state, frames, residual):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
     for n in range(len(tree.parent) - 1, -1, -1):
-        m, o, own = tree.parent[n], tree.offset[tree.block[n]], tree.column[n]
+        m = tree.parent[n]
+        o = tree.offset[tree.block[n]]
+        own = tree.column[n]
         f1, f2, mu = vec(frames.wrench[n])
         if tree.independent[n]:
             put(residual, o, (f1, f2, mu))
             continue
         if own >= 0:
-            u, du = state.u[o + own], state.du[o + own]
+            u = state.u[o + own]
+            du = state.du[o + own]
             drive = own_effort(law_at(tree.drives, n), 0.0, u, du, smooth_direction(u))
             residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
@@ -247,13 +287,21 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
     diagonal : (blocks, columns, columns); `gather` came before
     """
     for n in range(len(tree.parent) - 1, -1, -1):
-        m, b, own, columns = tree.parent[n], tree.block[n], tree.column[n], tree.size[tree.block[n]]
+        m = tree.parent[n]
+        b = tree.block[n]
+        own = tree.column[n]
+        columns = tree.size[tree.block[n]]
         f1, f2, _ = vec(frames.wrench[n])
-        r1, r2, e1, e2 = frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3]
+        r1 = frames.arm[n, 0]
+        r2 = frames.arm[n, 1]
+        e1 = frames.arm[n, 2]
+        e2 = frames.arm[n, 3]
         for k in range(columns):
             df1, df2, dmu = vec(frames.dwrench[n, k])
             if tree.independent[n]:
-                diagonal[b, 0, k], diagonal[b, 1, k], diagonal[b, 2, k] = df1, df2, dmu
+                diagonal[b, 0, k] = df1
+                diagonal[b, 1, k] = df2
+                diagonal[b, 2, k] = dmu
                 continue
             turned = frames.by_pose[m, k, 2] if m >= 0 else 0.0
             along = 1.0 if k == own else 0.0
@@ -262,5 +310,6 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
                 direction = smooth_direction(state.u[tree.offset[b] + own])
                 diagonal[b, own, k] = slope + along * own_slope(law_at(tree.drives, n), direction, cv, ca)
             if m >= 0:
-                dr1, dr2 = along * e1 - turned * r2, along * e2 + turned * r1
+                dr1 = along * e1 - turned * r2
+                dr2 = along * e2 + turned * r1
                 add_to(frames.dwrench[m, k], 0, (df1, df2, dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1))

@@ -53,11 +53,14 @@ class PlanarFactors(NamedTuple):
 def put_stiffness(tree, elements, points, frames, factors):
     """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
     for k in range(len(elements.order)):
-        order, root, own = elements.order[k], elements.nodes[k, 0], factors.inverse[k]
+        order = elements.order[k]
+        root = elements.nodes[k, 0]
+        own = factors.inverse[k]
         columns = tree.size[tree.block[root]]
         for r in range(3 * order, factors.rows[k]):
             for c in range(factors.rows[k]):
-                own[r, c], own[c, r] = 0.0, 0.0
+                own[r, c] = 0.0
+                own[c, r] = 0.0
         for i in range(order):
             if columns > 0:
                 stiffness = pair_stiffness(k, i + 1, 0, elements, points)
@@ -100,7 +103,8 @@ def _is_small(k, tree, elements, factors):
 def _condense_small(k, tree, elements, frames, factors):
     """`_condense` of a small element."""
     root = elements.nodes[k, 0]
-    own, first = factors.diagonal[tree.block[elements.nodes[k, 1]]], factors.diagonal[tree.block[root]]
+    own = factors.diagonal[tree.block[elements.nodes[k, 1]]]
+    first = factors.diagonal[tree.block[root]]
     inverse = inverse_transposed(madd(mat(factors.inverse[k]), mat(own)))
     b = mul(mat(frames.by_pose[root]), mat(factors.to_root[k]))
     x = mul(b, inverse)
@@ -113,17 +117,25 @@ def _condense_small(k, tree, elements, frames, factors):
 @jit_inner
 def _condense(k, tree, elements, frames, factors):
     """Condense element k onto its first block."""
-    nodes, rows, inverse, b, x = elements.nodes[k], factors.rows[k], factors.inverse[k], factors.b[k], factors.x[k]
-    root, first = nodes[0], tree.block[nodes[0]]
+    nodes = elements.nodes[k]
+    rows = factors.rows[k]
+    inverse = factors.inverse[k]
+    b = factors.b[k]
+    x = factors.x[k]
+    root = nodes[0]
+    first = tree.block[nodes[0]]
     columns = tree.size[first]
     for i in range(1, elements.order[k] + 1):
-        block, place = tree.block[nodes[i]], factors.row[k, i]
+        block = tree.block[nodes[i]]
+        place = factors.row[k, i]
         for r in range(tree.size[block]):
             for c in range(tree.size[block]):
                 inverse[place[c], place[r]] += factors.diagonal[block, r, c]
     invert(inverse, rows)
     for c in range(columns):
-        v1, v2, v3 = frames.by_pose[root, c, 0], frames.by_pose[root, c, 1], frames.by_pose[root, c, 2]
+        v1 = frames.by_pose[root, c, 0]
+        v2 = frames.by_pose[root, c, 1]
+        v3 = frames.by_pose[root, c, 2]
         for r in range(rows):
             b[c, r] = factors.to_root[k, 0, r] * v1 + factors.to_root[k, 1, r] * v2 + factors.to_root[k, 2, r] * v3
         _transposed_product(inverse, b[c], x[c], rows)  # behind its rows b is zero
@@ -138,7 +150,10 @@ def _transposed_product(a, v, out, size):
     for r in range(size):
         out[r] = 0.0
     for c in range(0, size, ROWS_AT_ONCE):
-        p, q, s, t = v[c], v[c + 1], v[c + 2], v[c + 3]
+        p = v[c]
+        q = v[c + 1]
+        s = v[c + 2]
+        t = v[c + 3]
         if p == 0.0 and q == 0.0 and s == 0.0 and t == 0.0:  # closures are felt at their nodes only
             continue
         for r in range(size):
@@ -150,7 +165,10 @@ def _transposed_product(a, v, out, size):
 @jit_inner
 def _dot(a, b, size):
     """a . b, with zeros behind ``size`` up to a multiple of ROWS_AT_ONCE."""
-    p, q, s, t = 0.0, 0.0, 0.0, 0.0
+    p = 0.0
+    q = 0.0
+    s = 0.0
+    t = 0.0
     for r in range(0, size, ROWS_AT_ONCE):
         p += a[r] * b[r]
         q += a[r + 1] * b[r + 1]
@@ -178,7 +196,10 @@ def solve_part(tree, elements, factors, part, residual, y):
             add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
         else:
             _solve_own(k, tree, elements, factors, residual, factors.found[k], first)
-    size, start, line = tree.size[part], tree.offset[part], factors.line  # the block on the world
+    # the block on the world
+    size = tree.size[part]
+    start = tree.offset[part]
+    line = factors.line
     for r in range(size):
         line[0, r] = residual[start + r]
     for r in range(size, -(-size // ROWS_AT_ONCE) * ROWS_AT_ONCE):
@@ -202,7 +223,9 @@ def solve_part(tree, elements, factors, part, residual, y):
 @jit_inner
 def _solve_own(k, tree, elements, factors, residual, found, first):
     """S^-1 r of an element, and what its own unknowns do to the residual of its first block while that stands still."""
-    rows, own, line = factors.rows[k], factors.own[k], factors.line[0]
+    rows = factors.rows[k]
+    own = factors.own[k]
+    line = factors.line[0]
     for r in range(rows):
         line[r] = residual[own[r]]
     for r in range(rows, -(-rows // ROWS_AT_ONCE) * ROWS_AT_ONCE):

@@ -27,7 +27,8 @@ from flexinv.typing import Array
 LINE = np.uint64(8)  # numbers in a line of the cache
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
 # motion is; whether nothing was done (efforts would be written over what is read); and of every block of loops whether it is.
-OVERLAP, CALL_CELLS = 4, 5
+OVERLAP = 4
+CALL_CELLS = 5
 _BYTES = np.uint64(8)
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
 SUMS_EVERY = np.uint64(8)
@@ -65,7 +66,8 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
     """Copy the columns of a block into rows, and fetch those of the next block."""
     if by_sample == 1:
         for j in range(columns.shape[0]):
-            first, at = columns[j], start + np.uint64(j) * by_column
+            first = columns[j]
+            at = start + np.uint64(j) * by_column
             for k in range(lanes):
                 work[first + k] = x[at + k]
             for k in range(LANES, LANES + LANES, LINE):
@@ -76,7 +78,8 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
         for k in range(np.uint64(0), LINE * by_sample, LINE):
             fetch(x, at + LANES * by_sample + k)
         for j in range(columns.shape[0]):
-            first, of = columns[j] + tile, at + np.uint64(j)
+            first = columns[j] + tile
+            of = at + np.uint64(j)
             if lanes - tile >= LINE:
                 for k in range(LINE):
                     work[first + k] = x[of + k * by_sample]
@@ -89,7 +92,8 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
 def _add(work, columns, lanes, x, start, by_sample, by_column):
     """Add the columns of a block to rows."""
     for j in range(columns.shape[0]):
-        first, at = columns[j], start * by_sample + np.uint64(j) * by_column
+        first = columns[j]
+        at = start * by_sample + np.uint64(j) * by_column
         for k in range(lanes):
             work[first + k] += x[at + k * by_sample]
 
@@ -99,7 +103,8 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
     """Copy rows to the columns of a block."""
     if by_sample == 1:
         for j in range(columns.shape[0]):
-            first, at = columns[j], start + np.uint64(j) * by_column
+            first = columns[j]
+            at = start + np.uint64(j) * by_column
             for k in range(lanes):
                 x[at + k] = work[first + k]
         return
@@ -115,11 +120,15 @@ def _blocks(system, series, work, counter):
     where cosines and sines are those of no angle."""
     tree, numbers, columns, plan, fixed = system
     q, qd, qdd, tau, strides, samples = series
-    nv, wrong = tree[0, 0], 0
+    nv = tree[0, 0]
+    wrong = 0
     nq = columns.shape[0] - 2 * nv
-    for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
+    for_q = columns[:nq]
+    for_qd = columns[nq : nq + nv]
+    for_qdd = columns[nq + nv :]
     loops = plan[layout.LIMITS] > 0
-    block, again = take(counter), False
+    block = take(counter)
+    again = False
     while True:
         start = block * LANES
         if start >= samples:
@@ -183,12 +192,18 @@ def attend(mail, patience):
         at, (size,) = array_word(mail, MAIL_NUMBERS)
         numbers = reals(at, (size // NUMBERS, NUMBERS))
         strides = wholes(array_word(mail, MAIL_STRIDES)[0], (4, 2))
-        columns, plan = wholes(*array_word(mail, MAIL_COLUMNS)), wholes(*array_word(mail, MAIL_PLAN))
-        fixed, tau = reals(*array_word(mail, MAIL_FIXED)), reals(*array_word(mail, MAIL_TAU))
-        q, qd = reals(*array_word(mail, MAIL_Q)), reals(*array_word(mail, MAIL_QD))
-        qdd, samples = reals(*array_word(mail, MAIL_QDD)), mail[MAIL_SAMPLES]
-        system, series = TorqueSystem(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
-        work, counter = reals(*array_word(mail, MAIL_WORK)), wholes(*array_word(mail, MAIL_COUNTER))
+        columns = wholes(*array_word(mail, MAIL_COLUMNS))
+        plan = wholes(*array_word(mail, MAIL_PLAN))
+        fixed = reals(*array_word(mail, MAIL_FIXED))
+        tau = reals(*array_word(mail, MAIL_TAU))
+        q = reals(*array_word(mail, MAIL_Q))
+        qd = reals(*array_word(mail, MAIL_QD))
+        qdd = reals(*array_word(mail, MAIL_QDD))
+        samples = mail[MAIL_SAMPLES]
+        system = TorqueSystem(tree, numbers, columns, plan, fixed)
+        series = Series(q, qd, qdd, tau, strides, samples)
+        work = reals(*array_word(mail, MAIL_WORK))
+        counter = wholes(*array_word(mail, MAIL_COUNTER))
         mail[worker_pool.ANSWER] = _blocks(system, series, work, counter)
         store(mail, worker_pool.STATE, worker_pool.DONE)
     store(mail, worker_pool.SLEEPS, 1)
@@ -197,7 +212,8 @@ def attend(mail, patience):
 @jit_lanes
 def _meet(a, b):
     """Return True if two arrays overlap in memory."""
-    at, to = address(a), address(b)
+    at = address(a)
+    to = address(b)
     return at < to + _BYTES * np.uint64(b.size) and to < at + _BYTES * np.uint64(a.size)
 
 
@@ -217,7 +233,8 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     if plan[layout.LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
             begin(plan, fixed, work[i], min(samples, LANES))
-    system, series = TorqueSystem(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
+    system = TorqueSystem(tree, numbers, columns, plan, fixed)
+    series = Series(q, qd, qdd, tau, strides, samples)
     for i in range(mails.shape[0]):
         _offer(mails[i], system, series, work[i + 1], counter)
     counter[1] += _blocks(system, series, work[0], counter)

@@ -56,9 +56,21 @@ class CarriedBodies(NamedTuple):
 
 # Where numbers of an axis stand, S, psi', psi'' and psi' + S' (motions and forces are angular part first), and those of a body:
 # the sums m, h, p, f, J and A of itself and of all that it carries; its velocity and acceleration.
-AXIS, AXIS_RATE, AXIS_SECOND, AXIS_SLOPE, AXIS_CELLS = 0, 6, 12, 18, 24
-MASS, FIRST_MOMENT, MOMENTUM, BODY_WRENCH, INERTIA, GYRATION, SUMS = 0, 1, 4, 7, 13, 22, 31
-VELOCITY, VELOCITY_RATE, BODY_CELLS = 31, 37, 43
+AXIS = 0
+AXIS_RATE = 6
+AXIS_SECOND = 12
+AXIS_SLOPE = 18
+AXIS_CELLS = 24
+MASS = 0
+FIRST_MOMENT = 1
+MOMENTUM = 4
+BODY_WRENCH = 7
+INERTIA = 13
+GYRATION = 22
+SUMS = 31
+VELOCITY = 31
+VELOCITY_RATE = 37
+BODY_CELLS = 43
 
 
 @jit_inner
@@ -121,7 +133,8 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
     for i in range(3):
         put(body, INERTIA + 3 * i, about[i])
     v = _pair(body, VELOCITY)
-    (w, u), (n, p) = v, _times_inertia(body, v)
+    w, u = v
+    n, p = _times_inertia(body, v)
     put(body, MOMENTUM, p)
     _put_pair(body, BODY_WRENCH, _plus(_times_inertia(body, _pair(body, VELOCITY_RATE)), force_cross(v, (n, p))))
     for k in range(3):
@@ -135,7 +148,8 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
 @jit_inner
 def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
-    s, rate = _pair(axes[j], AXIS), _pair(axes[j], AXIS_RATE)
+    s = _pair(axes[j], AXIS)
+    rate = _pair(axes[j], AXIS_RATE)
     inertial = _times_inertia(body, s)
     by_place = _plus(_times_coupling(body, rate), _times_inertia(body, _pair(axes[j], AXIS_SECOND)))
     turned = _plus(by_place, force_cross(s, _pair(body, BODY_WRENCH)))
@@ -168,16 +182,23 @@ def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_q
     for s in range(motion.x.shape[0]):
         c = vec(motion.x[s, carried.node[1]])
         for b in range(1, len(carried.node)):
-            n, body, above = carried.node[b], bodies[b], bodies[carried.parent[b]]
-            r, arm = mat(motion.r[s, n]), sub(vec(motion.x[s, n]), c)
-            w, al, v = apply(r, vec(motion.w[s, n])), apply(r, vec(motion.al[s, n])), vec(motion.v[s, n])
+            n = carried.node[b]
+            body = bodies[b]
+            above = bodies[carried.parent[b]]
+            r = mat(motion.r[s, n])
+            arm = sub(vec(motion.x[s, n]), c)
+            w = apply(r, vec(motion.w[s, n]))
+            al = apply(r, vec(motion.al[s, n]))
+            v = vec(motion.v[s, n])
             a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)  # of c, free of gravity
             _put_pair(body, VELOCITY, (w, sub(v, cross(w, arm))))
             _put_pair(body, VELOCITY_RATE, (al, a))
             _set_body(body, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
-            up, up_rate = _pair(above, VELOCITY), _pair(above, VELOCITY_RATE)
+            up = _pair(above, VELOCITY)
+            up_rate = _pair(above, VELOCITY_RATE)
             for i in range(carried.freedoms[b]):
-                t, own = apply(r, vec(carried.turn[b, i])), axes[carried.first[b] + i]
+                t = apply(r, vec(carried.turn[b, i]))
+                own = axes[carried.first[b] + i]
                 axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
                 rate = motion_cross(up, axis)
                 _put_pair(own, AXIS, axis)

@@ -41,10 +41,12 @@ from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, flag, of_kind, whole
 THREADS = "1 or more, or None for one per processor"
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
 # 1 us) and of one that sleeps (within 30 us).
-WORTH_HELP, WORTH_WAKING = 2_000, 16_000
+WORTH_HELP = 2_000
+WORTH_WAKING = 16_000
 NODAL_SAMPLES = 512  # samples whose nodal motion is in memory at once, where springs and given forces act on nodes
 
-_ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
+_ONE = np.uint64(1)
+_ONE_SAMPLE = np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
 _COMPILING = Lock()
 
@@ -134,8 +136,12 @@ class TorqueFunction(ByValue):
             tau.fill(0.0)
             self._add_applied(rows[:3], rows[3])
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
-        b, own, loops = self.bodies, self._own, (self.plan.plan, self.plan.fixed)
-        samples, work, counter = np.uint64(len(rows[0])), own.work, own.cells(len(rows[0]))
+        b = self.bodies
+        own = self._own
+        loops = (self.plan.plan, self.plan.fixed)
+        samples = np.uint64(len(rows[0]))
+        work = own.work
+        counter = own.cells(len(rows[0]))
         call = samples, work, counter, mails
         try:
             ended = torque_blocks(b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), *call)
@@ -164,7 +170,8 @@ class TorqueFunction(ByValue):
             every node and sample: many samples are best given in parts.
         Raises InputError as `torques` does.
         """
-        m, mesh = self.mechanism, self.mesh
+        m = self.mechanism
+        mesh = self.mesh
         q, qd, qdd = joint_arrays.contiguous(m, (q, qd, qdd), order)
         motion = rigid_motion(mesh, q, qd, qdd)
         acting = applied_forces(mesh, motion, np.zeros(len(q)))
@@ -187,7 +194,9 @@ class TorqueFunction(ByValue):
             the way of `torques`, which converts what are numbers, and refuses what are none.
         Raises InputError as `torques` does.
         """
-        b, m, (nq, nv) = self.bodies, self.mechanism, self._widths
+        b = self.bodies
+        m = self.mechanism
+        nq, nv = self._widths
         # Numba's look at the arguments takes bytes of any order for floats of this machine, and masked arrays for their data.
         if self.loaded or not (type(q) is type(qd) is type(qdd) is type(out) is ARRAY_TYPE):
             return self.torques(q, qd, qdd, out)
@@ -286,22 +295,28 @@ def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> Torqu
     compile_for_arrays()
     loops = GivenLoops(mesh) if mechanism.closures else None
     table, plan = freeze(_loop_plan(mesh, passive))
-    own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[layout.APPLIED])
+    own = _Own(most, max(table.size, plan.size))
+    loaded = bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv
     return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)
 
 
 def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
     """The bodies, and how the kernel shares efforts out."""
-    m, plain = mesh.mechanism, bodies(mesh, passive)
+    m = mesh.mechanism
+    plain = bodies(mesh, passive)
     if not m.closures:
         return plain, NO_LOOPS
     rows = constraint_rows(mesh)
 
     def run(bodies: Bodies, plan: LoopPlan) -> Array:
-        q, rest, work = anywhere(m, PLACES), np.zeros((3, PLACES * m.nv)), np.zeros((1, plan.size))
-        strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
-        motion, loops = (q.ravel(), *rest[:3], strides, np.uint64(PLACES)), (plan.plan, plan.fixed)
+        q = anywhere(m, PLACES)
+        rest = np.zeros((3, PLACES * m.nv))
+        work = np.zeros((1, plan.size))
+        strides = _table(((m.nq, 1), *[(m.nv, 1)] * 3))
+        counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+        motion = (q.ravel(), *rest[:3], strides, np.uint64(PLACES))
+        loops = (plan.plan, plan.fixed)
         torque_blocks(bodies.tree, bodies.numbers, bodies.columns, *loops, *motion, work, counter, _NOBODY)
         return work.ravel()
 

@@ -29,12 +29,16 @@ def regressor_samples(joints, link_node, gravity, motion, out):
     for s in range(motion.x.shape[0]):
         for link in range(len(link_node)):
             n = link_node[link]
-            rn, xn = mat(motion.r[s, n]), vec(motion.x[s, n])
-            w, al = vec(motion.w[s, n]), vec(motion.al[s, n])
-            a, m = tapply(rn, sub(vec(motion.a[s, n]), g)), n
+            rn = mat(motion.r[s, n])
+            xn = vec(motion.x[s, n])
+            w = vec(motion.w[s, n])
+            al = vec(motion.al[s, n])
+            a = tapply(rn, sub(vec(motion.a[s, n]), g))
+            m = n
             while m >= 0:
                 for i in range(joints.freedoms[m]):
-                    rm, arm = mat(motion.r[s, m]), sub(xn, vec(motion.x[s, m]))
+                    rm = mat(motion.r[s, m])
+                    arm = sub(xn, vec(motion.x[s, m]))
                     axis = apply(rm, vec(joints.turn[m, i]))
                     p = tapply(rn, add(apply(rm, vec(joints.slide[m, i])), cross(axis, arm)))
                     t = tapply(rn, axis)

@@ -43,23 +43,30 @@ def torque_derivatives(
     Raises InputError for a flexible mechanism, closures, springs between points or given forces, wrong shapes.
     Equals Pinocchio's ``computeRNEADerivatives`` to rounding; equations at the head of `derivative_kernel`.
     """
-    states, passive = checked_states(mechanism, q, qd, qdd), flag("passive", passive)
+    states = checked_states(mechanism, q, qd, qdd)
+    passive = flag("passive", passive)
     for what in ("springs", "forces"):
         if getattr(mechanism, what):
             raise InputError(
                 f"torque_derivatives: mechanism '{mechanism.name}' has {what} between points or on links, whose derivative is "
                 "not given; take differences of flexinv.joint_torques"
             )
-    f, samples = prepare(mechanism, passive), len(states[0])
+    f = prepare(mechanism, passive)
+    samples = len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
-    mesh, b, gravity = f.mesh, f.bodies, np.array(mechanism.gravity, dtype=float)
-    inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
+    mesh = f.mesh
+    b = f.bodies
+    gravity = np.array(mechanism.gravity, dtype=float)
+    inertia = np.zeros((len(b.node), 3, 3))
+    h = np.zeros((len(b.node), 3))
     for i, (r, row) in enumerate(zip(b.axes[1:], b.numbers[1:], strict=True), start=1):
         xx, yy, zz, xy, xz, yz = row[16:22]
         second = r @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ r.T
-        inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
+        inertia[i] = np.trace(second) * np.eye(3) - second
+        h[i] = r @ row[13:16]
     mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
-    parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
+    parent = b.tree[:, 1].astype(np.int64)
+    at = np.maximum(b.node, 0)
     at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
     carried = CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
     scratch = np.zeros((mechanism.nv, AXIS_CELLS)), np.zeros((len(carried.node), BODY_CELLS))
@@ -67,7 +74,8 @@ def torque_derivatives(
         part = slice(start, start + NODAL_SAMPLES)
         motion = rigid_motion(mesh, *(state[part] for state in states)).frames
         derivative_samples(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
-    own, law = np.arange(mechanism.nv), laws_of(mechanism)
+    own = np.arange(mechanism.nv)
+    law = laws_of(mechanism)
     out.qdd[:, own, own] += law.rotor
     if passive:
         out.q[:, own, own] += law.stiffness

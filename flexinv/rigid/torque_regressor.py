@@ -90,7 +90,9 @@ def link_parameters(link: Link) -> Array:
     """Return m, h, I (10,) of a rigid link and all that it carries [kg], [kg m], [kg m^2], about its frame's origin."""
     out = np.zeros(PARAMETERS)
     for body in link.bodies:
-        m, c, tensor = body.inertia.mass, body.inertia.com, body.inertia.tensor
+        m = body.inertia.mass
+        c = body.inertia.com
+        tensor = body.inertia.tensor
         about = tensor + m * (c @ c * np.eye(3) - np.outer(c, c))
         out += np.concatenate([[m], m * c, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
     return out
@@ -116,7 +118,9 @@ def torque_regressor(
             f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
             'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
         )
-    states, drives, mesh = checked_states(mechanism, q, qd, qdd), flag("drives", drives), build(mechanism)
+    states = checked_states(mechanism, q, qd, qdd)
+    drives = flag("drives", drives)
+    mesh = build(mechanism)
     matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
@@ -128,13 +132,16 @@ def torque_regressor(
     if drives:
         parts += [_drive(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
     columns, named, units, numbers = zip(*parts, strict=True)
-    whole_matrix, values = np.concatenate(columns, axis=2), np.concatenate(numbers)
+    whole_matrix = np.concatenate(columns, axis=2)
+    values = np.concatenate(numbers)
     return Regressor(whole_matrix, tuple(chain(*named)), tuple(chain(*units)), values)
 
 
 def _drive(mechanism: Mechanism, joint: Joint, *states: Array) -> tuple[Array, list[str], tuple[str, ...], Array]:
     """Columns, names, units and values of what a joint's drive takes."""
-    (q, qd, qdd), rows, turns = states, mechanism.v_slices[joint.name], KINDS[joint.kind].units != ("m",)
+    q, qd, qdd = states
+    rows = mechanism.v_slices[joint.name]
+    turns = KINDS[joint.kind].units != ("m",)
     place = np.zeros_like(qd[:, rows])
     if joint.nv == 1:
         place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
@@ -162,7 +169,8 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
         raise InputError("base parameters: the regressor is zero; give a motion that moves the mechanism")
     seen = np.flatnonzero(size > DEPENDENT * size.max())
     scaled = y[:, seen] / size[seen]
-    kept, basis = list[int](), np.zeros((len(y), 0))
+    kept = list[int]()
+    basis = np.zeros((len(y), 0))
     for k, column in enumerate(scaled.T):  # those that do not depend on the ones before them
         left = column - basis @ (basis.T @ column)
         left -= basis @ (basis.T @ left)  # once more: orthogonal to rounding
@@ -185,10 +193,12 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
 def random_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] that move everything, in all directions."""
     of_kind("mechanism", mechanism, Mechanism)
-    samples, random = whole("samples", samples, 0), np.random.default_rng(whole("seed", seed, 0))
+    samples = whole("samples", samples, 0)
+    random = np.random.default_rng(whole("seed", seed, 0))
     q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
     for joint in mechanism.joints:
-        part, kind = mechanism.q_slices[joint.name], KINDS[joint.kind]
+        part = mechanism.q_slices[joint.name]
+        kind = KINDS[joint.kind]
         if kind.circle or kind.has_quaternion:
             unit = slice(part.stop - (2 if kind.circle else 4), part.stop)
             turn = random.normal(size=(samples, unit.stop - unit.start))

@@ -40,7 +40,8 @@ _R, _P, _MOMENTS, _SECOND, _TILT, _ZERO, _CHILD, _STEP = (
 )  # fmt: skip
 ONE_AXIS = 8 * np.finfo(float).eps  # sine of the angle between two axes that are one: what rounding leaves of it
 TURNING_KINDS = (REVOLUTE, CONTINUOUS)
-_SCALAR, _QUATERNION = ((recursion.RATE,), (recursion.EFFORT,)), _following(recursion.QUATERNION, 4)
+_SCALAR = ((recursion.RATE,), (recursion.EFFORT,))
+_QUATERNION = _following(recursion.QUATERNION, 4)
 # Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations.
 _ROWS: dict[int, tuple[tuple[np.uint64, ...], ...]] = {
     **dict.fromkeys((REVOLUTE, PRISMATIC, HELICAL), ((recursion.PLACE,), *_SCALAR)),
@@ -122,7 +123,8 @@ def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i
 def _place(row: Array, r: Array, p: Array, on: bool) -> None:
     """Write R_parent,body at the coordinate's zero, as R = Rx(tilt) Rz(zero) where the frames lie so, and p."""
     row[_P] = p
-    tilt, zero = (r[2, 2], -r[1, 2]), (r[0, 0], -r[0, 1])
+    tilt = (r[2, 2], -r[1, 2])
+    zero = (r[0, 0], -r[0, 1])
     row[_R] = np.eye(3).ravel() if on else r.ravel()
     row[_TILT] = tilt / np.hypot(*tilt) if on else (1.0, 0.0)
     row[_ZERO] = zero / np.hypot(*zero) if on else (1.0, 0.0)
@@ -131,13 +133,15 @@ def _place(row: Array, r: Array, p: Array, on: bool) -> None:
 def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
     """Return for each node the moving node (-1: the world) that it is fixed on, and R [-], x [m] in that node's frame."""
     carrier = np.full(mesh.size, -1, dtype=np.int64)
-    turn, place = np.tile(np.eye(3), (mesh.size, 1, 1)), np.zeros((mesh.size, 3))
+    turn = np.tile(np.eye(3), (mesh.size, 1, 1))
+    place = np.zeros((mesh.size, 3))
     for n in range(mesh.size):
         parent = int(mesh.parent[n])
         if mesh.v_index[n] >= 0:
             carrier[n] = n
         elif parent < 0:
-            turn[n], place[n] = mesh.rotation[n], mesh.offset[n]
+            turn[n] = mesh.rotation[n]
+            place[n] = mesh.offset[n]
         else:
             carrier[n] = carrier[parent]
             turn[n], place[n] = turn[parent] @ mesh.rotation[n], place[parent] + turn[parent] @ mesh.offset[n]
@@ -164,7 +168,8 @@ def _axes(mesh: Mesh, node: int, other: Array | None) -> Array:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return a x b of two plain vectors: numpy's own takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
@@ -173,7 +178,8 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
     for n, i in enumerate(body):
         if i == 0:
             continue
-        x, r = axes[i].T @ place[n], axes[i].T @ turn[n]
+        x = axes[i].T @ place[n]
+        r = axes[i].T @ turn[n]
         own = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
         second = mesh.mass[n] * np.outer(x, x) + r @ own @ r.T
         numbers[i, _MOMENTS] += mesh.mass[n] * np.array([1.0, *x])
@@ -185,11 +191,14 @@ def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) 
     rows = [0, *(recursion.FREE_ROWS if k in (SPHERICAL, FREE) else recursion.SCALAR_ROWS for k in kinds[1:])]
     first = np.concatenate([[0], np.cumsum(rows)])
     tree = np.zeros((len(kinds), int(recursion.TREE)), dtype=np.uint64)
-    state, slots = [0] * len(kinds), 0
+    state = [0] * len(kinds)
+    slots = 0
     for i, parent in enumerate(parents):
-        how, source = recursion.FROM_WORLD, state[parent]
+        how = recursion.FROM_WORLD
+        source = state[parent]
         if i and parent and last.get(parent) == i:
-            state[i], how = source, recursion.ON if _is_on(kinds, parents, last, i) else recursion.TURNED
+            state[i] = source
+            how = recursion.ON if _is_on(kinds, parents, last, i) else recursion.TURNED
         elif i:
             how = recursion.COPIED if parent else recursion.FROM_WORLD
             state[i] = int(first[-1]) + recursion.STATE_ROWS * slots
@@ -200,11 +209,13 @@ def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) 
 
 def _columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
-    m, columns = mesh.mechanism, list[np.uint64]()
+    m = mesh.mechanism
+    columns = list[np.uint64]()
     for part in range(3):
         own = np.zeros(m.nv if part else m.nq, np.uint64)
         for n, (_, _, first, *_) in zip(moving, tree[1:], strict=True):
-            at, rows = (mesh.v_index if part else mesh.q_index)[n], _ROWS[int(mesh.kind[n])][part]
+            at = (mesh.v_index if part else mesh.q_index)[n]
+            rows = _ROWS[int(mesh.kind[n])][part]
             own[at : at + len(rows)] = [first + row for row in rows]
         columns.extend(own)
     return np.array(columns, dtype=np.uint64)

@@ -41,8 +41,14 @@ ACCELERATION_ROUNDING = 1e-14
 SOME = np.uint64(4)  # samples of a block whose sums |G| |qd| are taken
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0
-_ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
-_NONE, _THREE_ROWS, _SIX = (0.0, 0.0, 0.0), row(3), tuple(row(layout.SIX * i) for i in range(layout.SIX))
+_ZERO = np.uint64(0)
+_ONE = np.uint64(1)
+_TWO = np.uint64(2)
+_THREE = np.uint64(3)
+_FIVE = np.uint64(5)
+_NONE = (0.0, 0.0, 0.0)
+_THREE_ROWS = row(3)
+_SIX = tuple(row(layout.SIX * i) for i in range(layout.SIX))
 
 
 @jit_lanes
@@ -58,11 +64,17 @@ def coupled(plan, fixed, work, own, lanes, closure, offset):
         put_vec(own, layout.GAP, k, (-offset, 0.0, 0.0))
     for j in range(closure.columns):
         column = layout.column_at(plan, closure.first + j)
-        gear, to, place, rate, second = fixed[column.signs], column.to, column.axis, column.rate, column.acceleration
+        gear = fixed[column.signs]
+        to = column.to
+        place = column.axis
+        rate = column.rate
+        second = column.acceleration
         for k in range(lanes):
-            work[to + k], work[to + layout.ENTRIES + k] = gear * gear, gear
+            work[to + k] = gear * gear
+            work[to + layout.ENTRIES + k] = gear
             phi, phi1, phi2 = vec_of(own, layout.GAP, k)
-            phi, phi1 = phi + gear * work[place + k], phi1 + gear * work[rate + k]
+            phi = phi + gear * work[place + k]
+            phi1 = phi1 + gear * work[rate + k]
             put_vec(own, layout.GAP, k, (phi, phi1, phi2 + gear * work[second + k]))
     for k in range(lanes):
         phi, phi1, phi2 = vec_of(own, layout.GAP, k)
@@ -111,16 +123,20 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
 
     Of three positions in space the square of phi' is that of d'.
     """
-    limits, own, together = work[plan[layout.LIMITS] :], work[closure.own :], in_space and closure.kind == layout.WHOLE
+    limits = work[plan[layout.LIMITS] :]
+    own = work[closure.own :]
+    together = in_space and closure.kind == layout.WHOLE
     for k in range(lanes):
-        (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
+        a, b, c = vec_of(own, layout.SQUARES, k)
+        x, y, z = vec_of(limits, _ZERO, k)
         if together:
             d1 = vec_of(own, layout.GAP_RATE, k)
             b += dot(d1, d1)
         put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
     if not sums:
         return
-    of_rows, length = closure.positions, fixed[_THREE]
+    of_rows = closure.positions
+    length = fixed[_THREE]
     if closure.kind == layout.WHOLE:
         of_rows = _ONE if together else _TWO
     largest = limits[layout.LARGEST :]
@@ -135,7 +151,8 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
                 speed, size = _sums(plan, work, k, closure, j)
             largest[0], largest[1] = max(largest[0], scale * speed), max(largest[1], scale * size)
         if closure.state_a > _ZERO:
-            one, other = work[closure.state_a :], work[closure.state_b :]
+            one = work[closure.state_a :]
+            other = work[closure.state_b :]
             largest[2] = max(largest[2], _acceleration(one, k, length) + _acceleration(other, k, length))
 
 
@@ -143,7 +160,8 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
 def _pair(scratch, one, other, lanes):
     """Make the larger of two entries the pivot; keep the factor by which the smaller one goes, whether they change places [-]."""
     for k in range(lanes):
-        a, b = one[k], other[k]
+        a = one[k]
+        b = other[k]
         changed = abs(b) > abs(a)
         pivot, rest = (b, a) if changed else (a, b)
         one[k] = pivot + _NOTHING
@@ -155,9 +173,11 @@ def _pair(scratch, one, other, lanes):
 def _combine(scratch, one, other, lanes):
     """Combine two other entries of these rows [any unit]."""
     for k in range(lanes):
-        a, b = one[k], other[k]
+        a = one[k]
+        b = other[k]
         pivot, rest = (b, a) if scratch[layout.CHANGED + k] != 0.0 else (a, b)
-        one[k], other[k] = pivot + _NOTHING, rest - scratch[layout.FACTOR + k] * pivot
+        one[k] = pivot + _NOTHING
+        other[k] = rest - scratch[layout.FACTOR + k] * pivot
 
 
 @jit_lanes
@@ -178,7 +198,9 @@ def solve_row(multiplier, pivot, effort, size, lanes, part, least):
 @jit_lane
 def _less(v, factor, w):
     """v - factor w of six numbers."""
-    a, b, c = v[0] - factor * w[0], v[1] - factor * w[1], v[2] - factor * w[2]
+    a = v[0] - factor * w[0]
+    b = v[1] - factor * w[1]
+    c = v[2] - factor * w[2]
     return a, b, c, v[3] - factor * w[3], v[4] - factor * w[4], v[5] - factor * w[5]
 
 
@@ -207,7 +229,8 @@ def _solving(before: Any) -> Any:
     @jit_lane
     def undoing(one, found, hows):
         one, others = undo(one, found[1:], hows[1:])
-        (factor, changed), other = hows[0], found[0]
+        factor, changed = hows[0]
+        other = found[0]
         one -= factor * other
         one, other = (other, one) if changed else (one, other)
         return one, (other, *others)
@@ -265,11 +288,20 @@ def allocate(plan, fixed, work, lanes):
         empty = work[plan[plan[layout.FILLS] + i] :]
         for k in range(lanes):
             empty[k] = 0.0
-    at, doubts, part, least = plan[layout.STEPS], 0, LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
+    at = plan[layout.STEPS]
+    doubts = 0
+    part = LEAST_PIVOT * LEAST_PIVOT
+    least = LEAST_ENTRY * LEAST_ENTRY
     for _ in range(plan[layout.STEPS + 1]):
-        kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
+        kind = plan[at]
+        count = plan[at + _ONE]
+        first = plan[at + _TWO]
+        second = plan[at + _THREE]
+        third = plan[at + 4]
         at += _FIVE
-        one, other, own = work[first : first + LANES], work[second : second + LANES], work[third : third + LANES]
+        one = work[first : first + LANES]
+        other = work[second : second + LANES]
+        own = work[third : third + LANES]
         if kind == layout.PAIR:
             _pair(scratch, one, other, lanes)
         elif kind == layout.SOLVE:
@@ -295,13 +327,16 @@ def allocate(plan, fixed, work, lanes):
         if kind != layout.TAKE:
             own = scratch[layout.SQUARE :] if kind == layout.NORM else scratch[:LANES]
         for i in range(count):
-            one, other = plan[at], plan[at + _ONE]
+            one = plan[at]
+            other = plan[at + _ONE]
             at += _TWO
-            one, other = work[one : one + LANES], work[other : other + LANES]
+            one = work[one : one + LANES]
+            other = work[other : other + LANES]
             if kind == layout.PAIR:
                 _combine(scratch, one, other, lanes)
             elif kind in (layout.NORM, layout.INNER):
-                keep, weight = 0.0 if i == 0 else 1.0, fixed[second + i]
+                keep = 0.0 if i == 0 else 1.0
+                weight = fixed[second + i]
                 for k in range(lanes):
                     own[k] = keep * own[k] + weight * one[k] * other[k]
             else:  # the effort that a multiplier has along another coordinate
@@ -317,8 +352,11 @@ def unclear(plan, fixed, work, lanes):
     for i in range(work.shape[0]):
         own = work[i, plan[layout.LIMITS] :]
         for k in range(lanes):
-            a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
+            a = _more(a, own[k])
+            b = _more(b, own[LANES + k])
+            c = _more(c, own[_TWO * LANES + k])
         largest = own[layout.LARGEST :]
-        speed, size = max(speed, largest[0]), max(size, largest[1])
+        speed = max(speed, largest[0])
+        size = max(size, largest[1])
         rounding = max(rounding, ACCELERATION_ROUNDING * largest[2])
     return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)

@@ -20,8 +20,12 @@ from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, orientation
 
-_ONE, _TWO, _THREE = np.uint64(1), np.uint64(2), np.uint64(3)
-_BODY, _JOINT, _VEC = row(layout.BODY_ROWS), row(FREE_ROWS), np.uint64(0)
+_ONE = np.uint64(1)
+_TWO = np.uint64(2)
+_THREE = np.uint64(3)
+_BODY = row(layout.BODY_ROWS)
+_JOINT = row(FREE_ROWS)
+_VEC = np.uint64(0)
 
 
 @jit_lane
@@ -47,7 +51,9 @@ def square(own, k, phi, rate, second):
 @jit_lane
 def _put_turned(own, first, k, rows, axes, place):
     """The place, and the axes of a body that turns about the third one, from those where its coordinate is zero."""
-    cosine, sine, (x, y, z) = rows[COS + k], rows[SIN + k], axes
+    cosine = rows[COS + k]
+    sine = rows[SIN + k]
+    x, y, z = axes
     put_vec(own, first + layout.AXIS_Z, k, z)
     put_vec(own, first + layout.AT, k, place)
     put_vec(own, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
@@ -64,7 +70,8 @@ def _seat(axes, c):
 @jit_lanes
 def _root_turn(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
-    axes, place = mat_at(c, 0), vec_at(c, 9)
+    axes = mat_at(c, 0)
+    place = vec_at(c, 9)
     for k in range(lanes):
         _put_turned(own, _VEC, k, rows, axes, place)
 
@@ -88,7 +95,9 @@ def _tilted(axes, cosine, sine):
 @jit_lanes
 def _tilt(own, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
-    cosine, sine, p = c[4], c[5], vec_at(c, 9)
+    cosine = c[4]
+    sine = c[5]
+    p = vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         _put_turned(own, _VEC, k, rows, _tilted(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p)))
@@ -97,18 +106,25 @@ def _tilt(own, above, parent, rows, lanes, c):
 @jit_lanes
 def _chain(both, rows, lanes, c):
     """The same where nobody else asks for x and y of the parent, in whose place the rows begin: fewer are in the cache."""
-    cosine, sine, p = c[4], c[5], vec_at(c, 9)
+    cosine = c[4]
+    sine = c[5]
+    p = vec_at(c, 9)
     for k in range(lanes):
-        axes, above = axes_of(both, k), vec_of(both, layout.AT, k)
+        axes = axes_of(both, k)
+        above = vec_of(both, layout.AT, k)
         _put_turned(both, layout.CHAINED, k, rows, _tilted(axes, cosine, sine), plus(above, into(axes, p)))
 
 
 @jit_lanes
 def _two_turns(own, first, rows, lanes, c):
     """A body on a universal joint that is fixed in the root, in one pass: nobody asks for x and y of the body between."""
-    (x, y, z), place, cosine, sine = mat_at(c, 0), vec_at(c, 9), c[12], c[13]
+    x, y, z = mat_at(c, 0)
+    place = vec_at(c, 9)
+    cosine = c[12]
+    sine = c[13]
     for k in range(lanes):
-        c1, s1 = first[COS + k], first[SIN + k]
+        c1 = first[COS + k]
+        s1 = first[SIN + k]
         axes = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x)), z
         _put_turned(own, _VEC, k, rows, _tilted(axes, cosine, sine), place)
 
@@ -116,7 +132,8 @@ def _two_turns(own, first, rows, lanes, c):
 @jit_lanes
 def _slide(own, above, parent, rows, lanes, c):
     """A body that slides along d of its parent."""
-    along, p = vec_at(c, 6), vec_at(c, 9)
+    along = vec_at(c, 6)
+    p = vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         d = into(axes, along)
@@ -139,7 +156,8 @@ def _float(own, above, parent, rows, lanes, c):
     p = vec_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        seat, (x, y, z) = _seat(axes, c), orientation(rows, k)
+        seat = _seat(axes, c)
+        x, y, z = orientation(rows, k)
         put_vec(own, layout.AXES, k, into(seat, (x[0], y[0], z[0])))
         put_vec(own, layout.AXIS_Y, k, into(seat, (x[1], y[1], z[1])))
         put_vec(own, layout.AXIS_Z, k, into(seat, (x[2], y[2], z[2])))
@@ -152,7 +170,8 @@ def set_aside(plan, work, lanes, which):
     """Copy the accelerations of joints, whose rows become efforts [any unit]; which : cell of the header."""
     first = plan[which]
     for i in range(plan[which + 1]):
-        source, to = plan[first + _TWO * i], plan[first + _TWO * i + _ONE]
+        source = plan[first + _TWO * i]
+        to = plan[first + _TWO * i + _ONE]
         for k in range(lanes):
             work[to + k] = work[source + k]
 
@@ -162,7 +181,8 @@ def begin(plan, fixed, work, lanes):
     """Set the rows that are constant: axes [-], places [m]; and no limits."""
     for i in range(plan[layout.ROOTS + 1]):
         at = plan[layout.ROOTS] + _TWO * i
-        own, c = work[plan[at] : plan[at] + _BODY], fixed[plan[at + _ONE] :]
+        own = work[plan[at] : plan[at] + _BODY]
+        c = fixed[plan[at + _ONE] :]
         for k in range(lanes):
             for j in range(0, 12, 3):
                 put_vec(own, np.uint64(j) * LANES, k, vec_at(c, j))
@@ -176,8 +196,11 @@ def move(plan, fixed, work, first_body, count, lanes):
     """Carry axes [-] and places [m] from the roots to the ends, for so many bodies of the plan."""
     for i in range(count):
         kind, first, above, rows, numbers, place = layout.body_at(plan, first_body + i)
-        own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _JOINT]
-        c, origin = fixed[numbers:], work[place : place + layout.VECTOR]
+        own = work[first : first + _BODY]
+        parent = work[above : above + _BODY]
+        rows = work[rows : rows + _JOINT]
+        c = fixed[numbers:]
+        origin = work[place : place + layout.VECTOR]
         if kind == layout.ROOT_TURN:
             _root_turn(own, rows, lanes, c)
         elif kind == layout.CHAIN:

@@ -16,18 +16,37 @@ from flexinv.kernels.simd import BLOCK, row
 from flexinv.typing import Array
 
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
-AXIS_Z, AT, AXES, AXIS_Y, SLIDING_AXIS = row(0), row(3), row(6), row(9), row(12)
+AXIS_Z = row(0)
+AT = row(3)
+AXES = row(6)
+AXIS_Y = row(9)
+SLIDING_AXIS = row(12)
 BODY_ROWS = 15
 CHAINED = AXES  # where rows of a body in a chain begin among those of its parent
 # In the plane its motion, and its joint's acceleration, too.
-PLANE_SPEED, PLANE_SPIN, PLANE_SPIN_RATE = row(15), row(17), row(18)
-PLANE_ACCELERATION, KEPT_ACCELERATION = row(19), row(21)
+PLANE_SPEED = row(15)
+PLANE_SPIN = row(17)
+PLANE_SPIN_RATE = row(18)
+PLANE_ACCELERATION = row(19)
+KEPT_ACCELERATION = row(21)
 PLANE_ROWS = 22
 # Rows of a closure: the point of B; d' of the gap; squares of phi, phi', phi''.
-POINT, GAP_RATE, SQUARES, SQUARES_TOO, SQUARES_LAST = row(0), row(3), row(6), row(7), row(8)
+POINT = row(0)
+GAP_RATE = row(3)
+SQUARES = row(6)
+SQUARES_TOO = row(7)
+SQUARES_LAST = row(8)
 # of some the gap d and d'', how its ends turn, or of a reduced one u, the force, and two sizes; then vectors e of rows.
-GAP, SECOND, SPIN_A, SPIN_B, TURNING_RATE = row(9), row(12), row(15), row(18), row(21)
-UNIT_FORCE, JOINT_FORCE, SIZE, SIZE_TOO, VECTORS = row(9), row(12), row(15), row(16), row(24)
+GAP = row(9)
+SECOND = row(12)
+SPIN_A = row(15)
+SPIN_B = row(18)
+TURNING_RATE = row(21)
+UNIT_FORCE = row(9)
+JOINT_FORCE = row(12)
+SIZE = row(15)
+SIZE_TOO = row(16)
+VECTORS = row(24)
 CLOSURE_ROWS = 24
 VECTOR = row(3)
 # A column: the square of its size, then its entries, row by row; first what a unit rate moves the point of B by.
@@ -36,16 +55,31 @@ ENTRIES = row(1)
 MOST_COLUMNS = 15
 MOST_ROWS = 6  # of a closure
 # Of a whole call: the largest squares of every lane; the largest sums, three numbers.
-LARGEST, LIMIT_ROWS = row(3), 4
+LARGEST = row(3)
+LIMIT_ROWS = 4
 # Where a block works: a multiplier, or the factor by which one row goes from another; a square, or whether they change places.
-LAMBDA, SQUARE, SCRATCH_ROWS = row(0), row(1), 2
-FACTOR, CHANGED = LAMBDA, SQUARE
+LAMBDA = row(0)
+SQUARE = row(1)
+SCRATCH_ROWS = 2
+FACTOR = LAMBDA
+CHANGED = SQUARE
 # Six forces on a free body: their multipliers, and limits of the pivots in the last row.
-SIX, SIX_ROWS = 6, 7
+SIX = 6
+SIX_ROWS = 7
 # The plan: a header of where its tables begin and how long they are, then the tables.
-LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURE_RECORDS, COLUMNS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
-    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 19, 20
-)  # fmt: skip
+LIMITS = 0
+SCRATCH = 1
+KEEPS = 2
+SUMMED = 4
+ROOTS = 6
+BODIES = 8
+CLOSURE_RECORDS = 10
+COLUMNS = 12
+STEPS = 14
+FILLS = 16
+PLANE = 18
+APPLIED = 19
+HEADER = 20  # fmt: skip
 
 
 class BodyKind(IntEnum):
@@ -196,7 +230,8 @@ class _Names:
 
     def line(self, step: Step) -> str:
         """One step as a line: its operation, and what it does."""
-        name, pairs = self.name, step.pairs
+        name = self.name
+        pairs = step.pairs
         match step.operation:
             case Operation.PAIR:
                 more = ", ".join(f"{name(a)} by {name(b)}" for a, b in pairs)
@@ -232,7 +267,8 @@ def _reader(record: type[Any], table: int) -> Any:
     return record_at
 
 
-body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURE_RECORDS)
+body_at = _reader(BodyRecord, BODIES)
+closure_at = _reader(ClosureRecord, CLOSURE_RECORDS)
 column_at = _reader(ColumnRecord, COLUMNS)
 
 

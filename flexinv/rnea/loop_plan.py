@@ -63,15 +63,19 @@ def planned(
     rank = int(ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
     if rank < len(passive) or not drives:
         return None
-    unmoved, rest = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2))), np.zeros((1, m.nv))
+    unmoved = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2)))
+    rest = np.zeros((1, m.nv))
     phi = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
     if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
-    kept, flat = np.asarray(g.any(axis=(0, 2))), all(body.kind in FLAT for body in first.bodies)
-    b, pairs = candidates[0], dict[int, tuple[int, int]]()
+    kept = np.asarray(g.any(axis=(0, 2)))
+    flat = all(body.kind in FLAT for body in first.bodies)
+    b = candidates[0]
+    pairs = dict[int, tuple[int, int]]()
     plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
-        b, pairs = candidates[1], _pairs(m, rows, g)
+        b = candidates[1]
+        pairs = _pairs(m, rows, g)
         plan = tables(mesh, b, rows, limits, kept, pairs=pairs)
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
@@ -86,7 +90,8 @@ def _with_steps(
 ) -> LoopPlan | None:
     """The plan with the order in which rows are combined; left : passive coordinates, drives, rows beyond."""
     where = np.abs(g).any(axis=0) & (plan.matrix > 0)
-    size, fixed = plan.size, [*plan.fixed.tolist(), *mechanism.weights[mechanism.actuated].tolist()]
+    size = plan.size
+    fixed = [*plan.fixed.tolist(), *mechanism.weights[mechanism.actuated].tolist()]
 
     def take(count: int) -> int:
         nonlocal size
@@ -98,7 +103,8 @@ def _with_steps(
     effort = [int(i) for i in bodies.columns[mechanism.nq + mechanism.nv :]]
     if not sharing(e, effort, *left, len(plan.fixed)):
         return None
-    words, steps = plan.plan.copy(), [word for step in e.steps for word in step.words]
+    words = plan.plan.copy()
+    steps = [word for step in e.steps for word in step.words]
     words[layout.APPLIED] = 1 if mechanism.springs or mechanism.forces else 0
     words[layout.STEPS : layout.STEPS + 2] = len(words), len(e.steps)
     words[layout.FILLS : layout.FILLS + 2] = len(words) + len(steps), len(e.fills)
@@ -128,7 +134,8 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     first, count = plan.plan[layout.ROOTS : layout.ROOTS + 2].tolist()
     height = dict.fromkeys(plan.plan[first : first + 2 * count : 2].tolist(), 0.0)
     for body in plan.bodies:
-        r, p = plan.fixed[body.constants :][:9].reshape(3, 3).T, plan.fixed[body.constants + 9 :][:3]
+        r = plan.fixed[body.constants :][:9].reshape(3, 3).T
+        p = plan.fixed[body.constants + 9 :][:3]
         off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # out of the plane
         if off > ZERO_ENTRY:
             return False
@@ -189,7 +196,9 @@ class Elimination:
         candidates = sorted((r for r in among if column in self.rows[r]), key=lambda r: len(self.rows[r]))
         if not candidates or not np.abs(self.numbers[candidates, column]).max() > PIVOT * np.abs(self.numbers).max():
             return None
-        pivot, one, n = candidates[0], self.rows[candidates[0]], self.numbers
+        pivot = candidates[0]
+        one = self.rows[candidates[0]]
+        n = self.numbers
         for other in candidates[1:]:
             two = self.rows[other]
             for row, missing, there in ((pivot, one, two), (other, two, one)):
@@ -219,7 +228,8 @@ def sharing(
 
     effort : (nv,) where efforts stand; beyond : how many rows drives have against each other; weights : where theirs stand
     """
-    e, left = elimination, [r for r, row in enumerate(elimination.rows) if row]
+    e = elimination
+    left = [r for r, row in enumerate(elimination.rows) if row]
     if not beyond and _are_six(e, left, passive, effort):
         at = e.take(SIX_ROWS)
         sizes = [(e.sizes[c][0], 0) for c in passive]
@@ -228,7 +238,9 @@ def sharing(
             driven = [(entry, effort[c]) for c, entry in sorted(e.rows[r].items()) if c in drives]
             e.steps.append(Step(Operation.TAKE, third=at + i * BLOCK, pairs=driven))
         return True
-    order, solved, against = sorted(passive, reverse=True), list[tuple[int, int]](), list[int]()
+    order = sorted(passive, reverse=True)
+    solved = list[tuple[int, int]]()
+    against = list[int]()
     while order:
         column = min(order, key=lambda c: _cost(e, left, c))
         pivot = e.eliminate(column, left)
@@ -279,7 +291,8 @@ def _project(
     elimination: Elimination, effort: Sequence[int], against: list[int], drives: list[int], weights: int
 ) -> None:
     """Take from the efforts, row by row, what drives do against each other; Gram's and Schmidt's modified order."""
-    e, rows = elimination, [elimination.rows[r] for r in against]
+    e = elimination
+    rows = [elimination.rows[r] for r in against]
     for row in rows:
         row.update({c: e.empty() for c in drives if c not in row})
     targets = [[row[c] for c in drives] for row in rows]

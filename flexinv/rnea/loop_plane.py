@@ -32,7 +32,8 @@ def _put(own, k, heading, at, v, w, al, a):
     own[layout.AXES + k], own[layout.AXES + LANES + k] = heading
     own[layout.AT + k], own[layout.AT + LANES + k] = at
     own[layout.PLANE_SPEED + k], own[layout.PLANE_SPEED + LANES + k] = v
-    own[layout.PLANE_SPIN + k], own[layout.PLANE_SPIN_RATE + k] = w, al
+    own[layout.PLANE_SPIN + k] = w
+    own[layout.PLANE_SPIN_RATE + k] = al
     own[layout.PLANE_ACCELERATION + k], own[layout.PLANE_ACCELERATION + LANES + k] = a
 
 
@@ -46,16 +47,22 @@ def _turned(c, s, v):
 def _moved(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
     c, s = _pair(body, layout.AXES, k)
-    (x, y), w, al = _turned(c, s, arm), body[layout.PLANE_SPIN + k], body[layout.PLANE_SPIN_RATE + k]
-    at, v, a = _pair(body, layout.AT, k), _pair(body, layout.PLANE_SPEED, k), _pair(body, layout.PLANE_ACCELERATION, k)
-    at, v = (at[0] + x, at[1] + y), (v[0] - w * y, v[1] + w * x)
+    x, y = _turned(c, s, arm)
+    w = body[layout.PLANE_SPIN + k]
+    al = body[layout.PLANE_SPIN_RATE + k]
+    at = _pair(body, layout.AT, k)
+    v = _pair(body, layout.PLANE_SPEED, k)
+    a = _pair(body, layout.PLANE_ACCELERATION, k)
+    at = (at[0] + x, at[1] + y)
+    v = (v[0] - w * y, v[1] + w * x)
     return at, v, (a[0] - al * y - w * w * x, a[1] + al * x - w * w * y)
 
 
 @jit_lanes
 def _from_root(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
-    zero, at = (c[0], c[1]), (c[9], c[10])
+    zero = (c[0], c[1])
+    at = (c[9], c[10])
     for k in range(lanes):
         heading = _turned(rows[COS + k], rows[SIN + k], zero)
         _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[layout.KEPT_ACCELERATION + k], (0.0, 0.0))
@@ -64,7 +71,8 @@ def _from_root(own, rows, lanes, c):
 @jit_lanes
 def _turn(own, parent, rows, lanes, c):
     """A body that turns."""
-    zero, arm = (c[0], c[1]), (c[9], c[10])
+    zero = (c[0], c[1])
+    arm = (c[9], c[10])
     for k in range(lanes):
         at, v, a = _moved(parent, k, arm)
         cosine, sine = _pair(parent, layout.AXES, k)
@@ -77,22 +85,30 @@ def _turn(own, parent, rows, lanes, c):
 @jit_lanes
 def _slide(own, parent, rows, lanes, c):
     """A body that slides along a direction d of its parent, whose heading it has."""
-    along, (px, py) = (c[6], c[7]), (c[9], c[10])
+    along = (c[6], c[7])
+    px = c[9]
+    py = c[10]
     for k in range(lanes):
-        q, rate, second = rows[PLACE + k], rows[RATE + k], own[layout.KEPT_ACCELERATION + k]
+        q = rows[PLACE + k]
+        rate = rows[RATE + k]
+        second = own[layout.KEPT_ACCELERATION + k]
         at, v, a = _moved(parent, k, (px + q * along[0], py + q * along[1]))
-        heading, w = _pair(parent, layout.AXES, k), parent[layout.PLANE_SPIN + k]
+        heading = _pair(parent, layout.AXES, k)
+        w = parent[layout.PLANE_SPIN + k]
         dx, dy = _turned(heading[0], heading[1], along)
         v = v[0] + rate * dx, v[1] + rate * dy
         a = a[0] + second * dx - 2.0 * w * rate * dy, a[1] + second * dy + 2.0 * w * rate * dx
         _put(own, k, heading, at, v, w, parent[layout.PLANE_SPIN_RATE + k], a)
-        own[layout.SLIDING_AXIS + k], own[layout.SLIDING_AXIS + LANES + k] = dx, dy
+        own[layout.SLIDING_AXIS + k] = dx
+        own[layout.SLIDING_AXIS + LANES + k] = dy
 
 
 @jit_lanes
 def _close(a, b, own, lanes, c):
     """The point of B, and the squares of the gap and of its rates."""
-    at_a, at_b, scale = (c[0], c[1]), (c[3], c[4]), c[6]
+    at_a = (c[0], c[1])
+    at_b = (c[3], c[4])
+    scale = c[6]
     for k in range(lanes):
         xa, va, aa = _moved(a, k, at_a)
         xb, vb, ab = _moved(b, k, at_b)
@@ -109,9 +125,13 @@ def _column(to, axis, at, own, lanes, along, about):
     What turns has no direction: rows of zeros.
     """
     for k in range(lanes):
-        point, place, d = _pair(own, layout.POINT, k), _pair(at, _PAIR, k), _pair(axis, _PAIR, k)
-        x, y = along * d[0] + about * (place[1] - point[1]), along * d[1] + about * (point[0] - place[0])
-        to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = x, y
+        point = _pair(own, layout.POINT, k)
+        place = _pair(at, _PAIR, k)
+        d = _pair(axis, _PAIR, k)
+        x = along * d[0] + about * (place[1] - point[1])
+        y = along * d[1] + about * (point[0] - place[0])
+        to[layout.ENTRIES + k] = x
+        to[layout.ENTRIES + LANES + k] = y
         to[k] = x * x + y * y
 
 
@@ -120,7 +140,10 @@ def in_plane(plan, fixed, work, lanes, sums):
     """Set points [m] and G, and hold the squares of the closures."""
     for i in range(plan[layout.BODIES + 1]):
         kind, own, above, rows, numbers, _ = layout.body_at(plan, i)
-        own, parent, rows, c = work[own:], work[above:], work[rows:], fixed[numbers:]
+        own = work[own:]
+        parent = work[above:]
+        rows = work[rows:]
+        c = fixed[numbers:]
         if kind == layout.ROOT_TURN:
             _from_root(own, rows, lanes, c)
         elif kind == layout.SLIDE:
@@ -129,13 +152,15 @@ def in_plane(plan, fixed, work, lanes, sums):
             _turn(own, parent, rows, lanes, c)
     for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
-        own, c = work[closure.own :], fixed[closure.numbers :]
+        own = work[closure.own :]
+        c = fixed[closure.numbers :]
         if closure.kind == layout.COUPLED:
             coupled(plan, fixed, work, own, lanes, closure, c[0])
         else:
             _close(work[closure.axes_a :], work[closure.axes_b :], own, lanes, c)
             for j in range(closure.columns):
                 column = layout.column_at(plan, closure.first + j)
-                to, signs = work[column.to :], fixed[column.signs :]
+                to = work[column.to :]
+                signs = fixed[column.signs :]
                 _column(to, work[column.axis :], work[column.joint :], own, lanes, signs[0], signs[1])
         hold(plan, fixed, work, lanes, closure, sums, False)

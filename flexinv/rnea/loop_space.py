@@ -40,8 +40,12 @@ from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, coupled, hold
 from flexinv.rnea.loop_bodies import axes_of, components, move, square
 from flexinv.rnea.recursion import EFFORTS_FREE, EFFORTS_TURNING, RATES_FREE, RATES_TURNING, acceleration_at, state_of
 
-_NONE, _VEC, _THREE, _SIX = (0.0, 0.0, 0.0), np.uint64(0), np.uint64(3), np.uint64(6)
-_ONE, _FOUR = np.uint64(1), np.uint64(4)
+_NONE = (0.0, 0.0, 0.0)
+_VEC = np.uint64(0)
+_THREE = np.uint64(3)
+_SIX = np.uint64(6)
+_ONE = np.uint64(1)
+_FOUR = np.uint64(4)
 # Of columns that stand side by side: how far rows are apart.
 _ROW = row(layout.MOST_COLUMNS)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms of both in those of the recursion, and R of a
@@ -71,15 +75,22 @@ def _moving(whole: bool) -> Any:
 
     @jit_lanes
     def ends(end_a, end_b, own, lanes, c):
-        (a, place_a, state_a), (b, place_b, state_b), scale = end_a, end_b, c[_SCALE]
-        at_a, arm, turned_a = vec_at(c, _AT_A), vec_at(c, _ARM_A), mat_at(c, _TURNED_A)
-        at_b, arm_b, turned_b = vec_at(c, _AT_B), vec_at(c, _ARM_B), mat_at(c, _TURNED_B)
+        a, place_a, state_a = end_a
+        b, place_b, state_b = end_b
+        scale = c[_SCALE]
+        at_a = vec_at(c, _AT_A)
+        arm = vec_at(c, _ARM_A)
+        turned_a = mat_at(c, _TURNED_A)
+        at_b = vec_at(c, _AT_B)
+        arm_b = vec_at(c, _ARM_B)
+        turned_b = mat_at(c, _TURNED_B)
         for k in range(lanes):
             point = _point(b, place_b, k, at_b)
             gap = minus(point, _point(a, place_a, k, at_a))
             if not whole:
                 arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
-            one, other = acceleration_at(*state_of(state_a, k), arm), acceleration_at(*state_of(state_b, k), arm_b)
+            one = acceleration_at(*state_of(state_a, k), arm)
+            other = acceleration_at(*state_of(state_b, k), arm_b)
             second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
             put_vec(own, layout.POINT, k, point)
             put_vec(own, layout.GAP_RATE, k, _NONE)
@@ -91,15 +102,18 @@ def _moving(whole: bool) -> Any:
     return ends
 
 
-_whole, _partial = _moving(True), _moving(False)
+_whole = _moving(True)
+_partial = _moving(False)
 
 
 @jit_lanes
 def _spins(a, state_a, b, state_b, own, lanes, c):
     """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
-    turned_a, turned_b = mat_at(c, _TURNED_A), mat_at(c, _TURNED_B)
+    turned_a = mat_at(c, _TURNED_A)
+    turned_b = mat_at(c, _TURNED_B)
     for k in range(lanes):
-        (wa, al_a, _), (wb, al_b, _) = state_of(state_a, k), state_of(state_b, k)
+        wa, al_a, _ = state_of(state_a, k)
+        wb, al_b, _ = state_of(state_b, k)
         put_vec(own, layout.SPIN_A, k, _in_root(a, k, turned_a, wa))
         put_vec(own, layout.SPIN_B, k, _in_root(b, k, turned_b, wb))
         put_vec(own, layout.TURNING_RATE, k, minus(_in_root(b, k, turned_b, al_b), _in_root(a, k, turned_a, al_a)))
@@ -109,9 +123,12 @@ def _spins(a, state_a, b, state_b, own, lanes, c):
 def _direction(e, a, b, own, lanes, u, w):
     """The squares of phi = u . w of one row, and e."""
     for k in range(lanes):
-        wa, wb = vec_of(own, layout.SPIN_A, k), vec_of(own, layout.SPIN_B, k)
-        us, ws = into(axes_of(a, k), u), into(axes_of(b, k), w)
-        n, turning = cross(ws, us), minus(wb, wa)
+        wa = vec_of(own, layout.SPIN_A, k)
+        wb = vec_of(own, layout.SPIN_B, k)
+        us = into(axes_of(a, k), u)
+        ws = into(axes_of(b, k), w)
+        n = cross(ws, us)
+        turning = minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
         square(own, k, dot(us, ws), dot(n, turning), dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning))
         put_vec(e, _VEC, k, n)
@@ -121,7 +138,8 @@ def _direction(e, a, b, own, lanes, u, w):
 def _position(e, own, lanes, scale):
     """The squares of phi = u . d of one row."""
     for k in range(lanes):
-        u, d1 = vec_of(e, _VEC, k), vec_of(own, layout.GAP_RATE, k)
+        u = vec_of(e, _VEC, k)
+        d1 = vec_of(own, layout.GAP_RATE, k)
         second = minus(vec_of(own, layout.SECOND, k), times(2.0, cross(vec_of(own, layout.SPIN_A, k), d1)))
         square(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
 
@@ -134,9 +152,14 @@ def to_ground(count: int) -> Any:
 
     @jit_lanes
     def ends(own, axes, place, state, lanes, c):
-        at, there, rest, is_b, scale = vec_at(c, _AT), vec_at(c, _THERE), vec_at(c, _REST), c[_IS_B], c[_GROUND_SCALE]
+        at = vec_at(c, _AT)
+        there = vec_at(c, _THERE)
+        rest = vec_at(c, _REST)
+        is_b = c[_IS_B]
+        scale = c[_GROUND_SCALE]
         for k in range(lanes):
-            frame, (w, al, a) = axes_of(axes, k), state_of(state, k)
+            frame = axes_of(axes, k)
+            w, al, a = state_of(state, k)
             d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
             second = minus(into(frame, acceleration_at(w, al, a, at)), rest)
             put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
@@ -144,9 +167,12 @@ def to_ground(count: int) -> Any:
             squares = scale * dot(d, d), 0.0, dot(second, second)
             for j in range(count):
                 pair = _PAIRS + _SIX * np.uint64(j)
-                m, f = vec_at(c, pair), components(frame, vec_at(c, pair + _THREE))
-                n, phi = cross(m, f), dot(m, f)
-                phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
+                m = vec_at(c, pair)
+                f = components(frame, vec_at(c, pair + _THREE))
+                n = cross(m, f)
+                phi = dot(m, f)
+                phi1 = dot(w, n)
+                phi2 = dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
                 squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
                 put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
             put_vec(own, layout.SQUARES, k, squares)
@@ -160,9 +186,15 @@ _from_ground = layout.one_of_four(to_ground, 0)
 @jit_lanes
 def _ends(work, closure, own, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
-    a, b, of_a, of_b = work[closure.axes_a :], work[closure.axes_b :], work[closure.state_a :], work[closure.state_b :]
-    end_a, end_b = (a, work[closure.place_a :], of_a), (b, work[closure.place_b :], of_b)
-    positions, directions, vectors = closure.positions, closure.directions, own[layout.VECTORS :]
+    a = work[closure.axes_a :]
+    b = work[closure.axes_b :]
+    of_a = work[closure.state_a :]
+    of_b = work[closure.state_b :]
+    end_a = (a, work[closure.place_a :], of_a)
+    end_b = (b, work[closure.place_b :], of_b)
+    positions = closure.positions
+    directions = closure.directions
+    vectors = own[layout.VECTORS :]
     if closure.ground != layout.NO_GROUND:
         axes, place, state = end_b if closure.ground == layout.A_STANDS else end_a
         _from_ground(directions, own, axes, place, state, lanes, c)
@@ -185,7 +217,8 @@ def _ends(work, closure, own, lanes, c):
 @jit_lane
 def _motion(own, axis, at, k, signs):
     """The velocity of B's point per unit rate of a joint, over the mechanism's length."""
-    z, arm = vec_of(axis, _VEC, k), minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))
+    z = vec_of(axis, _VEC, k)
+    arm = minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))
     return plus_cross(times(signs[0], z), times(signs[1], z), arm)
 
 
@@ -203,7 +236,8 @@ def moving(count: int) -> Any:
 
     @jit_lane
     def lane(column, own, axis, at, rates, k, signs):
-        c, z = _motion(own, axis, at, k, signs), vec_of(axis, _VEC, k)
+        c = _motion(own, axis, at, k, signs)
+        z = vec_of(axis, _VEC, k)
         column[k] = dot(c, c) + (signs[2] * signs[2] if count else 0.0)
         for j in range(3):
             column[_ROW * (_ONE + np.uint64(j)) + k] = c[j]
@@ -236,11 +270,14 @@ def _moved(to, axis, at, own, rates, lanes, signs, turns):
 @jit_lanes
 def _column(work, closure, column, own, lanes, signs):
     """Set the entries of one column, row by row: along u of single positions, about e of directions."""
-    z, to, positions = work[column.axis :], work[column.to :], closure.positions
+    z = work[column.axis :]
+    to = work[column.to :]
+    positions = closure.positions
     turns = signs[2] * signs[2] if closure.directions > _VEC else 0.0
     _moved(to, z, work[column.joint :], own, work[column.rate :], lanes, signs, turns)
     for j in range(positions + closure.directions):
-        entry, e = work[column.entry + j * closure.stride :], own[layout.VECTORS + j * layout.VECTOR :]
+        entry = work[column.entry + j * closure.stride :]
+        e = own[layout.VECTORS + j * layout.VECTOR :]
         moved, sign = (to[layout.ENTRIES :], 1.0) if j < positions else (z, signs[2])
         for k in range(lanes):
             entry[k] = sign * dot(vec_of(e, _VEC, k), vec_of(moved, _VEC, k))
@@ -249,20 +286,33 @@ def _column(work, closure, column, own, lanes, signs):
 @jit_lanes
 def _reduce(work, one, other, own, lanes, signs):
     """Take both columns of a universal joint; set u, f, d'; return how often the arm is nearly in their plane, or nearly none."""
-    axis, axis_too, rates, rates_too = work[one.axis :], work[other.axis :], work[one.rate :], work[other.rate :]
-    tau, tau_too, at, doubts = work[one.effort :], work[other.effort :], work[one.joint :], 0
-    sign, length, least = signs[1], signs[3], (LEAST_ENTRY * signs[3]) ** 2
+    axis = work[one.axis :]
+    axis_too = work[other.axis :]
+    rates = work[one.rate :]
+    rates_too = work[other.rate :]
+    tau = work[one.effort :]
+    tau_too = work[other.effort :]
+    at = work[one.joint :]
+    doubts = 0
+    sign = signs[1]
+    length = signs[3]
+    least = (LEAST_ENTRY * signs[3]) ** 2
     for k in range(lanes):
-        z1, z2 = vec_of(axis, _VEC, k), vec_of(axis_too, _VEC, k)
+        z1 = vec_of(axis, _VEC, k)
+        z2 = vec_of(axis_too, _VEC, k)
         r = times(sign, minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k)))
-        square, s = dot(r, r), dot(cross(z1, z2), r)
+        square = dot(r, r)
+        s = dot(cross(z1, z2), r)
         doubts += 0 if (s * s >= LEAST_PIVOT * LEAST_PIVOT * square) & (s * s >= least) else 1
         w = plus(times(rates[k], z1), times(rates_too[k], z2))
-        along, along_too, inverse = dot(z1, r), dot(z2, r), 1.0 / s
+        along = dot(z1, r)
+        along_too = dot(z2, r)
+        inverse = 1.0 / s
         put_vec(own, layout.UNIT_FORCE, k, times(inverse, r))
         put_vec(own, layout.JOINT_FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
         put_vec(own, layout.GAP_RATE, k, times(length, cross(w, r)))
-        own[layout.SIZE + k], own[layout.SIZE_TOO + k] = square - along * along, square - along_too * along_too
+        own[layout.SIZE + k] = square - along * along
+        own[layout.SIZE_TOO + k] = square - along_too * along_too
     for k in range(lanes):
         tau[k] = tau_too[k] = 0.0
     return doubts
@@ -271,11 +321,16 @@ def _reduce(work, one, other, own, lanes, signs):
 @jit_lanes
 def _single(work, column, own, lanes, signs):
     """The column of one coordinate, g = u . c, and what the force does for its joint."""
-    to, entry, effort, rates = work[column.to :], work[column.entry :], work[column.effort :], work[column.rate :]
-    axis, at = work[column.axis :], work[column.joint :]
+    to = work[column.to :]
+    entry = work[column.entry :]
+    effort = work[column.effort :]
+    rates = work[column.rate :]
+    axis = work[column.axis :]
+    at = work[column.joint :]
     for k in range(lanes):
         c = _motion(own, axis, at, k, signs)
-        to[k], entry[k] = dot(c, c), dot(vec_of(own, layout.UNIT_FORCE, k), c)
+        to[k] = dot(c, c)
+        entry[k] = dot(vec_of(own, layout.UNIT_FORCE, k), c)
         effort[k] -= dot(vec_of(own, layout.JOINT_FORCE, k), c)
         _add_rate(own, k, signs[3] * rates[k], c)
 
@@ -283,7 +338,9 @@ def _single(work, column, own, lanes, signs):
 @jit_lanes
 def _floating(entries, body, own, rows, lanes, c):
     """The six columns of a free body that holds the point, r in its axes: u and f with their moments about its origin."""
-    scale, sign, r = c[0], c[0] * c[3], vec_at(c, 4)
+    scale = c[0]
+    sign = c[0] * c[3]
+    r = vec_at(c, 4)
     for k in range(lanes):
         axes = axes_of(body, k)
         along = times(scale, components(axes, vec_of(own, layout.UNIT_FORCE, k)))
@@ -298,13 +355,18 @@ def _floating(entries, body, own, rows, lanes, c):
 @jit_lanes
 def columns(plan, fixed, work, closure, own, lanes):
     """Set the columns of one closure, positions over the mechanism's length [1/rad], [1/m], directions [-]; return doubts."""
-    doubts, first = 0, _VEC
+    doubts = 0
+    first = _VEC
     if closure.reduced > _VEC:
-        one, other = layout.column_at(plan, closure.first), layout.column_at(plan, closure.first + _ONE)
-        doubts, first = _reduce(work, one, other, own, lanes, fixed[one.signs :]), np.uint64(2)
+        one = layout.column_at(plan, closure.first)
+        other = layout.column_at(plan, closure.first + _ONE)
+        doubts = _reduce(work, one, other, own, lanes, fixed[one.signs :])
+        first = np.uint64(2)
     for j in range(first, closure.columns):
         column = layout.column_at(plan, closure.first + j)
-        axis, at, c = work[column.axis :], work[column.joint :], fixed[column.signs :]
+        axis = work[column.axis :]
+        at = work[column.joint :]
+        c = fixed[column.signs :]
         if column.kind == layout.FLOATING:
             _floating(work[column.entry :], axis, own, at, lanes, c)
             break  # the records of the other axes are there for their sums
@@ -327,7 +389,8 @@ def in_space(plan, fixed, work, lanes, sums):
     doubts = 0
     for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
-        c, own = fixed[closure.numbers :], work[closure.own :]
+        c = fixed[closure.numbers :]
+        own = work[closure.own :]
         move(plan, fixed, work, closure.first_body, closure.body_count, lanes)
         if closure.kind == layout.COUPLED:
             coupled(plan, fixed, work, own, lanes, closure, c[0])

@@ -22,7 +22,9 @@ from flexinv.typing import Array
 
 # The limits of `allocation` over those of a closure's squares (rows of one that is open by as much as is allowed differ by less);
 # axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
-CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
+CLEARLY = 0.5
+IN_PLANE = np.sqrt(3.0)
+IN_SPACE = 3.0
 _AXES = (int(layout.AXES), int(layout.AXIS_Y), int(layout.AXIS_Z))
 
 
@@ -126,10 +128,13 @@ def tables(
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
     """
-    axes, matrix = IN_PLANE if plane else IN_SPACE, np.zeros((len(rows.closure), mesh.mechanism.nv), dtype=np.int64)
-    t, words = _Tables(mesh, bodies, plane, pairs or {}, matrix), [0] * layout.HEADER
+    axes = IN_PLANE if plane else IN_SPACE
+    matrix = np.zeros((len(rows.closure), mesh.mechanism.nv), dtype=np.int64)
+    t = _Tables(mesh, bodies, plane, pairs or {}, matrix)
+    words = [0] * layout.HEADER
     t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
-    words[layout.LIMITS], words[layout.SCRATCH] = t.rows(layout.LIMIT_ROWS), t.rows(layout.SCRATCH_ROWS)
+    words[layout.LIMITS] = t.rows(layout.LIMIT_ROWS)
+    words[layout.SCRATCH] = t.rows(layout.SCRATCH_ROWS)
     words[layout.PLANE] = int(plane)
     own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
     loops = [None if rows.gear[own].any() else _loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
@@ -151,7 +156,9 @@ def tables(
     for v, sizes in t.sizes.items():  # of those that are constant the largest is enough
         known = sorted((at for at in sizes if at in t.known), key=lambda at: -t.known[at])
         t.sizes[v] = [at for at in sizes if at not in t.known] + known[:1]
-    plan, fixed, constant = np.array(words, dtype=np.uint64), np.array(t.fixed), frozenset(t.known)
+    plan = np.array(words, dtype=np.uint64)
+    fixed = np.array(t.fixed)
+    constant = frozenset(t.known)
     return LoopPlan(plan, fixed, t.size, matrix, t.sizes, constant, (), tuple(t.moved), tuple(t.closures))
 
 
@@ -169,7 +176,8 @@ def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
     """R_parent,body at the coordinate's zero but for the turn about z, and p."""
     n = bodies.numbers[i]
     c, s = n[BODY_TILT : BODY_TILT + 2]
-    r, p = n[BODY_R : BODY_R + 9].reshape(3, 3), n[BODY_P : BODY_P + 3]
+    r = n[BODY_R : BODY_R + 9].reshape(3, 3)
+    p = n[BODY_P : BODY_P + 3]
     return r @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), p
 
 
@@ -189,7 +197,9 @@ def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
-    basis, one = np.stack([x, np.cross(z, x), z]), np.eye(3)  # rows: the root's axes z and two at right angles
+    # rows: the root's axes z and two at right angles
+    basis = np.stack([x, np.cross(z, x), z])
+    one = np.eye(3)
     rows = tables.constant_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, one[2], np.zeros(3), one[:2])
     tables.frames[root, root] = _Frame(rows, rows + int(layout.AT), 0, basis)
 
@@ -209,7 +219,8 @@ def _frame(tables: _Tables, root: int, body: int) -> _Frame:
     if before == layout.ROOT_TURN and not p.any():
         return _two_turns(tables, root, body, tables.rows(layout.BODY_ROWS, alone))
     if before in (layout.ROOT_TURN, layout.CHAIN) and alone:
-        turn, own = layout.CHAIN, above.axes + int(layout.CHAINED)
+        turn = layout.CHAIN
+        own = above.axes + int(layout.CHAINED)
         tables.rows(int(layout.CHAINED) // BLOCK, True)
     else:
         own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
@@ -218,7 +229,8 @@ def _frame(tables: _Tables, root: int, body: int) -> _Frame:
     numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
     tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     slides = how == layout.SLIDE
-    axes, turned = above.axes if slides and not tables.plane else own, r if slides else np.eye(3)
+    axes = above.axes if slides and not tables.plane else own
+    turned = r if slides else np.eye(3)
     tables.frames[root, body] = _Frame(axes, own + int(layout.AT), own + int(layout.SLIDING_AXIS), turned)
     return tables.frames[root, body]
 
@@ -257,11 +269,15 @@ def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
 
 def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
-    k, root, pair = own[0], loop.root, tables.pairs.get(int(rows.closure[own[0]]))
-    before, ground = (len(tables.columns), len(tables.moved)), layout.NO_GROUND
+    k = own[0]
+    root = loop.root
+    pair = tables.pairs.get(int(rows.closure[own[0]]))
+    before = (len(tables.columns), len(tables.moved))
+    ground = layout.NO_GROUND
     (a, ra, xa), (b, rb, xb) = loop.ends
     _root(tables, root, loop.ways[::-1])
-    one, other = _frame(tables, root, a), _frame(tables, root, b)
+    one = _frame(tables, root, a)
+    other = _frame(tables, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
     signed = [(body, sign) for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True) for body in way]
     columns = [column for body, sign in signed for column in _columns_of(tables, root, body, sign)]
@@ -270,7 +286,8 @@ def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -
     for r in directions:
         vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
     arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
-    scale, turned = 1.0 / tables.mesh.length ** (2 if whole else 1), (one.turned.T, other.turned.T)
+    scale = 1.0 / tables.mesh.length ** (2 if whole else 1)
+    turned = (one.turned.T, other.turned.T)
     fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
     if whole and not tables.plane and 0 in (a, b):
         ground, fixed = _from_ground(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
@@ -304,11 +321,14 @@ def _columns_of(tables: _Tables, root: int, body: int, sign: float) -> list[_Col
 
     Their accelerations are stored, in the plane for the kernels, in space for the sums.
     """
-    kind, own = int(tables.bodies.tree[body, TREE_KIND]), tables.frames[root, body]
-    m, length = tables.mesh.mechanism, tables.mesh.length
+    kind = int(tables.bodies.tree[body, TREE_KIND])
+    own = tables.frames[root, body]
+    m = tables.mesh.mechanism
+    length = tables.mesh.length
     slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
     several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
-    out, first = [], int(tables.mesh.v_index[tables.bodies.node[body]])
+    out = []
+    first = int(tables.mesh.v_index[tables.bodies.node[body]])
     for v, (how, axis) in enumerate(several.get(kind, turns[2:]), start=first):
         lead, about = (1.0, 0.0) if how == layout.SLIDING else (tables.bodies.numbers[body, BODY_LEAD], 1.0)
         signs = tables.numbers(sign * lead / length, sign * about / length, sign * about, length)
@@ -355,7 +375,8 @@ def _row_that_is_left(
     if free:
         if body not in tables.held:
             tables.held[body] = tables.rows(6 * len(tables.pairs))
-        entry, scale = tables.held[body], 1.0 / tables.mesh.length**2
+        entry = tables.held[body]
+        scale = 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
         squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
         known = tables.constant_rows(12, np.pad(squares, (0, 6)))
@@ -363,7 +384,8 @@ def _row_that_is_left(
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
         signs = tables.numbers(*tables.fixed[record.signs : record.signs + 4], end[1])
-        axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, TREE_ROWS])
+        axes = record.axis - int(layout.AXES)
+        joint = int(tables.bodies.tree[body, TREE_ROWS])
         free[0] = free[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
         for j, (column, size) in enumerate(zip(free, sizes, strict=True)):
             _enter(tables, column, [row], to=size, entry=entry + j * BLOCK)
@@ -372,10 +394,14 @@ def _row_that_is_left(
 
 def _coupling(tables: _Tables, rows: Rows, row: int) -> None:
     """A coupling: its record, a column for each coordinate."""
-    m, before, first = tables.mesh.mechanism, len(tables.columns), tables.rows(layout.CLOSURE_ROWS, True)
+    m = tables.mesh.mechanism
+    before = len(tables.columns)
+    first = tables.rows(layout.CLOSURE_ROWS, True)
     for v in np.flatnonzero(rows.gear[row]).tolist():
         place, rate, second = (int(tables.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
-        to, kept, gear = tables.rows(2), tables.rows(1), tables.numbers(rows.gear[row, v])
+        to = tables.rows(2)
+        kept = tables.rows(1)
+        gear = tables.numbers(rows.gear[row, v])
         tables.keeps.append((second, kept))
         record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
         _enter(tables, _Column(v, 0, record), [row])

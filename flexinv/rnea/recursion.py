@@ -32,19 +32,47 @@ from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVO
 
 # Columns of the tables of bodies, and how many there are: see `body_table.Bodies`.
 TREE_KIND, TREE_PARENT, TREE_ROWS, TREE_STATE, TREE_BEGINS, TREE_SOURCE, TREE = *range(6), np.uint64(6)
-BODY_R, BODY_P, BODY_MASS, BODY_MOMENT, BODY_SECOND, BODY_OFF_SECOND = 0, 9, 12, 13, 16, 19
-BODY_LAW, BODY_TILT, BODY_ZERO, BODY_CHILD, BODY_STEP, BODY_LEAD, NUMBERS = 22, 27, 29, 31, 34, 37, np.uint64(38)
+BODY_R = 0
+BODY_P = 9
+BODY_MASS = 12
+BODY_MOMENT = 13
+BODY_SECOND = 16
+BODY_OFF_SECOND = 19
+BODY_LAW = 22
+BODY_TILT = 27
+BODY_ZERO = 29
+BODY_CHILD = 31
+BODY_STEP = 34
+BODY_LEAD = 37
+NUMBERS = np.uint64(38)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
-FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
+FORCE = row(0)
+MOMENT = row(3)
+MOMENT_Z = row(5)
 # of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
-PLACE, COS, SIN, RATE, EFFORT = row(6), row(7), row(8), row(9), row(10)
+PLACE = row(6)
+COS = row(7)
+SIN = row(8)
+RATE = row(9)
+EFFORT = row(10)
 SCALAR_ROWS = 11
 # of a spherical or free one: R_j (its quaternion, before), position, rates v, w, accelerations, which become the efforts
-TURN_OF, TURN_Y, TURN_Z, SHIFT = row(6), row(9), row(12), row(15)
-QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
-RATES_FREE, RATES_TURNING, EFFORTS_FREE, EFFORTS_TURNING = row(18), row(21), row(24), row(27)
+TURN_OF = row(6)
+TURN_Y = row(9)
+TURN_Z = row(12)
+SHIFT = row(15)
+QUATERNION = TURN_OF
+SCALAR_OF_QUATERNION = row(9)
+RATES_FREE = row(18)
+RATES_TURNING = row(21)
+EFFORTS_FREE = row(24)
+EFFORTS_TURNING = row(27)
 FREE_ROWS = 30
-SPIN, SPIN_RATE, ACCELERATION_ROW, STATE_ROWS = row(0), row(3), row(6), 9  # rows of a state
+# rows of a state
+SPIN = row(0)
+SPIN_RATE = row(3)
+ACCELERATION_ROW = row(6)
+STATE_ROWS = 9
 _NONE = (0.0, 0.0, 0.0)
 # How a body's state begins: where its parent left it, the same turned by a constant rotation, a turned copy, in the world.
 ON, TURNED, COPIED, FROM_WORLD = range(4)
@@ -58,7 +86,8 @@ def _sign(x):
 @jit_lanes
 def _leaving(body):
     """m, h, Sigma: (xx, yy, zz), (xy, xz, yz), and p of the last child's joint, of a body as `body_table.Bodies` has it."""
-    h, child = vec_at(body, BODY_MOMENT), vec_at(body, BODY_CHILD)
+    h = vec_at(body, BODY_MOMENT)
+    child = vec_at(body, BODY_CHILD)
     return body[BODY_MASS], h, vec_at(body, BODY_SECOND), vec_at(body, BODY_OFF_SECOND), child
 
 
@@ -94,7 +123,9 @@ def acceleration_at(w, al, a, arm):
 def _leave(state, rows, k, w, al, a, leaving):
     """Leave the state of the place ``onward``, and F = m a + S h, N = h x a + axial(S Sigma) in the body's rows."""
     m, h, (sxx, syy, szz), (sxy, sxz, syz), onward = leaving
-    xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
+    xx = w[0] * w[0]
+    yy = w[1] * w[1]
+    zz = w[2] * w[2]
     x = (-yy - zz, w[0] * w[1] - al[2], w[0] * w[2] + al[1])  # rows of S
     y = (w[0] * w[1] + al[2], -xx - zz, w[1] * w[2] - al[0])
     z = (w[0] * w[2] - al[1], w[1] * w[2] + al[0], -xx - yy)
@@ -128,12 +159,18 @@ def _angles(rows, lanes):
 @jit_pass
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
-    (ct, st), (c0, s0), leaving, law = _tilt(body), _zero(body), _leaving(body), _law(body)
+    ct, st = _tilt(body)
+    c0, s0 = _zero(body)
+    leaving = _leaving(body)
+    law = _law(body)
     for k in range(lanes):
         w, al, a = state_of(state, k)
-        rate, acceleration = rows[RATE + k], rows[EFFORT + k]
-        c, s = c0 * rows[COS + k] - s0 * rows[SIN + k], s0 * rows[COS + k] + c0 * rows[SIN + k]
-        rows[COS + k], rows[SIN + k] = c, s
+        rate = rows[RATE + k]
+        acceleration = rows[EFFORT + k]
+        c = c0 * rows[COS + k] - s0 * rows[SIN + k]
+        s = s0 * rows[COS + k] + c0 * rows[SIN + k]
+        rows[COS + k] = c
+        rows[SIN + k] = s
         w = turned(c, -s, tilted(ct, -st, w))
         al = turned(c, -s, tilted(ct, -st, al))
         a = turned(c, -s, tilted(ct, -st, a))
@@ -153,10 +190,12 @@ def _along_z(w, al, a, place, rate, acceleration):
 @jit_pass
 def _slide_outboard(state, rows, lanes, body):
     """A body that slides along z."""
-    leaving, law = _leaving(body), _law(body)
+    leaving = _leaving(body)
+    law = _law(body)
     for k in range(lanes):
         w, al, a = state_of(state, k)
-        rate, acceleration = rows[RATE + k], rows[EFFORT + k]
+        rate = rows[RATE + k]
+        acceleration = rows[EFFORT + k]
         a = _along_z(w, al, a, rows[PLACE + k], rate, acceleration)
         _leave(state, rows, k, w, al, a, leaving)
         rows[EFFORT + k] = moving_effort(law, rate, acceleration)
@@ -178,7 +217,10 @@ def _orientations(rows, lanes, floats):
         x, y, z = vec_of(rows, QUATERNION, k)
         w = rows[SCALAR_OF_QUATERNION + k]
         unit = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-        x, y, z, w = unit * x, unit * y, unit * z, unit * w
+        x = unit * x
+        y = unit * y
+        z = unit * z
+        w = unit * w
         put_vec(rows, TURN_OF, k, (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)))
         put_vec(rows, TURN_Y, k, (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)))
         put_vec(rows, TURN_Z, k, (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)))
@@ -198,11 +240,14 @@ def orientation(rows, k):
 @jit_pass
 def _float_outboard(state, rows, lanes, body):
     """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
-    leaving, law = _leaving(body), _law(body)
+    leaving = _leaving(body)
+    law = _law(body)
     for k in range(lanes):
         rj = orientation(rows, k)
-        v, wj = vec_of(rows, RATES_FREE, k), vec_of(rows, RATES_TURNING, k)
-        dv, alj = vec_of(rows, EFFORTS_FREE, k), vec_of(rows, EFFORTS_TURNING, k)
+        v = vec_of(rows, RATES_FREE, k)
+        wj = vec_of(rows, RATES_TURNING, k)
+        dv = vec_of(rows, EFFORTS_FREE, k)
+        alj = vec_of(rows, EFFORTS_TURNING, k)
         w, al, a = state_of(state, k)
         a = acceleration_at(w, al, a, vec_of(rows, SHIFT, k))
         c = into(rj, w)
@@ -210,7 +255,8 @@ def _float_outboard(state, rows, lanes, body):
         a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
         _leave(state, rows, k, plus(c, wj), al, a, leaving)
     for j in range(6):
-        rate, effort = RATES_FREE + np.uint64(j) * LANES, EFFORTS_FREE + np.uint64(j) * LANES
+        rate = RATES_FREE + np.uint64(j) * LANES
+        effort = EFFORTS_FREE + np.uint64(j) * LANES
         for k in range(lanes):
             v = rows[rate + k]
             rows[effort + k] = own_effort(law, law.rest, v, rows[effort + k], _sign(v))
@@ -228,7 +274,8 @@ def _turn_inboard(rows, lanes, body):
     """The effort, and the wrench in the frame before the joint."""
     ct, st = _tilt(body)
     for k in range(lanes):
-        c, s = rows[COS + k], rows[SIN + k]
+        c = rows[COS + k]
+        s = rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
         put_vec(rows, FORCE, k, tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k))))
         put_vec(rows, MOMENT, k, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
@@ -237,9 +284,11 @@ def _turn_inboard(rows, lanes, body):
 @jit_pass
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
-    (ct, st), p = _tilt(body), vec_at(body, BODY_P)
+    ct, st = _tilt(body)
+    p = vec_at(body, BODY_P)
     for k in range(lanes):
-        c, s = rows[COS + k], rows[SIN + k]
+        c = rows[COS + k]
+        s = rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
         force = tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k)))
         _add(above, k, p, force, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
@@ -249,7 +298,8 @@ def _turn_on_inboard(rows, above, lanes, body):
 def _advance_inboard(rows, lanes, lead):
     """Add the force along z to the effort of a slide or a screw, and bring the moment to where it begins."""
     for k in range(lanes):
-        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        force = vec_of(rows, FORCE, k)
+        moment = vec_of(rows, MOMENT, k)
         rows[EFFORT + k] += lead * force[2]
         put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, lead * rows[PLACE + k]), force))
 
@@ -258,10 +308,13 @@ def _advance_inboard(rows, lanes, lead):
 def _float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
-        force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), orientation(rows, k)
+        force = vec_of(rows, FORCE, k)
+        moment = vec_of(rows, MOMENT, k)
+        rj = orientation(rows, k)
         put_vec(rows, EFFORTS_FREE, k, plus(vec_of(rows, EFFORTS_FREE, k), force))
         put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
-        force, moment = plus_out_of(_NONE, rj, force), plus_out_of(_NONE, rj, moment)
+        force = plus_out_of(_NONE, rj, force)
+        moment = plus_out_of(_NONE, rj, moment)
         put_vec(rows, FORCE, k, force)
         put_vec(rows, MOMENT, k, plus_cross(moment, vec_of(rows, SHIFT, k), force))
 
@@ -269,18 +322,23 @@ def _float_inboard(rows, lanes):
 @jit_pass
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
-    r, p = mat_at(body, BODY_R), vec_at(body, BODY_P)
+    r = mat_at(body, BODY_R)
+    p = vec_at(body, BODY_P)
     for k in range(lanes):
-        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        force = vec_of(rows, FORCE, k)
+        moment = vec_of(rows, MOMENT, k)
         _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
 
 
 @jit_lanes
 def _resist(rows, lanes, kind, body):
     """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
-    (c0, s0), law = _zero(body), _law(body)
+    c0, s0 = _zero(body)
+    law = _law(body)
     for k in range(lanes):
-        c, s = rows[COS + k], rows[SIN + k]  # of zero + q: a joint that turns without end has no other coordinate
+        # of zero + q: a joint that turns without end has no other coordinate
+        c = rows[COS + k]
+        s = rows[SIN + k]
         place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
         rows[EFFORT + k] += resisting_effort(law, place, _sign(rows[RATE + k]))
 
@@ -299,7 +357,8 @@ def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
     if how == ON:
         return
-    r, d = mat_at(body, BODY_R), vec_at(body, BODY_STEP)
+    r = mat_at(body, BODY_R)
+    d = vec_at(body, BODY_STEP)
     if how == FROM_WORLD:
         a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
@@ -322,11 +381,17 @@ def outboard(tree, numbers, work, lanes):
 
     Returns in how many lanes a joint's cosine and sine are those of no angle.
     """
-    g, lost = vec_at(numbers[0], 0), 0
+    g = vec_at(numbers[0], 0)
+    lost = 0
     for i in range(1, tree.shape[0]):
-        kind, first, at = tree[i, TREE_KIND], tree[i, TREE_ROWS], tree[i, TREE_STATE]
-        how, source = tree[i, TREE_BEGINS], tree[i, TREE_SOURCE]
-        state, rows, body = work[at:], work[first:], numbers[i]
+        kind = tree[i, TREE_KIND]
+        first = tree[i, TREE_ROWS]
+        at = tree[i, TREE_STATE]
+        how = tree[i, TREE_BEGINS]
+        source = tree[i, TREE_SOURCE]
+        state = work[at:]
+        rows = work[first:]
+        body = numbers[i]
         _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
             _slide_outboard(state, rows, lanes, body)
@@ -351,7 +416,8 @@ def _spoilt(rows, lanes):
     """Count the lanes in which a wrench is not finite: 0 x infinity is NaN, and nothing ends one."""
     count = 0
     for k in range(lanes):
-        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        force = vec_of(rows, FORCE, k)
+        moment = vec_of(rows, MOMENT, k)
         total = (force[0] + force[1] + force[2]) + (moment[0] + moment[1] + moment[2])
         count += 0 if total - total == 0.0 else 1
     return count
@@ -367,9 +433,13 @@ def inboard(tree, numbers, work, lanes):
     spoilt = 0
     for back in range(1, tree.shape[0]):
         i = tree.shape[0] - back
-        kind, parent = tree[i, TREE_KIND], tree[i, TREE_PARENT]
-        first, how = tree[i, TREE_ROWS], tree[i, TREE_BEGINS]
-        rows, above, body = work[first:], work[tree[parent, TREE_ROWS] :], numbers[i]
+        kind = tree[i, TREE_KIND]
+        parent = tree[i, TREE_PARENT]
+        first = tree[i, TREE_ROWS]
+        how = tree[i, TREE_BEGINS]
+        rows = work[first:]
+        above = work[tree[parent, TREE_ROWS] :]
+        body = numbers[i]
         if how == ON:
             _turn_on_inboard(rows, above, lanes, body)
             continue

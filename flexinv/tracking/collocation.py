@@ -76,16 +76,20 @@ class Evaluated(NamedTuple):
 @jit
 def evaluate_instants(system, joints, motion, frame, out):
     """Fill ``out`` (`Evaluated`) [N, m], ``frame`` the node of its reach; return -1, -1 or the instant and its bad element."""
-    state, want = system.state, out.tangent.shape[0] > 0
+    state = system.state
+    want = out.tangent.shape[0] > 0
     still = Scheme(DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     block = system.topology.block[frame]
-    first, size = system.topology.offset[block], system.topology.size[block]
+    first = system.topology.offset[block]
+    size = system.topology.size[block]
     for k in range(motion.x.shape[0]):
         for n in range(motion.x.shape[1]):
             put(state.x[n], 0, vec(motion.x[k, n]))
             put_block(state.r[n], 0, 0, mat(motion.r[k, n]))
         for i in range(len(state.d)):
-            state.d[i], state.u[i], state.du[i] = 0.0, motion.u[k, i], motion.du[k, i]
+            state.d[i] = 0.0
+            state.u[i] = motion.u[k, i]
+            state.du[i] = motion.du[k, i]
             state.place[i] = motion.place[k, i]
         set_loads(system.loads, motion.table[k], state.d[:0])
         bad = differentiate(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
@@ -142,11 +146,13 @@ class FreeLayout:
 
     def __init__(self, mesh: Mesh) -> None:
         """Lay out the unknowns of a mesh with every joint free [m], [rad]."""
-        m, zero = mesh.mechanism, np.zeros(mesh.mechanism.nv)
+        m = mesh.mechanism
+        zero = np.zeros(mesh.mechanism.nv)
         self.solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
         self.joints, t = instant(mesh, m.neutral, zero, zero), self.solver.topology
         first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
-        self.node, self.section = np.flatnonzero(t.independent | (t.triple >= 0)), np.flatnonzero(t.independent)
+        self.node = np.flatnonzero(t.independent | (t.triple >= 0))
+        self.section = np.flatnonzero(t.independent)
         starts = first[self.node], t.offset[t.block[self.section]]
         self.triple, self.place = (part[:, None] + np.arange(3) for part in starts)
         springless = replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints))  # springs stay in the plane
@@ -157,14 +163,17 @@ class FreeLayout:
 
     def undeformed(self, q: Array) -> Placed:
         """Return the poses of the stress-free mechanism at q (samples, nq) [rad], [m]."""
-        mesh, t = self.solver.mesh, self.solver.topology
+        mesh = self.solver.mesh
+        t = self.solver.topology
         zero = np.zeros((len(q), mesh.mechanism.nv))
-        motion, rel = rigid_motion(mesh, q, zero, zero), relative_motion(mesh, q, zero, zero)
+        motion = rigid_motion(mesh, q, zero, zero)
+        rel = relative_motion(mesh, q, zero, zero)
         flat = np.zeros((len(q), len(t.scale)))
         flat[:, self.place] = motion.x[:, self.section]
         for n in np.flatnonzero(t.freedoms):
             own = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
-            slide, turn = t.slide[n, : t.freedoms[n]], t.turn[n, : t.freedoms[n]]
+            slide = t.slide[n, : t.freedoms[n]]
+            turn = t.turn[n, : t.freedoms[n]]
             flat[:, own] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
             if t.triple[n] < 0:
                 angle = log_so3(self.joints.r[n].T @ rel.r[:, n]) @ turn.T  # (sample, freedom)
@@ -174,8 +183,10 @@ class FreeLayout:
 
     def nodes(self, at: Placed) -> tuple[Array, Array]:
         """Return x (samples, nodes, 3) [m], r (samples, nodes, 3, 3) as the march's state has them."""
-        t, size = self.solver.topology, len(at.flat)
-        x, r = np.tile(self.joints.p, (size, 1, 1)), np.tile(self.joints.r, (size, 1, 1, 1))
+        t = self.solver.topology
+        size = len(at.flat)
+        x = np.tile(self.joints.p, (size, 1, 1))
+        r = np.tile(self.joints.r, (size, 1, 1, 1))
         x[:, self.section] = at.flat[:, self.place]
         for n in np.flatnonzero(t.freedoms):
             first = t.offset[t.block[n]] + t.column[n]
@@ -194,10 +205,13 @@ class FreeLayout:
 
     def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
         """Return u, u' (samples, unknowns) [m, rad, s], at rest at the ends, and delta+ (samples - 1, rotations, 3)."""
-        ahead, delta = np.diff(at.flat, axis=0), log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
+        ahead = np.diff(at.flat, axis=0)
+        delta = log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
         ahead[:, self.triple] = delta
-        u, du = np.zeros_like(at.flat), np.zeros_like(at.flat)
-        u[1:-1], du[1:-1] = (ahead[1:] + ahead[:-1]) / (2 * h), (ahead[1:] - ahead[:-1]) / h**2
+        u = np.zeros_like(at.flat)
+        du = np.zeros_like(at.flat)
+        u[1:-1] = (ahead[1:] + ahead[:-1]) / (2 * h)
+        du[1:-1] = (ahead[1:] - ahead[:-1]) / h**2
         if at.last is not None:
             du[-1] = at.last
         return u, du, delta
@@ -205,12 +219,14 @@ class FreeLayout:
 
 def _in_plane(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
     """(rows, unknowns): components along the plane's axes, turns about its normal, and the joints' own coordinates."""
-    t, rows = solver.topology, []
+    t = solver.topology
+    rows = []
     for n in range(mesh.size):
         o = t.offset[t.block[n]]
         if t.independent[n]:
             own = np.zeros((3, len(t.scale)))
-            own[:2, o : o + 3], own[2, o + 3 : o + 6] = plane.axes.T[:2], plane.frames[n, 2]
+            own[:2, o : o + 3] = plane.axes.T[:2]
+            own[2, o + 3 : o + 6] = plane.frames[n, 2]
             rows += list(own)
         elif t.freedoms[n]:
             rows.append(np.eye(len(t.scale))[o + t.column[n]])
@@ -261,19 +277,25 @@ class Horizon:
     def evaluate(self, at: Placed, stiffness: float = 1.0, want: bool = True) -> Linearised:
         """Return residuals and derivatives at ``at`` [m, rad], beams ``stiffness`` times as stiff [-].  Raises TurnedTooMuch."""
         u, du, _ = self.layout.differences(at, self.h)
-        rows, mesh, size = len(self.layout.pick), self.layout.solver.mesh, len(self.time)
+        rows = len(self.layout.pick)
+        mesh = self.layout.solver.mesh
+        size = len(self.time)
         tasks = self.reach.within.shape[2] + self.reach.idle.shape[2]
         shapes = (size, rows), (3, size if want else 0, rows, rows), (size, tasks), (size, tasks, rows)
         residual, tangents, missed, derivatives = (np.zeros(shape) for shape in shapes)
         out = Linearised(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
-        solver, pick = self.layout.solver, self.layout.pick
+        solver = self.layout.solver
+        pick = self.layout.pick
         beams = solver.elements._replace(stiffness=freeze(stiffness * solver.elements.stiffness))
-        system, unknowns = solver.system._replace(elements=beams), u.shape[1]
+        system = solver.system._replace(elements=beams)
+        unknowns = u.shape[1]
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
             x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))
-            own, wanted = out.trajectory.rows(part.start, part.stop), len(x) if want else 0
-            tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
+            own = out.trajectory.rows(part.start, part.stop)
+            wanted = len(x) if want else 0
+            tangent = np.zeros((wanted, 3, unknowns, unknowns))
+            reach = np.zeros((wanted, 6, unknowns))
             now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own)
             free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
             motion = FreeMotion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
@@ -290,9 +312,14 @@ class Horizon:
 
     def _missed(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""
-        wanted, frame, drives, length = self.wanted, self.way.frame, self.layout.drives, self.way.mesh.length
-        now, node = frame.poses(own.motion), own.motion.rotation[:, frame.node]
-        off, by = now.x - wanted.x[part], np.zeros((len(reach), 3, reach.shape[2]))
+        wanted = self.wanted
+        frame = self.way.frame
+        drives = self.layout.drives
+        length = self.way.mesh.length
+        now = frame.poses(own.motion)
+        node = own.motion.rotation[:, frame.node]
+        off = now.x - wanted.x[part]
+        by = np.zeros((len(reach), 3, reach.shape[2]))
         if len(reach):
             spin = np.cross(np.swapaxes(reach[:, 3:], 1, 2), frame.point)  # (sample, unknown, xyz)
             by = reach[:, :3] + node @ np.swapaxes(spin, 1, 2)
@@ -318,7 +345,8 @@ class Horizon:
         system = [np.zeros((len(self.time), rows + drives, rows + drives)) for _ in range(3)]
         for part, block in zip(system, (below, own, above), strict=True):
             part[:, :rows, :rows] = block
-        system[1][:, :rows, rows:], system[1][:, rows:, :rows] = efforts, now.by
+        system[1][:, :rows, rows:] = efforts
+        system[1][:, rows:, :rows] = now.by
         # unknowns of one size: lengths over that of the mechanism, efforts by the largest work of a motion of that size
         of_motion = np.sqrt(self.layout.pick**2 @ self.layout.solver.topology.scale**2)
         largest = np.abs(of_motion[:, None] * own * of_motion).max()
@@ -333,20 +361,27 @@ class Horizon:
 
     def _blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
         """Derivatives of each instant's equations of motion by the poses before, at and after it."""
-        h, (k, c, m) = self.h, now.tangent
-        ahead, back = m / h**2 + c / (2 * h), m / h**2 - c / (2 * h)
+        h = self.h
+        k, c, m = now.tangent
+        ahead = m / h**2 + c / (2 * h)
+        back = m / h**2 - c / (2 * h)
         for ends in (0, -1):  # at rest whatever comes after
-            ahead[ends], back[ends] = 0.0, 0.0
+            ahead[ends] = 0.0
+            back[ends] = 0.0
         if self.layout.planar or not len(self.layout.triple):
             return back, k - ahead - back, ahead
-        delta, none = self.layout.differences(at, h)[2], np.zeros((1, len(self.layout.triple), 3))
-        after, before = np.concatenate([delta, none]), np.concatenate([none, -delta])
+        delta = self.layout.differences(at, h)[2]
+        none = np.zeros((1, len(self.layout.triple), 3))
+        after = np.concatenate([delta, none])
+        before = np.concatenate([none, -delta])
         own = k - (self._through(ahead, after, True) + self._through(back, before, True))
         return self._through(back, before, False), own, self._through(ahead, after, False)
 
     def _through(self, block: Array, delta: Array, transposed: bool) -> Array:
         """A block times d(delta) by the increment of its other end (H^-1) or, ``transposed``, less that of its own (H^-T)."""
-        out, inverse = block.copy(), inverse_tangents(delta)  # (sample, rotation, 3, 3)
+        # (sample, rotation, 3, 3)
+        out = block.copy()
+        inverse = inverse_tangents(delta)
         for k, own in enumerate(self.layout.triple):
             out[:, :, own] = block[:, :, own] @ (np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k])
         return out

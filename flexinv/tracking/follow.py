@@ -42,16 +42,21 @@ from flexinv.typing import Array
 from flexinv.validation import choice, flag, of_kind, seconds
 
 # Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
-LEFT, RESTLESS = 1e-6, 1e-2
+LEFT = 1e-6
+RESTLESS = 1e-2
 # More instants than this are a mistake in `step` or in the window far more often than a wish: a gigabyte of equations.
 MOST_INSTANTS = 20_000
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this: the next would be its square.
-INCREMENT, MOST_ITERATIONS = 1e-8, 20
+INCREMENT = 1e-8
+MOST_ITERATIONS = 20
 # An increment this large, in lengths of the mechanism or radians, means that Newton is lost.
 LOST = 30.0
 # Continuation begins this many times as stiff, and gives up where the factor has to fall by less than SMALLEST_FACTOR in one go.
-STIFF, SMALLEST_FACTOR = 1000.0, 1.02
-RIGID_BODY, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
+STIFF = 1000.0
+SMALLEST_FACTOR = 1.02
+RIGID_BODY = "rigid"
+JOINT_SPACE = "joint space"
+INVERSION = "stable inversion"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +83,13 @@ class Following(ByValue):
         """The joints on the rigid mechanism's motion, beams bending: the naive answer, by `solve` [m, rad, s, N, N m]."""
         if self.solution is self.rigid:
             return self.rigid
-        m, q, time = self.solution.mechanism, self.reach.q, self.time - self.time[0]
+        m = self.solution.mechanism
+        q = self.reach.q
+        time = self.time - self.time[0]
         given = {j.name: q[:, m.q_slices[j.name]] for j in m.joints if j.nv and j.actuated}
         rest = {j.name: q[0, m.q_slices[j.name]] for j in m.joints if j.nv and not j.actuated}
-        motion, step = Motion.from_samples(time, given, rest=True), float(self.time[1] - self.time[0])
+        motion = Motion.from_samples(time, given, rest=True)
+        step = float(self.time[1] - self.time[0])
         # the end: rounding of the first time must not lose the last sample
         return replace(solve(m, motion, step, end=float(time[-1]), initial=_initial(m), start=rest), time=self.time)
 
@@ -100,8 +108,10 @@ class Following(ByValue):
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
         ways = {RIGID_BODY: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
         choice("name", name, ways)
-        torque, q = self.feed_forwards[name].torque, self.solution.q[0]
-        m, step = self.solution.mechanism, float(self.time[1] - self.time[0])
+        torque = self.feed_forwards[name].torque
+        q = self.solution.q[0]
+        m = self.solution.mechanism
+        step = float(self.time[1] - self.time[0])
         places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
         return simulate(m, self.time, torque, step, spectral_radius, _initial(m), start=places)
 
@@ -165,7 +175,8 @@ def follow(
         return _beside_rigid(way, way.reach(time), time)
     if asked is None:
         mesh, first = run(mechanism, time, (), settings)
-        solution, (horizon, left) = solution_of(mesh, first, settings), runs[0]
+        solution = solution_of(mesh, first, settings)
+        horizon, left = runs[0]
         if error:
             solution = with_error(solution, first, time, settings, run, 2, True)
         return replace(_beside_rigid(way, horizon.reach, time), solution=solution, unrest=left)
@@ -177,8 +188,11 @@ def follow(
 
 def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     """The first step [m, rad, s, N] of a mechanism that bends, and what moves at both ends of the window [-]."""
-    mesh, time, q = horizon.way.mesh, horizon.time, horizon.reach.q.copy()
-    trajectory, moves = stable_inversion(horizon), {joint.name for joint in mesh.mechanism.joints if joint.nv}
+    mesh = horizon.way.mesh
+    time = horizon.time
+    q = horizon.reach.q.copy()
+    trajectory = stable_inversion(horizon)
+    moves = {joint.name for joint in mesh.mechanism.joints if joint.nv}
     qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
     applied = applied_forces(mesh, trajectory.motion, time)
@@ -197,7 +211,8 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
     path = way.path
     for name, value in (("before", before), ("after", after)):
         seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
-    move, ends = path.duration, np.array([0.0, path.duration])
+    move = path.duration
+    ends = np.array([0.0, path.duration])
     if step > move / 4:
         raise InputError(f"step = {step:g} s is too long for a path of {move:g} s: write step = {move / 200:g}")
     if before is None or after is None:
@@ -280,13 +295,16 @@ def _continued(horizon: Horizon, swing: bool) -> tuple[Trajectory | None, float]
 
     swing : whether what swings inside may swing on at the end of the window
     """
-    stiffness, factor = 1.0, STIFF ** (1 / 4)
+    stiffness = 1.0
+    factor = STIFF ** (1 / 4)
     if (found := _newton(horizon, horizon.rigid, stiffness, swing)) is None:
-        found, stiffness = _newton(horizon, horizon.rigid, STIFF, swing), STIFF
+        found = _newton(horizon, horizon.rigid, STIFF, swing)
+        stiffness = STIFF
     while found is not None and stiffness > 1.0:
         target = max(1.0, stiffness / factor)
         if (softer := _newton(horizon, found[0], target, swing)) is not None:
-            found, stiffness = softer, target
+            found = softer
+            stiffness = target
         elif (factor := np.sqrt(factor)) < SMALLEST_FACTOR:
             break
     return (found[1], 1.0) if found is not None and stiffness == 1.0 else (None, stiffness)

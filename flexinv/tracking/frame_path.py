@@ -75,7 +75,9 @@ class Path(Frozen):
         start: ArrayLike, centre: ArrayLike, angle: float, duration: float, axis: ArrayLike = (0, 0, 1), law: str = "nonic"
     ) -> Path:  # fmt: skip
         """Run from ``start`` (3,) [m] by ``angle`` [rad] about an ``axis`` through ``centre`` (3,) [m].  Raises InputError."""
-        a, c, n = _point(start, "start"), _point(centre, "centre"), _point(axis, "axis")
+        a = _point(start, "start")
+        c = _point(centre, "centre")
+        n = _point(axis, "axis")
         if not np.linalg.norm(n) > 0 or not np.linalg.norm(np.cross(n, a - c)) > 0:
             raise InputError("arc: expected an axis that is not zero, and a start that is not on the axis")
         angle = number("angle", angle, "a finite number of radians")
@@ -119,7 +121,9 @@ class Path(Frozen):
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
         s = finite_array("time", at, (None,), "s") / self.duration
         u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
-        u1, u2 = (speed / self.duration)[:, None], (rate / self.duration**2)[:, None]  # (sample, 1)
+        # (sample, 1)
+        u1 = (speed / self.duration)[:, None]
+        u2 = (rate / self.duration**2)[:, None]
         c, c1, c2 = self.curve(u)
         poses = Poses(c, c1 * u1, c2 * u1**2 + c1 * u2)
         if self.turn is None:

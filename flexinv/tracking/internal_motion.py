@@ -71,21 +71,26 @@ class Swings:
 
 def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0) -> InternalMotions:
     """Return the internal motions while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
-    own, pick = horizon.at(sample), horizon.layout.pick
+    own = horizon.at(sample)
+    pick = horizon.layout.pick
     one = own.evaluate(own.rigid, stiffness)
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
-    by, efforts = one.by[0] * sizes, sizes[:, None] * (pick @ horizon.layout.drives.T)
+    by = one.by[0] * sizes
+    efforts = sizes[:, None] * (pick @ horizon.layout.drives.T)
     allowed = [scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T)]
     n, w = (sizes[:, None] * part for part in allowed)
-    stiff, inert = one.tangent[0, 0], one.tangent[2, 0]
+    stiff = one.tangent[0, 0]
+    inert = one.tangent[2, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         squared, left, right = scipy.linalg.eig(-w.T @ stiff @ n, w.T @ inert @ n, left=True, right=True)
     finite = np.isfinite(squared)
     kept = np.flatnonzero(finite & (np.abs(squared) < ENDLESS * np.abs(squared[finite]).min(initial=np.inf)))
     rates = np.sqrt(squared[kept].astype(complex))
     order = np.argsort(rates.real, kind="stable")
-    kept, rates = kept[order], rates[order]
-    left, right = w @ left[:, kept].conj(), n @ right[:, kept]
+    kept = kept[order]
+    rates = rates[order]
+    left = w @ left[:, kept].conj()
+    right = n @ right[:, kept]
     return InternalMotions(rates, left, right / np.einsum("rm,rm->m", left, inert @ right), inert)
 
 
@@ -111,7 +116,8 @@ def find_swings(horizon: Horizon, stiffness: float) -> Swings:
             f"{name_zeros(ends[0].rates)}, at the end {name_zeros(ends[1].rates)}); follow another point of the tool or "
             "another path"
         )
-    first, last = ends[0].left[:, seen[0]].real, ends[1].right[:, seen[1]].real
+    first = ends[0].left[:, seen[0]].real
+    last = ends[1].right[:, seen[1]].real
     return Swings(ends[0].inertia.T @ first, ends[1].inertia @ last, last.T @ horizon.layout.pick)
 
 
@@ -121,11 +127,13 @@ def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> 
     What swings inside has no conditions at the end: its acceleration there is an unknown beside the others,
     zero velocity at the first an equation.
     """
-    pick, h = horizon.layout.pick, horizon.h
+    pick = horizon.layout.pick
+    h = horizon.h
     u, du, _ = horizon.layout.differences(at, h)
     first = (h * u[1] - 0.5 * h**2 * du[1]) @ pick.T  # y_1 - y_0
     solve = horizon.linear_solver(at, now)
-    plain, none = solve(now.residual, now.missed), np.zeros_like(now.missed)
+    plain = solve(now.residual, now.missed)
+    none = np.zeros_like(now.missed)
     columns = []
     for k in range(swings.count):
         pushed = np.zeros_like(now.residual)

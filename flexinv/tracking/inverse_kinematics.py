@@ -38,7 +38,8 @@ ITERATIONS = 100
 # Of the mechanism's length: what Newton leaves of the distance to the path (it converges quadratically: rounding).
 REACHED = 1e-10
 # Directions in which joints move the frame this much less than in the best one: none below NEGLIGIBLE, trouble below SINGULAR.
-NEGLIGIBLE, SINGULAR = 1e-9, 1e-3
+NEGLIGIBLE = 1e-9
+SINGULAR = 1e-3
 # How far beyond a limit a joint may be found [rad], [m]: what Newton leaves of the path, with a margin of ten.
 AT_LIMIT = 1e-9
 # Of the path's time: intervals are halved down to this.
@@ -57,12 +58,16 @@ class Frame:
 
     def poses(self, motion: NodalMotion) -> Poses:
         """Return the motion of the frame [m, rad, s]."""
-        r, w, al = motion.rotation[:, self.node], motion.omega[:, self.node], motion.alpha[:, self.node]
+        r = motion.rotation[:, self.node]
+        w = motion.omega[:, self.node]
+        al = motion.alpha[:, self.node]
         x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
         if self.point.any():  # else at the node itself, as a beam's tip
             spin = np.cross(w, self.point)
             swing = np.cross(al, self.point) + np.cross(w, spin)
-            x, v, a = x + r @ self.point, v + _turned(r, spin), a + _turned(r, swing)
+            x = x + r @ self.point
+            v = v + _turned(r, spin)
+            a = a + _turned(r, swing)
         return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
 
 
@@ -134,7 +139,8 @@ class RigidWay:
         """Return the joint motion with which the frame follows the path at ``time`` (samples,) [s].
         Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
         """
-        path, spline = self.path, self._knots
+        path = self.path
+        spline = self._knots
         self._looked_between()
         inside = np.clip(time, 0.0, path.duration)
         moving = ((time > 0.0) & (time < path.duration))[:, None]
@@ -164,7 +170,8 @@ class RigidWay:
             for side, level, part in (("upper", upper[drive], pieces), ("lower", -lower[drive], opposite)):
                 if not np.isfinite(level) or part.largest(column)[0] <= level + AT_LIMIT:
                     continue
-                m, instant = self.mesh.mechanism, part.reach(column, level + AT_LIMIT)
+                m = self.mesh.mechanism
+                instant = part.reach(column, level + AT_LIMIT)
                 raise InputError(
                     f"mechanism '{m.name}': at t = {instant:.10g} s of the path joint {m.velocity_names[self._drives[drive]]!r} "
                     f"passes its {side} limit of {level if side == 'upper' else -level:g}; move the path, or give another "
@@ -177,7 +184,8 @@ class RigidWay:
         Singular values change by no more than their matrix (Weyl): an interval whose ends have s_k + s_(k+1) more than the change
         between them holds none; others are halved.  The bend of J over a part is an eighth of its second difference.
         """
-        begin, end = np.linspace(0.0, self.path.duration, KNOTS)[:-1], np.linspace(0.0, self.path.duration, KNOTS)[1:]
+        begin = np.linspace(0.0, self.path.duration, KNOTS)[:-1]
+        end = np.linspace(0.0, self.path.duration, KNOTS)[1:]
         shortest = SHORTEST_PART * self.path.duration
         while len(begin):
             times = np.stack([begin, 0.5 * (begin + end), end])
@@ -188,13 +196,15 @@ class RigidWay:
                 return  # no drive moves the frame, which is said where it is followed
             self._check_ratio(values, rank, times.reshape(-1))
             j = jacobians.reshape(3, len(begin), *jacobians.shape[1:])
-            size, least = values[:, 0].reshape(3, -1), values[:, rank - 1].reshape(3, -1)
+            size = values[:, 0].reshape(3, -1)
+            least = values[:, rank - 1].reshape(3, -1)
             change = np.linalg.norm(np.diff(j, axis=0), ord=2, axis=(2, 3)).sum(axis=0)
             bend = np.linalg.norm(j[0] - 2.0 * j[1] + j[2], ord=2, axis=(1, 2)) / 2.0
             left = least[0] + least[2] - 2.0 * SINGULAR * size.max(axis=0) <= change + bend
             left &= end - begin > shortest
             middle = times[1, left]
-            begin, end = np.concatenate([begin[left], middle]), np.concatenate([middle, end[left]])
+            begin = np.concatenate([begin[left], middle])
+            end = np.concatenate([middle, end[left]])
 
     def _check_ratio(self, values: Array, rank: int, time: Array) -> None:
         """Raise InputError where joints move the frame hardly in a direction; values : (samples, directions) of the Jacobian."""
@@ -218,9 +228,11 @@ class RigidWay:
     @cached_property
     def _knots(self) -> scipy.interpolate.BSpline:
         """A spline through the angles at places of the path, found one after the other."""
-        m, knots = self.mesh.mechanism, np.linspace(0.0, self.path.duration, KNOTS)
+        m = self.mesh.mechanism
+        knots = np.linspace(0.0, self.path.duration, KNOTS)
         places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, self.start)
-        angles, first = np.empty((KNOTS, m.nv)), np.zeros(m.nv)
+        angles = np.empty((KNOTS, m.nv))
+        first = np.zeros(m.nv)
         for joint in m.joints:
             own = m.v_slices[joint.name]
             if joint.kind in SCALAR and (place := places.get(joint.name)) is not None:
@@ -233,7 +245,8 @@ class RigidWay:
 
     def _coordinates(self, angles: Array) -> Array:
         """q (samples, nq) of angles (samples, nv)."""
-        m, q = self.mesh.mechanism, np.tile(self.mesh.mechanism.neutral, (len(angles), 1))
+        m = self.mesh.mechanism
+        q = np.tile(self.mesh.mechanism.neutral, (len(angles), 1))
         for joint in m.joints:
             own = angles[:, m.v_slices[joint.name]]
             if KINDS[joint.kind].circle:
@@ -254,7 +267,8 @@ class RigidWay:
 
     def _off(self, angles: Array, wanted: Poses) -> Array:
         """Return the deviation from the path, (samples, rows) [m]."""
-        now, turn = self._poses(angles, np.zeros_like(angles)), None
+        now = self._poses(angles, np.zeros_like(angles))
+        turn = None
         if self.path.turn is not None and now.rotation is not None and wanted.rotation is not None:
             turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
         return self._rows(wanted.x - now.x, turn)
@@ -269,7 +283,9 @@ class RigidWay:
 
     def _approach(self, angles: Array, wanted: Poses, at: float) -> Array:
         """Angles (nv,) at one place of the path, by damped least squares within the limits."""
-        angles, length, before = angles.copy(), self.mesh.length, np.inf
+        angles = angles.copy()
+        length = self.mesh.length
+        before = np.inf
         for _ in range(ITERATIONS):
             missing = self._off(angles[None], wanted)[0]
             if (distance := float(np.linalg.norm(missing))) < REACHED * length:
@@ -285,7 +301,8 @@ class RigidWay:
 
     def _step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
         """Drives (drives,) after one step; those that would pass a limit stop there, and the others do without them."""
-        free, (lower, upper) = np.ones(len(now), dtype=bool), self._bounds
+        free = np.ones(len(now), dtype=bool)
+        lower, upper = self._bounds
         while True:
             dq = np.zeros(len(now))
             u, s, vt = np.linalg.svd(jacobian[:, free], full_matrices=False)
@@ -298,7 +315,9 @@ class RigidWay:
             free &= ~stopped
 
     def _unreached(self, angles: Array, distance: float, at: float) -> None:
-        m, own, (lower, upper) = self.mesh.mechanism, angles[self._drives], self._bounds
+        m = self.mesh.mechanism
+        own = angles[self._drives]
+        lower, upper = self._bounds
         held = (own <= lower) | (own >= upper)
         if held.any():
             name = [m.velocity_names[i] for i in self._drives][int(np.argmax(held))]
@@ -331,7 +350,8 @@ class RigidWay:
 
     def _finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
-        angles, drives = self._settled(guess[0], wanted, time), self._drives
+        angles = self._settled(guess[0], wanted, time)
+        drives = self._drives
         jacobian = self._jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
@@ -343,7 +363,8 @@ class RigidWay:
         self._check_ratio(s, rank, time)
         inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NEGLIGIBLE), dtype=np.float64)
         idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)
-        qd, qdd = np.zeros_like(angles), np.zeros_like(angles)
+        qd = np.zeros_like(angles)
+        qdd = np.zeros_like(angles)
         stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)
         qd[:, drives] = _turned(inverse, self._rows(wanted.v, wanted.omega)) + _turned(stay, guess[1][:, drives])
         bent = self._poses(angles, qd)

@@ -82,7 +82,8 @@ def _moment(model: Model, target: str) -> float:
 
 def _turned(beam: Beam, size: float) -> Beam:
     """Exchange the section's y and z."""
-    section, swap = beam.section, [0, 2, 1, 3, 5, 4]
+    section = beam.section
+    swap = [0, 2, 1, 3, 5, 4]
     return replace(
         beam,
         section=replace(

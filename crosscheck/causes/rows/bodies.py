@@ -107,7 +107,9 @@ def _gravity(change: Callable[[Array, Array], Array]) -> Change:
 
 # ------------------------------------------------------------------------------------------------------ fixed joints
 
-ROTATION, OFFSET, MASSLESS = "rotation of ", "offset of ", "massless inertia on "
+ROTATION = "rotation of "
+OFFSET = "offset of "
+MASSLESS = "massless inertia on "
 
 
 def _fixed(model: Model) -> list[str]:

@@ -18,7 +18,8 @@ from flexinv.model.track import LAWS
 
 ALONE = "one joint moved at a time"
 MANY = 8  # coordinates up to which every pair is tried; beyond, neighbours only
-ARROW, ALPHABET = " <-> ", "alphabetical order"
+ARROW = " <-> "
+ALPHABET = "alphabetical order"
 
 
 def _pairs(model: Model) -> list[str]:
@@ -58,7 +59,9 @@ def _coordinates_exchanged(subject: Subject, target: str, size: Array) -> Subjec
     """Exchange motion and efforts: the engine has another order in and out."""
 
     def moved(mechanism: Mechanism, states: States) -> States:
-        q, qd, qdd = states.q.copy(), states.qd.copy(), states.qdd.copy()
+        q = states.q.copy()
+        qd = states.qd.copy()
+        qdd = states.qdd.copy()
         for here, there in zip(*_order(mechanism, target), strict=True):
             q[:, mechanism.q_slices[there]] = states.q[:, mechanism.q_slices[here]]
             for new, old in ((qd, states.qd), (qdd, states.qdd)):
@@ -110,7 +113,9 @@ def _motions_exchanged(subject: Subject, target: str, size: Array) -> Subject:
     """Exchange the motion alone: what is given to one joint was meant for the other."""
 
     def moved(mechanism: Mechanism, states: States) -> States:
-        q, qd, qdd = states.q.copy(), states.qd.copy(), states.qdd.copy()
+        q = states.q.copy()
+        qd = states.qd.copy()
+        qdd = states.qdd.copy()
         for here, there in zip(*_order(mechanism, target), strict=True):
             q[:, mechanism.q_slices[there]] = states.q[:, mechanism.q_slices[here]]
             for new, old in ((qd, states.qd), (qdd, states.qdd)):
@@ -157,7 +162,8 @@ def _classical(sign: float) -> Change:
     def change(subject: Subject, target: str, size: Array) -> Subject:
         def moved(mechanism: Mechanism, states: States) -> States:
             v = mechanism.v_slices[target]
-            qdd, rate = states.qdd.copy(), states.qd[:, v]
+            qdd = states.qdd.copy()
+            rate = states.qd[:, v]
             qdd[:, v.start : v.start + 3] += sign * np.cross(rate[:, 3:], rate[:, :3])
             return replace(states, qdd=qdd)
 

@@ -28,7 +28,8 @@ def _taken(law: Law) -> Change:
 
     def changed(subject: Subject, target: str, size: Array) -> Subject:
         def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
-            out, part = effort.copy(), mechanism.v_slices[target]
+            out = effort.copy()
+            part = mechanism.v_slices[target]
             out[:, part] += law(states.qd[:, part], size, mechanism.joint_of[target])
             return out
 
@@ -68,7 +69,8 @@ def _efficient(subject: Subject, target: str, size: Array) -> Subject:
     """Multiply the effort of one joint by 1 + first number where it drives, by 1 - second number where it is driven."""
 
     def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
-        out, part = effort.copy(), mechanism.v_slices[target]
+        out = effort.copy()
+        part = mechanism.v_slices[target]
         power = effort[:, part] * states.qd[:, part]
         out[:, part] *= 1.0 + size[0] * (power > 0.0) - size[1] * (power < 0.0)
         return out
@@ -84,7 +86,8 @@ def _rise(model: Model, target: str, seen: Array) -> list[Array]:
     """Return the speed over which the friction in given efforts (samples, nv) rises, if it does: tanh(v / v_s) says it."""
     mechanism = model.base.mechanism
     part = mechanism.v_slices[target]
-    qd, law = model.states.qd[:, part], (seen - model.torque)[:, part] / mechanism.joint_of[target].friction
+    qd = model.states.qd[:, part]
+    law = (seen - model.torque)[:, part] / mechanism.joint_of[target].friction
     part_of_friction = np.sign(qd) * law + 1.0
     rising = (qd != 0.0) & (part_of_friction > RISING) & (part_of_friction < 1.0 - RISING)
     speeds = np.abs(qd[rising]) / np.arctanh(part_of_friction[rising])

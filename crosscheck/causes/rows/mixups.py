@@ -14,7 +14,8 @@ from flexinv.model.mechanism import Inertia
 
 TURN = "all joints moved quickly, each at a rhythm of its own, so that the body turns about all its axes"
 MANY = 8  # bodies up to which every pair is tried; beyond, neighbours only
-ARROW, AXES = " <-> ", "xyz"
+ARROW = " <-> "
+AXES = "xyz"
 ROWS_FIRST = ("xx", "xy", "xz", "yy", "yz", "zz")  # URDF
 DIAGONAL_FIRST = ("xx", "yy", "zz", "xy", "xz", "yz")  # MJCF
 LOWER = ("xx", "xy", "yy", "xz", "yz", "zz")  # Pinocchio
@@ -39,7 +40,8 @@ def _pairs(model: Model) -> list[str]:
 
 def _exchanged(subject: Subject, target: str, size: Array) -> Subject:
     a, b = target.split(ARROW)
-    first, second = subject.body_of(a)[1].inertia, subject.body_of(b)[1].inertia
+    first = subject.body_of(a)[1].inertia
+    second = subject.body_of(b)[1].inertia
     once = subject.with_body(a, lambda one: replace(one, inertia=second))
     return once.with_body(b, lambda one: replace(one, inertia=first))
 
@@ -83,7 +85,8 @@ def _permuted(subject: Subject, target: str, size: Array) -> Subject:
     name, pair = target.rsplit(": ", 1)
     order = list(range(3))
     i, j = (AXES.index(axis) for axis in pair)
-    order[i], order[j] = j, i
+    order[i] = j
+    order[j] = i
 
     def change(inertia: Inertia) -> Inertia:
         return inertia.restated(tensor=inertia.tensor[np.ix_(order, order)])
@@ -98,7 +101,8 @@ def _components(model: Model) -> list[str]:
 
 def _component(subject: Subject, target: str, size: Array) -> Subject:
     name, pair = target.rsplit(": ", 1)
-    k, factor = AXES.index(pair[0]), 1.0 + more_than_nothing(size)
+    k = AXES.index(pair[0])
+    factor = 1.0 + more_than_nothing(size)
 
     def change(inertia: Inertia) -> Inertia:
         tensor = inertia.tensor.copy()

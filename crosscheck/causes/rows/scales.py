@@ -50,7 +50,9 @@ def _moved(change: Callable[[Mechanism, States, str, float], States]) -> Change:
 
 
 def _coordinate(mechanism: Mechanism, states: States, target: str, size: float) -> States:
-    q, qd, qdd = states.q.copy(), states.qd.copy(), states.qdd.copy()
+    q = states.q.copy()
+    qd = states.qd.copy()
+    qdd = states.qdd.copy()
     q[:, mechanism.q_slices[target]] *= 1.0 + size
     for rate in (qd, qdd):
         rate[:, mechanism.v_slices[target]] *= 1.0 + size
@@ -66,7 +68,8 @@ def _accelerations(mechanism: Mechanism, states: States, target: str, size: floa
 
 
 def _paced(subject: Subject, target: str, size: Array) -> Subject:
-    inner, pace = subject.case.motion, 1.0 + more_than_nothing(size)
+    inner = subject.case.motion
+    pace = 1.0 + more_than_nothing(size)
 
     def moved(mechanism: Mechanism, states: States) -> States:
         q, qd, qdd = inner.evaluate(mechanism, states.time * pace)
@@ -81,7 +84,8 @@ def _standing(change: float) -> StateChange:
 
 def _given(model: Model) -> list[str]:
     """Return the joints with one coordinate, an angle or a travel, that the motion gives and that move."""
-    mechanism, given = model.base.mechanism, model.base.case.motion.joints(model.base.mechanism)
+    mechanism = model.base.mechanism
+    given = model.base.case.motion.joints(model.base.mechanism)
     names = [n for n in scalar(model) if n in given and mechanism.joint_of[n].nq == 1]
     return [
         n

@@ -132,9 +132,11 @@ def _sizes(section: Section) -> tuple[Array, Array]:
 
 def _is_rectangle(section: Section) -> bool:
     """Return True if torsion is that of a rectangle with these sizes, G from the shear of Cowper's factor."""
-    s, (y, z) = section.stiffness, _sizes(section)
+    s = section.stiffness
+    y, z = _sizes(section)
     for row, a, b in zip(s, y, z, strict=True):
-        shear, factor = 0.0, 5.0 / 6.0
+        shear = 0.0
+        factor = 5.0 / 6.0
         for _ in range(5):  # the factor depends on Poisson's number, hardly
             shear = row[GA_Y] / (factor * a * b)
             poisson = min(max(row[EA] / (a * b) / (2.0 * shear) - 1.0, 0.0), 0.5)
@@ -184,7 +186,8 @@ def _walled(section: Section, factor: float) -> Section:
         raise InputError(
             f"a wall {factor:g} times as thick fills the tube: expected less than {1.0 / (1.0 - before.max()):g}"
         )
-    area, second = (1.0 - after**2) / (1.0 - before**2), (1.0 - after**4) / (1.0 - before**4)
+    area = (1.0 - after**2) / (1.0 - before**2)
+    second = (1.0 - after**4) / (1.0 - before**4)
     stiffness = np.column_stack([area, area, area, second, second, second])
     made = _times(section, stiffness, 1.0, second[:, None] * np.ones(3))
     return replace(made, mass_per_length=section.mass_per_length * area)

@@ -21,19 +21,28 @@ from flexinv.model.mechanism import Mechanism
 
 SHARP = "a motion with sharp changes: what a filter does goes with frequency"
 ANY = "any motion, sampled finely"
-FIRST, SECOND, BOTH = "first order", "second order", "second order, forwards and backwards"
-START, MEAN = "the first sample", "the mean"
-HELD, JOINED = "held", "joined by lines"
+FIRST = "first order"
+SECOND = "second order"
+BOTH = "second order, forwards and backwards"
+START = "the first sample"
+MEAN = "the mean"
+HELD = "held"
+JOINED = "joined by lines"
 EVERY = (2, 3, 4, 5, 8, 10, 20)  # samples
-CAUSAL, CENTRED = "before", "around"
+CAUSAL = "before"
+CENTRED = "around"
 WIDTHS = (3, 5, 7, 9, 11, 15, 21)  # samples
-NEAREST, DOWN = "to the nearest", "towards zero"
+NEAREST = "to the nearest"
+DOWN = "towards zero"
 CUT = 0.05  # of the range of efforts: a limit below that leaves nothing to be seen
 GRID = 1e-6  # of a step: what rounding leaves of a multiple
-CENTRAL, BACKWARD = "central differences", "backward differences"
+CENTRAL = "central differences"
+BACKWARD = "backward differences"
 THREE = "central differences of three neighbours"
 SPEEDS = ", accelerations alone, from speeds"
-MANY, FROM = 8, " <- "  # joints up to which every pair is tried; beyond, neighbours only
+# joints up to which every pair is tried; beyond, neighbours only
+MANY = 8
+FROM = " <- "
 
 
 def _done(change: Callable[[Array, float, str, Array], Array]) -> Change:
@@ -85,7 +94,8 @@ def _averages(model: Model) -> list[str]:
 
 
 def _averaged(effort: Array, spacing: float, target: str, size: Array) -> Array:
-    width, where = int(target.split()[0]), target.split()[1]
+    width = int(target.split()[0])
+    where = target.split()[1]
     behind, ahead = (width - 1, 0) if where == CAUSAL else (width // 2, width // 2)
     padded = np.concatenate([np.repeat(effort[:1], behind, 0), effort, np.repeat(effort[-1:], ahead, 0)])
     total = np.cumsum(np.concatenate([np.zeros((1, effort.shape[1])), padded]), axis=0)
@@ -97,7 +107,8 @@ def _rates(model: Model) -> list[str]:
 
 
 def _resampled(effort: Array, spacing: float, target: str, size: Array) -> Array:
-    count, how = int(target.split(" ", 1)[0]), target.split(" ", 1)[1]
+    count = int(target.split(" ", 1)[0])
+    how = target.split(" ", 1)[1]
     rows = np.arange(len(effort))
     if how == HELD:
         return np.asarray(effort[rows // count * count])
@@ -146,7 +157,8 @@ def _cut(subject: Subject, target: str, size: Array) -> Subject:
     def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
         if most <= 0.0:
             return effort
-        out, part = effort.copy(), mechanism.v_slices[target] if target else slice(None)
+        out = effort.copy()
+        part = mechanism.v_slices[target] if target else slice(None)
         out[:, part] = np.clip(out[:, part], -most, most)
         return out
 
@@ -179,7 +191,8 @@ def _drifting(subject: Subject, target: str, size: Array) -> Subject:
     end = subject.case.end
 
     def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
-        out, part = effort.copy(), mechanism.v_slices[target] if target else slice(None)
+        out = effort.copy()
+        part = mechanism.v_slices[target] if target else slice(None)
         out[:, part] += float(size[0]) * states.time[:, None] / end
         return out
 
@@ -208,7 +221,9 @@ def _copied(subject: Subject, target: str, size: Array) -> Subject:
 
 def _differences(subject: Subject, target: str, size: Array) -> Subject:
     """Take speeds from places, and accelerations from those, by differences over the samples of the case."""
-    inner, spacing, last = subject.case.motion, subject.case.sample, subject.case.end
+    inner = subject.case.motion
+    spacing = subject.case.sample
+    last = subject.case.end
     central = target.startswith(CENTRAL)
 
     def moved(mechanism: Mechanism, states: States) -> States:

@@ -77,7 +77,8 @@ def _bare(model: Model) -> list[str]:
 
 def _sprung_elsewhere(subject: Subject, target: str, size: Array) -> Subject:
     """Put in a spring of stiffness size[0] whose effort at zero is -size[1]: it is without effort at their ratio."""
-    stiffness, preload = float(size[0]), float(size[1])
+    stiffness = float(size[0])
+    preload = float(size[1])
     if not stiffness:
         return (
             subject

@@ -39,7 +39,8 @@ certify = beside("crosscheck.engines.exudyn.certificate", "certify")
 export = beside("crosscheck.engines.exudyn.export", "export")
 replay = beside("crosscheck.engines.exudyn.replay", "replay")
 bench = module_beside("crosscheck.engines.exudyn.bench")
-lift, lifts = beside("crosscheck.engines.exudyn.lift", "lift"), beside("crosscheck.engines.exudyn.lift", "lifts")
+lift = beside("crosscheck.engines.exudyn.lift", "lift")
+lifts = beside("crosscheck.engines.exudyn.lift", "lifts")
 READS = ()  # formats of files; models come in memory
 
 

@@ -29,7 +29,9 @@ from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
-RADIUS, INCREMENT = 0.8, 1e-9  # of generalized-alpha, and of Newton where torques are asked for
+# of generalized-alpha, and of Newton where torques are asked for
+RADIUS = 0.8
+INCREMENT = 1e-9
 TOLERANCES = (1e-6, 1e-5)  # the looser one where the stricter stalls on its own rounding (fine meshes)
 
 
@@ -158,7 +160,8 @@ class TorqueMarch:
         Of open chains it is SolveDynamic alone, without sensors; of loops all but finding the start.
         """
         if self.mechanism.closures:
-            model, plan = self._model(), self.plan
+            model = self._model()
+            plan = self.plan
             return quietly(lambda: integrated(model, self.elements, plan))
         motion = self.case.motion
         march = March(self.mechanism, motion, self.formulation, self.elements, self.end / self.steps, self.end)
@@ -171,7 +174,8 @@ class TorqueMarch:
 def _simulation(march: March, setting: Setting) -> Any:
     s = exu.SimulationSettings()
     t = s.timeIntegration
-    t.endTime, t.numberOfSteps = march.end, round(march.end / march.step)
+    t.endTime = march.end
+    t.numberOfSteps = round(march.end / march.step)
     t.adaptiveStep = False
     t.generalizedAlpha.spectralRadius = march.spectral_radius
     t.newton.useModifiedNewton = setting.modified
@@ -187,7 +191,8 @@ def _simulation(march: March, setting: Setting) -> Any:
 def _planar(march: March, layout: Layout, plane: Array, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
     """The adapter's model in the plane; once per step the offsets of all motors are set."""
     d = exudyn_planar.build(march.mechanism, layout, plane, march.formulation == "ancf", march.elements)
-    mbs, motors = d.model.mbs, []
+    mbs = d.model.mbs
+    motors = []
     for joint in _moving(march.mechanism):
         axis = layout.start(layout.joint[joint.name]).rotation @ joint.axis
         angle = float(plane[:, 2] @ axis) * scalar_coordinate(joint, joint_q(march.mechanism, joint, q))
@@ -207,7 +212,8 @@ def _planar(march: March, layout: Layout, plane: Array, q: Array, sensors: bool)
 def _spatial(march: March, layout: Layout, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
     """The adapter's model in space; every joint has its user function, which looks a list up."""
     d = exudyn_spatial.build(march.mechanism, layout, march.formulation == "ancf", march.elements)
-    mbs, per_step = d.model.mbs, 1.0 / march.step
+    mbs = d.model.mbs
+    per_step = 1.0 / march.step
     for joint in _moving(march.mechanism):
         own = joint_q(march.mechanism, joint, q)
         for number, rows in zip(d.model.joint[joint.name], exudyn_spatial._offsets(d, joint, own), strict=True):

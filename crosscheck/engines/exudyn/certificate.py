@@ -30,7 +30,8 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
             found = replace(exudyn_weights.weigh(mechanism, case, engine), **own)
             return found if engine == DAE else replace(found, stiffness=exudyn_probe.stiffness(mechanism, case, engine))
     q = configurations(mechanism, case)
-    rest, units = np.zeros((len(q), mechanism.nv)), np.eye(mechanism.nv)
+    rest = np.zeros((len(q), mechanism.nv))
+    units = np.eye(mechanism.nv)
     gravity = exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque
     columns = [
         exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest + unit, wrench=False).torque

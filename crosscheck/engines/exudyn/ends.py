@@ -49,7 +49,8 @@ def _drawn(mechanism: Mechanism, case: Case, engine: str) -> Drawing:
     """Return the engine's model as a run builds it."""
     model = exudyn_loops.model_of(mechanism, case, engine)
     if model.plane is None:
-        held, free = model.held, frozenset(model.free)
+        held = model.held
+        free = frozenset(model.free)
         return exudyn_spatial.build(mechanism, model.layout, engine == ANCF, ELEMENTS, free, held)
     return exudyn_planar.build(mechanism, model.layout, model.plane, engine == ANCF, ELEMENTS, model.free)
 

@@ -139,11 +139,14 @@ def settings(plan: Plan) -> Any:
     """Return Exudyn's simulation settings."""
     s = exu.SimulationSettings()
     t = s.timeIntegration
-    t.startTime, t.endTime, t.numberOfSteps = 0.0, plan.steps * plan.step, plan.steps
+    t.startTime = 0.0
+    t.endTime = plan.steps * plan.step
+    t.numberOfSteps = plan.steps
     t.adaptiveStep = False
     t.generalizedAlpha.spectralRadius = plan.spectral_radius
     t.generalizedAlpha.computeInitialAccelerations = True
-    t.newton.useModifiedNewton, t.newton.modifiedNewtonJacUpdatePerStep = True, not plan.keeps
+    t.newton.useModifiedNewton = True
+    t.newton.modifiedNewtonJacUpdatePerStep = not plan.keeps
     s.staticSolver.newton.useModifiedNewton = False
     for solver in (t.newton, s.staticSolver.newton):
         solver.residualMode = 1
@@ -190,7 +193,8 @@ def integrate(
             seen[key][0] = 2 * seen[key][1] - seen[key][2]
         elif resting:
             seen[key][0] = resting[key]
-    before, stride = round(plan.lead / plan.step), round(plan.sample / plan.step)
+    before = round(plan.lead / plan.step)
+    stride = round(plan.sample / plan.step)
     return {key: data[before::stride] for key, data in seen.items()}
 
 

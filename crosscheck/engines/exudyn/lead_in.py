@@ -25,7 +25,8 @@ from flexinv.model.mechanism import Joint, Mechanism
 
 # A motion starts in motion when its first rate or acceleration is more than this part of its largest.  A lead-in costs little;
 # refused, for beams, is more than the 1e-5 that a spline through samples leaves of an acceleration that is zero (measured).
-STARTED, REFUSED = 1e-6, 1e-3
+STARTED = 1e-6
+REFUSED = 1e-3
 # Steps of the coarsest run in a lead-in: s^3 rises smoothly enough for errors of h^2 to be those of the motion itself.
 STEPS = 100
 # A start with speed v takes at least 3 v / a of the largest acceleration a, for its own to be no larger.
@@ -51,7 +52,8 @@ class History:
         early = time < 0.0
         s = 1.0 + time[early] / self.lead if self.lead else time[early]
         for name, place in (self.before or {}).items():
-            joint, own = self.mechanism.joint_of[name], self.mechanism.v_slices[name]
+            joint = self.mechanism.joint_of[name]
+            own = self.mechanism.v_slices[name]
             q[early, self.mechanism.q_slices[name]] = _coordinates(joint, place(s))
             qd[early, own] = (place.deriv()(s) / self.lead)[:, None]
             qdd[early, own] = (place.deriv(2)(s) / self.lead**2)[:, None]
@@ -93,7 +95,8 @@ def history_of(mechanism: Mechanism, case: Case, step: float) -> History:
         return History(mechanism, case)
     _, qd, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
     largest = np.abs(qdd).max(axis=0)
-    speed, acceleration = np.abs(qd[0]), np.where(largest > 0.0, largest, np.inf)
+    speed = np.abs(qd[0])
+    acceleration = np.where(largest > 0.0, largest, np.inf)
     longest = float((RISE * speed / acceleration).max())
     lead = step * max(STEPS, int(np.ceil(min(longest, case.end) / step)))
     return History(mechanism, case, lead, {joint.name: _place(mechanism, case, joint, lead, step) for joint in joints})
@@ -103,7 +106,8 @@ def _place(mechanism: Mechanism, case: Case, joint: Joint, lead: float, step: fl
     """Return the coordinate before 0 as a polynomial of s."""
     q, qd, qdd = case.motion.evaluate(mechanism, step * np.arange(3.0))
     own = mechanism.v_slices[joint.name].start
-    v, a = lead * qd[0, own], lead**2 * qdd[0, own]
+    v = lead * qd[0, own]
+    a = lead**2 * qdd[0, own]
     jerk = lead**3 * (-3 * qdd[0, own] + 4 * qdd[1, own] - qdd[2, own]) / (2 * step)  # of second order, at the start
     s = Polynomial([0.0, 1.0])
     first = a - 3 * v

@@ -186,7 +186,8 @@ def coarsest(case: Case, options: Options) -> float:
 
 def plans_of(model: Model, options: Options) -> list[Plan]:
     """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
-    case, lead = model.case, model.history.lead
+    case = model.case
+    lead = model.history.lead
     jumps = [t for t in case.motion.jumps if t < case.end and (t > 0.0 or not lead)]
     moving = not lead and bool(in_motion(model.mechanism, case))
     plan = Plan(
@@ -239,7 +240,9 @@ def _march(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
 
 def integrated(model: Model, elements: int, plan: Plan) -> Outcome:
     """Return the outcome of a model with so many elements per beam [-] along its motion [m, rad, s, N]."""
-    m, layout, ancf = delayed(model.mechanism, plan.lead), model.layout, model.engine == ANCF
+    m = delayed(model.mechanism, plan.lead)
+    layout = model.layout
+    ancf = model.engine == ANCF
     q, qd, _ = model.history(grid(plan))
     if model.plane is None:
         drawing = exudyn_spatial.build(m, layout, ancf, elements, frozenset(model.free), model.held)

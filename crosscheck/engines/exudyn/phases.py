@@ -93,7 +93,8 @@ def _followed(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
 def switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
     """Return the variants of closures and which connectors act in which phase."""
     variants: dict[tuple[str, tuple[int, ...]], Closure] = {}
-    acting, given = [], [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
+    acting = []
+    given = [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
     for phase, (q, _, _) in followed:
         middle = q[len(q) // 2]
         driven = drives(phase, given, middle)
@@ -301,7 +302,8 @@ def shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
 def _shared(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:
     """Efforts (samples, nv) of the drives, and what this share adds to the closures' wrenches (samples, 6)."""
     m = phase.mechanism
-    made, wrench = np.empty_like(torque), np.empty((len(q), len(m.closures), 6))
+    made = np.empty_like(torque)
+    wrench = np.empty((len(q), len(m.closures), 6))
     for k, (pairs, rows) in enumerate(exudyn_chain.closing_rows(m, phase.case, q)):
         made[k] = assembly.share_out(rows.g, torque[k], m.actuated, m.weights)
         change = assembly.multipliers(rows.g, torque[k], made[k])

@@ -139,7 +139,8 @@ def _append(tree: Tree, kind: str, parent: int, frame: Placement) -> int:
 def transform66(frame: Placement) -> Array:
     """Return Exudyn's transformation (6, 6) of a frame in its parent's frame."""
     h = np.eye(4)
-    h[:3, :3], h[:3, 3] = frame.rotation, frame.position
+    h[:3, :3] = frame.rotation
+    h[:3, 3] = frame.position
     return np.asarray(HT2T66Inverse(h))
 
 
@@ -193,7 +194,9 @@ def shares(mechanism: Mechanism, tree: Tree) -> Array:
 def elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
     """Return coordinates, rates and accelerations [rad], [m], [s] of the elementary joints, (samples, elementary)."""
     share = shares(mechanism, tree)
-    angle, rate, rate2 = np.zeros((len(q), len(tree.types))), qd @ share, qdd @ share
+    angle = np.zeros((len(q), len(tree.types)))
+    rate = qd @ share
+    rate2 = qdd @ share
     for joint in mechanism.joints:
         v = mechanism.v_slices[joint.name]
         at = np.flatnonzero(share[v].any(axis=0))

@@ -23,7 +23,10 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Beam, Mechanism
 from flexinv.model.motion import Motion
 
-TREE, DAE, ANCF, EXACT = "exudyn", "exudyn-dae", "exudyn-ancf", "exudyn-ge"
+TREE = "exudyn"
+DAE = "exudyn-dae"
+ANCF = "exudyn-ancf"
+EXACT = "exudyn-ge"
 NAMES = {
     (ANCF, True): "ANCFCable2D (no shear, no rotary inertia)",
     (ANCF, False): "ANCFBeam (one rotary inertia, rho I_x / 2)",
@@ -168,7 +171,8 @@ def integrated(
 
 def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
     """Return the engine's settings, for the reader of the report."""
-    plan, flat = plans[0], choice.plane is not None
+    plan = plans[0]
+    flat = choice.plane is not None
     told: dict[str, Any] = {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
         "step_s": [one.step for one in plans],

@@ -92,7 +92,8 @@ def solved(
 def switches(mbs: Any, switched: tuple[int, ...], acting: tuple[tuple[float, tuple[int, ...]], ...]) -> None:
     """Take down which connectors are switched, and which of them act from which time [s] on, where recording is on."""
     if isinstance(mbs, Listener):
-        mbs.switched, mbs.acting = switched, acting
+        mbs.switched = switched
+        mbs.acting = acting
 
 
 def source(run: Recorded) -> str:

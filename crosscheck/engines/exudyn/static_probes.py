@@ -26,7 +26,9 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Beam, Joint, Link, Mechanism, Placement
 
 OUT = exu.OutputVariableType
-STRAIN, TURN = 1e-4, 1e-3  # [-], [rad]
+# [-], [rad]
+STRAIN = 1e-4
+TURN = 1e-3
 ELEMENTS = 8
 # Bending adds GA L^2 / (3 EI) of the shear, up to 1e5 of slender beams: a part of 1e-5 is left of it.
 RIGID = 1e10
@@ -65,7 +67,8 @@ def _names(engine: str, normal: Array | None) -> tuple[str, ...]:
 def _probed(beam: Beam, name: str, engine: str, normal: Array | None) -> float:
     """Return one stiffness of one beam [N] or [N m^2]."""
     d = _clamped(_rigid(beam) if name.startswith("GA") else beam, engine, normal)
-    mbs, tip = d.model.mbs, d.model.beam["beam"][-1]
+    mbs = d.model.mbs
+    tip = d.model.beam["beam"][-1]
     guess = float(np.mean(beam.section.stiffness[:, COLUMNS[name]]))
     axis = np.eye(3)[AXES[name]]
     size = guess * STRAIN if name in PUSHED else guess * TURN / beam.length

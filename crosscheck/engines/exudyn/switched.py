@@ -106,7 +106,8 @@ def pieces(mechanism: Mechanism, case: Case) -> list[Piece]:
 
 def model_of(mechanism: Mechanism, case: Case, engine: str) -> exudyn_loops.Model:
     """Return the integrated model, without any phase's closures.  Raises AssemblyError where the first ones do not close."""
-    now, at = phases.acting(mechanism, 0.0), np.zeros(1)
+    now = phases.acting(mechanism, 0.0)
+    at = np.zeros(1)
     q, qd, _ = (part[0] for part in exudyn_chain.closed_motion(now, case, at))
     if not now.closures:
         q = assembly.guessed(mechanism, case, q[None])[0]

@@ -69,7 +69,8 @@ def _name(group: Group) -> str:
 
 
 def _weights(drawing: Drawing) -> Weights:
-    mbs, settings = drawing.model.mbs, exu.SimulationSettings()
+    mbs = drawing.model.mbs
+    settings = exu.SimulationSettings()
     settings.solution.file.write = False
     solver: Any = exu.MainSolverStatic()
     solver.InitializeSolver(mbs, settings)
@@ -86,7 +87,8 @@ def _mass(drawing: Drawing, scales: Weights, nodes: list[int]) -> float:
 
 def _along(drawing: Drawing, scales: Weights, beam: str) -> float:
     """First moment of a beam about its root, along its axis [kg m]."""
-    nodes, mbs = drawing.model.beam[beam], drawing.model.mbs
+    nodes = drawing.model.beam[beam]
+    mbs = drawing.model.mbs
     at = np.array([mbs.GetNodeODE2Index(node) for node in nodes])
     flat = isinstance(drawing, exudyn_planar.Drawing)
     size = len(mbs.GetNode(nodes[0])["referenceCoordinates"])
@@ -103,7 +105,8 @@ def _along(drawing: Drawing, scales: Weights, beam: str) -> float:
 
 def _lump(drawing: exudyn_spatial.Drawing, scales: Weights, group: int, node: int) -> tuple[Array, Array]:
     """First moment and inertia about the origin of a group's frame, along its axes."""
-    at, start = drawing.model.mbs.GetNodeODE2Index(node), drawing.layout.groups[group].start
+    at = drawing.model.mbs.GetNodeODE2Index(node)
+    start = drawing.layout.groups[group].start
     e0, e1, e2, e3 = scales.start[at + 3 : at + 7]
     g = 2.0 * np.array([[-e1, e0, e3, -e2], [-e2, -e3, e0, e1], [-e3, e2, -e1, e0]])
     turns = slice(at + 3, at + 7)

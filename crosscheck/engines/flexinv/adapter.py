@@ -69,7 +69,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     meshes 2^k times as fine [-], "finer_step" and "finer_mesh" k one of both
     """
     finer = {part: 2 ** (int(options.get("refinement", 0)) + int(options.get(f"finer_{part}", 0))) for part in PARTS}
-    mechanism, case = meshed(case.meshed(mechanism), finer["mesh"]), replace(case, step=case.step / finer["step"])
+    mechanism = meshed(case.meshed(mechanism), finer["mesh"])
+    case = replace(case, step=case.step / finer["step"])
     start = clock.perf_counter()
     solution, made = solved(mechanism, case)
     wall = clock.perf_counter() - start
@@ -191,7 +192,8 @@ def shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, S
     """
     made: dict[str, Series] = {}
     for joint in mechanism.joints:
-        name, mesh = joint.child, solution.mesh
+        name = joint.child
+        mesh = solution.mesh
         places = {"origin": mesh.joint_node[joint.name]}
         if name in mesh.section_nodes:
             at = zip(mesh.section_stations[name], mesh.section_nodes[name], strict=True)

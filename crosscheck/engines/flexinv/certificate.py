@@ -124,15 +124,18 @@ def _on(outer: Placement, inner: Placement) -> Placement:
 def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, Body]]) -> tuple[Array, Array]:
     """First moment and tensor of bodies about the origin of a joint's child, along its axes."""
     at = mesh.joint_node[joint]
-    origin, axes = motion.x[0, at], motion.rotation[0, at]
-    moment, tensor = np.zeros(3), np.zeros((3, 3))
+    origin = motion.x[0, at]
+    axes = motion.rotation[0, at]
+    moment = np.zeros(3)
+    tensor = np.zeros((3, 3))
     for link, body in bodies:
         node = mesh.body_node[link, body.name]
         turn = axes.T @ motion.rotation[0, node]
         m, i = about_origin(
             body.inertia.mass, axes.T @ (motion.x[0, node] - origin), turn @ body.inertia.tensor @ turn.T
         )
-        moment, tensor = moment + m, tensor + i
+        moment = moment + m
+        tensor = tensor + i
     return moment, tensor
 
 
@@ -142,7 +145,8 @@ def _efforts(tree: Mechanism, q: Array) -> tuple[Array, Array]:
     One call for all of them: a mechanism that is asked once takes longer to prepare than to be asked.
     """
     units = np.concatenate([np.zeros((1, tree.nv)), np.eye(tree.nv)])
-    many, accelerations = np.tile(q, (len(units), 1)), np.repeat(units, len(q), axis=0)
+    many = np.tile(q, (len(units), 1))
+    accelerations = np.repeat(units, len(q), axis=0)
     efforts = joint_torques(tree, many, np.zeros_like(accelerations), accelerations, passive=False, threads=1)
     gravity, *columns = efforts.reshape(len(units), len(q), tree.nv)
     matrix = np.stack([column - gravity for column in columns], axis=2) if columns else np.zeros((len(q), 0, 0))
@@ -166,7 +170,8 @@ def _axes(tree: Mechanism, nodes: dict[str, int], motion: NodalMotion) -> dict[s
 def _rank(mechanism: Mechanism, case: Case) -> int:
     """Rank of the closures' Jacobian at the start of the case (of those that act then)."""
     solution = solve(mechanism, case.motion, case.sample, end=case.sample, start=case.start)
-    mesh, first = build(mechanism), slice(0, 1)
+    mesh = build(mechanism)
+    first = slice(0, 1)
     motion = rigid_motion(mesh, solution.q[first], solution.qd[first], solution.qdd[first])
     rows = constraint_rows(mesh)
     acts = np.array([not c.active or c.active[0][0] <= 0.0 for c in mechanism.closures])

@@ -47,11 +47,13 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
     time : (samples,) [s] of a uniform grid.  A beam gives way in all six directions: what it would transmit strains it.
     """
     m = mesh.mechanism
-    rows, arms = constraint_rows(mesh), np.array(3 * [mesh.length] + 3 * [1.0])
+    rows = constraint_rows(mesh)
+    arms = np.array(3 * [mesh.length] + 3 * [1.0])
     loose, firm = ({c.name: np.zeros(6) for c in m.closures} for _ in range(2))
     carried = {joint: np.zeros(6) for joint in mesh.joint_node}
     for phase in phases(m, time):
-        some, scale = _some(motion, phase), rows.scale
+        some = _some(motion, phase)
+        scale = rows.scale
         acting = np.flatnonzero(phase.active[rows.closure])
         units = [closure_wrenches(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
         for _, wrenches in units:

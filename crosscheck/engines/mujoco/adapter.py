@@ -48,7 +48,8 @@ certify = beside("crosscheck.engines.mujoco.certificate", "certify")
 export = beside("crosscheck.engines.mujoco.export", "export")
 replay = beside("crosscheck.engines.mujoco.replay", "replay")
 bench = module_beside("crosscheck.engines.mujoco.bench")
-lift, lifts = beside("crosscheck.engines.mujoco.lift", "lift"), beside("crosscheck.engines.mujoco.lift", "lifts")
+lift = beside("crosscheck.engines.mujoco.lift", "lift")
+lifts = beside("crosscheck.engines.mujoco.lift", "lifts")
 dynamics = beside("crosscheck.engines.mujoco.own_dynamics", "dynamics")
 
 
@@ -194,12 +195,16 @@ def _tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
 
 def _held(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
     """Return drives' efforts, wrenches and tips of one phase: the tree's efforts shared out to drives and closures."""
-    mechanism, built = tree.mechanism, tree.built
-    driven, weight = np.zeros(built.model.nv, dtype=bool), np.ones(built.model.nv)
+    mechanism = tree.mechanism
+    built = tree.built
+    driven = np.zeros(built.model.nv, dtype=bool)
+    weight = np.ones(built.model.nv)
     for joint in (j for j in mechanism.joints if j.nv):
         own = slice(built.v_at[joint.name], built.v_at[joint.name] + joint.nv)
-        driven[own], weight[own] = joint.actuated, joint.weight
-    raw, wrench = empty(built.model, len(time)), np.empty((len(time), len(mechanism.closures), 6))
+        driven[own] = joint.actuated
+        weight[own] = joint.weight
+    raw = empty(built.model, len(time))
+    wrench = np.empty((len(time), len(mechanism.closures), 6))
     for k, t in enumerate(time):
         _set(tree, state, k)
         shares = mujoco_loops.shared(tree, float(t), driven, weight)
@@ -222,7 +227,9 @@ def _given(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motio
 
 
 def _set(tree: mujoco_loops.Tree, state: State, k: int) -> None:
-    tree.data.qpos[:], tree.data.qvel[:], tree.data.qacc[:] = state.q[k], state.v[k], state.a[k]
+    tree.data.qpos[:] = state.q[k]
+    tree.data.qvel[:] = state.v[k]
+    tree.data.qacc[:] = state.a[k]
 
 
 def _soft(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
@@ -255,7 +262,9 @@ def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
     data = mujoco.MjData(model)
     raw = empty(model, len(state.q))
     for k in range(len(state.q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = state.q[k], state.v[k], state.a[k]
+        data.qpos[:] = state.q[k]
+        data.qvel[:] = state.v[k]
+        data.qacc[:] = state.a[k]
         mujoco.mj_inverse(model, data)
         # friction of a joint at rest: taken out, see the head of the file
         keep(model, data, raw, k, data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0))
@@ -271,13 +280,17 @@ def empty(model: mujoco.MjModel, samples: int) -> Raw:
 def keep(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
     """Write sample k: effort (nv,) [N m] or [N] as given, everything else from ``data``, whose qacc is set."""
     mujoco.mj_rnePostConstraint(model, data)
-    raw.effort[k], raw.cfrc_int[k], raw.subtree_com[k] = effort, data.cfrc_int, data.subtree_com
-    raw.xpos[k], raw.xmat[k] = data.xpos, data.xmat.reshape(-1, 3, 3)
+    raw.effort[k] = effort
+    raw.cfrc_int[k] = data.cfrc_int
+    raw.subtree_com[k] = data.subtree_com
+    raw.xpos[k] = data.xpos
+    raw.xmat[k] = data.xmat.reshape(-1, 3, 3)
 
 
 def wrench_on(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
     """Return the wrench of the parent on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
-    moment, force = raw.cfrc_int[:, body, :3], raw.cfrc_int[:, body, 3:]
+    moment = raw.cfrc_int[:, body, :3]
+    force = raw.cfrc_int[:, body, 3:]
     arm = raw.subtree_com[:, model.body_rootid[body]] - raw.xpos[:, body]
     both = np.stack([force, moment + np.cross(arm, force)], axis=1)  # (sample, force or moment, xyz)
     return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))

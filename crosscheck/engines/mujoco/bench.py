@@ -21,13 +21,16 @@ def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> tuple[Callabl
     Returns what does the work, and what turns its forces into torques (samples, nv) [N m] in the mechanism's order.
     """
     built = build(mechanism)
-    model, data = built.model, mujoco.MjData(built.model)
+    model = built.model
+    data = mujoco.MjData(built.model)
     state = to_engine(mechanism, built, q, qd, qdd)
     tau = np.empty((len(q), model.nv))
 
     def run() -> Array:
         for k in range(len(tau)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = state.q[k], state.v[k], state.a[k]
+            data.qpos[:] = state.q[k]
+            data.qvel[:] = state.v[k]
+            data.qacc[:] = state.a[k]
             mujoco.mj_inverse(model, data)
             tau[k] = data.qfrc_inverse
         return tau

@@ -21,19 +21,23 @@ from flexinv.model.mechanism import Mechanism
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass [kg], centre of mass [m], mass matrix [kg m^2], [kg], gravity torque [N m], [N], axes, closures."""
     built = build(mechanism, extend=mujoco_loops.furnish(mechanism) if beyond_a_tree(mechanism) else None)
-    model, data = built.model, mujoco.MjData(built.model)
+    model = built.model
+    data = mujoco.MjData(built.model)
     q = configurations(mechanism, case)
     rest = np.zeros((len(q), mechanism.nv))
     state = to_engine(mechanism, built, q, rest, rest)
     moving = model.body_weldid != 0
     mass = np.where(moving, model.body_mass, 0.0)
-    com, gravity = np.empty((len(q), 3)), np.empty((len(q), model.nv))
+    com = np.empty((len(q), 3))
+    gravity = np.empty((len(q), model.nv))
     matrix = np.empty((len(q), model.nv, model.nv))
     axes: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
     for k in range(len(q)):
-        data.qpos[:], data.qvel[:] = state.q[k], 0.0
+        data.qpos[:] = state.q[k]
+        data.qvel[:] = 0.0
         mujoco.mj_forward(model, data)
-        com[k], gravity[k] = mass @ data.xipos / (mass.sum() or 1.0), data.qfrc_bias
+        com[k] = mass @ data.xipos / (mass.sum() or 1.0)
+        gravity[k] = data.qfrc_bias
         mujoco.mj_fullM(model, data, matrix[k])
         for name, rows in axes.items():
             rows.append(data.xaxis[model.joint(name).id].copy())
@@ -58,7 +62,8 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 
 def _passive(mechanism: Mechanism, built: Built) -> dict[str, Any]:
     """Damping and dry friction of joints, springs in joints and tendons, from the compiled model's own arrays."""
-    model, moving = built.model, [j for j in mechanism.joints if j.nv]
+    model = built.model
+    moving = [j for j in mechanism.joints if j.nv]
     springs: dict[str, float] = {}
     for joint in (j for j in moving if j.nv == 1):
         number = int(model.dof_jntid[built.v_at[joint.name]])
@@ -79,7 +84,9 @@ def _passive(mechanism: Mechanism, built: Built) -> dict[str, Any]:
 
 def _ends(mechanism: Mechanism, built: Built) -> dict[str, Any]:
     """Return points and axes of MuJoCo's equalities on each link, in the link's frame: places of their sites."""
-    model, points, axes = built.model, {}, {}
+    model = built.model
+    points = {}
+    axes = {}
     for closure in mechanism.closures:
         if closure.kind not in mujoco_loops.EQUALITIES:
             continue
@@ -100,15 +107,19 @@ def _masses(mechanism: Mechanism, built: Built, mass: Array) -> dict[str, float]
 
 def _lumps(mechanism: Mechanism, built: Built, data: mujoco.MjData, mass: Array) -> dict[str, tuple[Array, Array]]:
     """First moment and tensor about the child's origin, along its axes, of all bodies welded to it, by moving joint."""
-    model, found = built.model, {}
+    model = built.model
+    found = {}
     for name in carried(mechanism):
         child = built.body[mechanism.joint_of[name].child]
-        axes, moment, tensor = data.xmat[child].reshape(3, 3), np.zeros(3), np.zeros((3, 3))
+        axes = data.xmat[child].reshape(3, 3)
+        moment = np.zeros(3)
+        tensor = np.zeros((3, 3))
         for body in np.flatnonzero(model.body_weldid == model.body_weldid[child]):
             turn = axes.T @ data.ximat[body].reshape(3, 3)
             own = turn @ np.diag(model.body_inertia[body]) @ turn.T
             m, i = about_origin(float(mass[body]), axes.T @ (data.xipos[body] - data.xpos[child]), own)
-            moment, tensor = moment + m, tensor + i
+            moment = moment + m
+            tensor = tensor + i
         found[name] = (moment, tensor)
     return found
 

@@ -77,5 +77,6 @@ def _force(model: Any, k: int) -> Range:
     if motor and clamped and model.actuator_ctrllimited[control]:
         gain = float(np.ravel(model.actuator_gainprm[k])[0])
         ends = sorted(gain * float(x) for x in model.actuator_ctrlrange[control])
-        low, high = max(low, ends[0]), min(high, ends[1])
+        low = max(low, ends[0])
+        high = min(high, ends[1])
     return low, high

@@ -67,7 +67,8 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     time = sample_times(case)
     followed = adapter.follow_phases(mechanism, case, built, time)
     state = State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
-    q_names, v_names = [""] * built.model.nq, [""] * built.model.nv
+    q_names = [""] * built.model.nq
+    v_names = [""] * built.model.nv
     order = np.zeros(built.model.nv, dtype=np.intp)
     for joint in mechanism.joints:
         if joint.nv:
@@ -93,10 +94,12 @@ def _furnished(mechanism: Mechanism) -> Callable[[Any], None]:
         for joint in mechanism.joints:
             if joint.kind in ("revolute", "prismatic") and np.isfinite([joint.limits.lower, joint.limits.upper]).any():
                 made = spec.joint(joint.name)
-                made.limited, made.range = True, np.clip([joint.limits.lower, joint.limits.upper], -UNBOUND, UNBOUND)
+                made.limited = True
+                made.range = np.clip([joint.limits.lower, joint.limits.upper], -UNBOUND, UNBOUND)
             if joint.kind in ("revolute", "prismatic", "continuous") and np.isfinite(joint.limits.effort):
                 made = spec.joint(joint.name)
-                made.actfrclimited, made.actfrcrange = True, [-joint.limits.effort, joint.limits.effort]
+                made.actfrclimited = True
+                made.actfrcrange = [-joint.limits.effort, joint.limits.effort]
         for force in mechanism.forces:
             mujoco_loops.add_site(spec, force.at, _site(force), np.zeros(3))
 

@@ -139,14 +139,21 @@ def angles(mechanism: Mechanism, q: Array) -> Array:
 
 def _march(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], stride: int) -> Raw:
     """Integrate the points while the joints move as given; hub: places, speeds, accelerations (steps, joints)."""
-    model, data = built.model, mujoco.MjData(built.model)
+    model = built.model
+    data = mujoco.MjData(built.model)
     names = [j.name for j in mechanism.joints if j.nv]
     at_q, at_v = (_span([where[name] for name in names]) for where in (built.q_at, built.v_at))
-    raw, effort = empty(model, (len(hub[0]) - 1) // stride + 1), np.empty(model.nv)
-    qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied  # hundreds of thousands of steps: looked up once
+    raw = empty(model, (len(hub[0]) - 1) // stride + 1)
+    effort = np.empty(model.nv)
+    # hundreds of thousands of steps: looked up once
+    qpos = data.qpos
+    qvel = data.qvel
+    applied = data.qfrc_applied
     steps = zip(hub[0], hub[1], DRIVE * hub[2], strict=True)
     for k, (place, speed, drive) in enumerate(steps):
-        qpos[at_q], qvel[at_v], applied[at_v] = place, speed, drive
+        qpos[at_q] = place
+        qvel[at_v] = speed
+        applied[at_v] = drive
         mujoco.mj_forward(model, data)
         if k % stride == 0:
             mujoco.mj_rne(model, data, 1, effort)
@@ -172,7 +179,8 @@ def _series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torque: Arra
         else:
             made |= vector_series(f"tip/{joint.child}", "m", point_of(raw, body, mechanism.link_of[joint.child].tip))
     end = built.model.body(rod.point(rod.elements)).id
-    tip, root = raw.xpos[:, end], point_of(raw, built.body[rod.link], rod.beam.placement.position)
+    tip = raw.xpos[:, end]
+    root = point_of(raw, built.body[rod.link], rod.beam.placement.position)
     seen = np.einsum("sji,sj->si", raw.xmat[:, end], tip - root)  # (sample, xyz of the root section)
     made |= vector_series(f"tip/{rod.link}", "m", tip)
     return made | vector_series(f"deflection/{rod.link}", "m", seen - np.array([rod.beam.length, 0.0, 0.0]))

@@ -19,7 +19,9 @@ from crosscheck.measures.certificate import Certificate
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
-STRAIN, TURN = 1e-4, 1e-4  # [-]; [rad] between edges: what is not linear is a thousandth of that
+# [-]; [rad] between edges: what is not linear is a thousandth of that
+STRAIN = 1e-4
+TURN = 1e-4
 
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:

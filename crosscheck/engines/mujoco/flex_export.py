@@ -25,7 +25,8 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    models, runs = {}, []
+    models = {}
+    runs = []
     steps: dict[str, Array] = {}
     for k, elements in enumerate((adapter.ELEMENTS // 2, adapter.ELEMENTS)):
         rod = rod_of(mechanism, elements)

@@ -51,7 +51,8 @@ def losses(mechanism: Mechanism) -> tuple[Loss, ...]:
     for body in range(1, fused.model.nbody):
         name = fused.model.body(body).name
         parts = np.flatnonzero(whole.model.body_weldid == whole.model.body_weldid[whole.model.body(name).id])
-        expected, got = composed(whole, parts), composed(fused, np.array([body]))
+        expected = composed(whole, parts)
+        got = composed(fused, np.array([body]))
         scale = float(np.abs(expected).max())
         if not _same(expected, got, scale):
             massless = [int(k) for k in parts if whole.model.body_mass[k] == 0.0 and whole.model.body_inertia[k].any()]
@@ -77,7 +78,8 @@ def _at_start(model: Any) -> Start:
 
 def composed(start: Start, bodies: NDArray[np.intp]) -> Array:
     """Return the inertia of several bodies as one about its centre of mass, (3, 3) [kg m^2], world axes."""
-    mass, centre = start.model.body_mass[bodies], start.data.xipos[bodies]
+    mass = start.model.body_mass[bodies]
+    centre = start.data.xipos[bodies]
     total = mass.sum()
     arms = centre - (mass @ centre / total if total > 0 else centre[0])  # (body, xyz)
     out = np.zeros((3, 3))

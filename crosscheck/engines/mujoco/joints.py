@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from flexinv.model.mechanism import WORLD, Joint, Mechanism
 
 Array = NDArray[np.float64]
-HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+HINGE = mujoco.mjtJoint.mjJNT_HINGE
+SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 TYPES = {
     "revolute": HINGE,
     "continuous": HINGE,
@@ -96,10 +97,12 @@ def add_joints(link: Any, joint: Joint) -> None:
 
 def set_passive(made: Any, joint: Joint) -> None:
     """Set armature, damping, dry friction and spring of a joint of MuJoCo [kg m^2], [N m s], [N m], [N m/rad]."""
-    made.armature, made.frictionloss = joint.rotor_inertia, joint.friction
+    made.armature = joint.rotor_inertia
+    made.frictionloss = joint.friction
     made.damping[0] = joint.damping  # the linear coefficient of a polynomial in the speed
     made.solref_friction = STIFF_FRICTION
-    made.stiffness[0], made.springref = joint.stiffness, joint.rest
+    made.stiffness[0] = joint.stiffness
+    made.springref = joint.rest
 
 
 @dataclass(frozen=True)
@@ -118,8 +121,10 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
     for joint in mechanism.joints:
         if joint.nv == 0:
             continue
-        mine, rates = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
-        at, v = built.q_at[joint.name], built.v_at[joint.name]
+        mine = q[:, mechanism.q_slices[joint.name]]
+        rates = mechanism.v_slices[joint.name]
+        at = built.q_at[joint.name]
+        v = built.v_at[joint.name]
         position = _position(joint, mine)
         out.q[:, at : at + position.shape[1]] = position
         out.v[:, v : v + joint.nv] = qd[:, rates]
@@ -128,7 +133,8 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
             out.v[:, v + 1], out.a[:, v + 1] = lead(joint) * out.v[:, v], lead(joint) * out.a[:, v]
         if joint.kind == "free":
             turn = _absolute(joint, mine)
-            linear, angular = qd[:, rates][:, :3], qd[:, rates][:, 3:]
+            linear = qd[:, rates][:, :3]
+            angular = qd[:, rates][:, 3:]
             out.v[:, v : v + 3] = turn.apply(linear)
             out.a[:, v : v + 3] = turn.apply(qdd[:, rates][:, :3] + np.cross(angular, linear))
     return out
@@ -159,7 +165,8 @@ def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
     for joint in mechanism.joints:
         if joint.nv == 0:
             continue
-        at, own = built.q_at[joint.name], mechanism.q_slices[joint.name]
+        at = built.q_at[joint.name]
+        own = mechanism.q_slices[joint.name]
         theirs = position[:, at : at + (1 if joint.kind == "continuous" else joint.nq)]
         if joint.kind == "continuous":
             theirs = np.hstack([np.cos(theirs), np.sin(theirs)])
@@ -179,7 +186,8 @@ def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Arra
     for joint in mechanism.joints:
         if joint.nv == 0:
             continue
-        v, rates = built.v_at[joint.name], mechanism.v_slices[joint.name]
+        v = built.v_at[joint.name]
+        rates = mechanism.v_slices[joint.name]
         theirs = force[:, v : v + joint.nv].copy()
         if joint.kind == "helical":
             theirs[:, 0] += lead(joint) * force[:, v + 1]

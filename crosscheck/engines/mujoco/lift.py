@@ -67,7 +67,8 @@ from flexinv.model.mechanism import (
 
 # What MuJoCo's own code raises: RuntimeError where an exception of C++ came through, as of memory that is not there.
 REFUSALS = (ValueError, OSError, RuntimeError, mujoco.FatalError)
-JOINT_KIND, EQUALITY = mujoco.mjtJoint, mujoco.mjtEq
+JOINT_KIND = mujoco.mjtJoint
+EQUALITY = mujoco.mjtEq
 KINDS = {
     JOINT_KIND.mjJNT_FREE: "free",
     JOINT_KIND.mjJNT_BALL: "spherical",
@@ -191,13 +192,16 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
     """Links and joints, and by body where its link frame stands in the body's frame (3,) [m]: at its last anchor."""
     links: list[Link] = []
     joints: list[Joint] = []
-    names, anchors = {0: WORLD}, {0: np.zeros(3)}
+    names = {0: WORLD}
+    anchors = {0: np.zeros(3)}
     for body in range(1, model.nbody):
         name = names[body] = name_of(model, OBJECT.mjOBJ_BODY, body, "body")
         parent = int(model.body_parentid[body])
         frame = Placement(model.body_pos[body] - anchors[parent], _rotation(model.body_quat[body]))
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        carrier, anchor = names[parent], np.zeros(3)
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
+        carrier = names[parent]
+        anchor = np.zeros(3)
         for k in range(count):
             between = free_name(model, OBJECT.mjOBJ_BODY, f"{name} before joint {k + 2}")
             child = name if k == count - 1 else between
@@ -206,7 +210,9 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
             at = Placement(frame.position + frame.rotation @ (point - anchor), frame.rotation)
             joints.append(_joint(model, first + k, carrier, child, at))
             links.append(Link(child))
-            carrier, frame, anchor = child, Placement(), point
+            carrier = child
+            frame = Placement()
+            anchor = point
         if not count:
             weld = free_name(model, OBJECT.mjOBJ_JOINT, f"{name} on {carrier}")
             joints.append(Joint(weld, "fixed", carrier, name, frame, actuated=False))
@@ -217,7 +223,8 @@ def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
 
 
 def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
-    mass, same = float(model.body_mass[body]), mujoco.mjtSameFrame(int(model.body_sameframe[body]))
+    mass = float(model.body_mass[body])
+    same = mujoco.mjtSameFrame(int(model.body_sameframe[body]))
     turn = np.eye(3) if same in ALONG_BODY else _rotation(model.body_iquat[body])
     com = np.zeros(3) if same == mujoco.mjtSameFrame.mjSAMEFRAME_BODY else np.array(model.body_ipos[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
@@ -226,7 +233,8 @@ def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
 
 
 def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
-    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], joint_name(model, index)
+    kind = KINDS[JOINT_KIND(int(model.jnt_type[index]))]
+    name = joint_name(model, index)
     start = int(model.jnt_qposadr[index])
     axis = np.array(model.jnt_axis[index])
     if kind not in ("revolute", "prismatic"):
@@ -248,7 +256,8 @@ def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Jo
 def _passive(model: Any, index: int) -> dict[str, Any]:
     """Numbers of a joint's drive [kg m^2], [N m s], [N m]; what of a free one acts along world axes is a feature."""
     dof = int(model.jnt_dofadr[index])
-    rotor, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
+    rotor = float(model.dof_armature[dof])
+    damping = float(model.dof_damping[dof])
     for k in actuators_on(model, index):
         rotor += gear_of(model, k) ** 2 * float(model.actuator_armature[k])
         damping += gear_of(model, k) ** 2 * float(model.actuator_damping[k])
@@ -286,7 +295,8 @@ def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list
     made: list[Closure] = []
     dropped: list[str] = []
     for k in range(model.neq):
-        name, kind = name_of(model, OBJECT.mjOBJ_EQUALITY, k, "equality"), EQUALITY(int(model.eq_type[k]))
+        name = name_of(model, OBJECT.mjOBJ_EQUALITY, k, "equality")
+        kind = EQUALITY(int(model.eq_type[k]))
         if not active(model, k):
             dropped.append(f"equality {name!r}: it is not active at the beginning, or a flag disables it")
         elif kind == EQUALITY.mjEQ_JOINT:
@@ -304,7 +314,9 @@ def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list
 def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
     ends = []
     for site in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):
-        body, point, turn = int(model.site_bodyid[site]), model.site_pos[site], _rotation(model.site_quat[site])
+        body = int(model.site_bodyid[site])
+        point = model.site_pos[site]
+        turn = _rotation(model.site_quat[site])
         link, anchor = (
             (name_of(model, OBJECT.mjOBJ_BODY, body, "body"), _anchor(model, body)) if body else (WORLD, np.zeros(3))
         )
@@ -314,8 +326,11 @@ def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
 
 def _coupling(model: Any, k: int, name: str) -> Closure:
     """q1 - q1_0 = a0 + a1 (q2 - q2_0)."""
-    here, (first, second) = Attachment(WORLD), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
-    start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
+    here = Attachment(WORLD)
+    first = int(model.eq_obj1id[k])
+    second = int(model.eq_obj2id[k])
+    start = float(model.eq_data[k][0])
+    slope = float(model.eq_data[k][1])
     offset = start + float(model.qpos0[model.jnt_qposadr[first]])
     factors = [(joint_name(model, first), 1.0)]
     if second >= 0:
@@ -338,7 +353,8 @@ def _tie(model: Any, k: int, name: str, weld: bool) -> Closure:
 
 
 def _anchor(model: Any, body: int) -> Array:
-    count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+    count = int(model.body_jntnum[body])
+    first = int(model.body_jntadr[body])
     if not count or model.jnt_type[first + count - 1] == JOINT_KIND.mjJNT_FREE:
         return np.zeros(3)
     return np.array(model.jnt_pos[first + count - 1])

@@ -38,7 +38,9 @@ from flexinv.model.mechanism import WORLD, Attachment, Closure, Mechanism
 
 Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-CONNECT, WELD, JOINT = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT
+CONNECT = mujoco.mjtEq.mjEQ_CONNECT
+WELD = mujoco.mjtEq.mjEQ_WELD
+JOINT = mujoco.mjtEq.mjEQ_JOINT
 EQUALITIES = {"spherical": (CONNECT, (0.0,)), "revolute": (CONNECT, (0.0, 1.0)), "fixed": (WELD, (0.0,))}
 OFF = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
 # As stiff as MuJoCo takes it at its own step of 2 ms (solref[0] >= 2 steps), impedance next to 1: see "Native result".
@@ -54,7 +56,8 @@ def furnish(mechanism: Mechanism) -> Callable[[Any], None]:
             _equality(spec, closure)
         for spring in mechanism.springs:
             tendon = spec.add_tendon(name=spring.name, springlength=[spring.rest, spring.rest])
-            tendon.stiffness[0], tendon.damping[0] = spring.stiffness, spring.damping
+            tendon.stiffness[0] = spring.stiffness
+            tendon.damping[0] = spring.damping
             for at, end in ((spring.first, "first"), (spring.second, "second")):
                 tendon.wrap_site(add_site(spec, at, f"{spring.name}/{end}", np.zeros(3)))
 
@@ -126,8 +129,10 @@ class Tree:
 
     def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
         """Return the two frames of every closure."""
-        model, data = self.built.model, self.data
-        data.qpos[:], data.qvel[:] = q, v
+        model = self.built.model
+        data = self.data
+        data.qpos[:] = q
+        data.qvel[:] = v
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
@@ -148,7 +153,8 @@ class Tree:
 
     def look(self, at: Attachment) -> Moving:
         """Return a frame where the data stands."""
-        model, data = self.built.model, self.data
+        model = self.built.model
+        data = self.data
         body = 0 if at.link == WORLD else self.built.body[at.link]
         turn = data.xmat[body].reshape(3, 3)
         x = data.xpos[body] + turn @ at.placement.position
@@ -162,10 +168,14 @@ class Tree:
 
 def closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Array, Array, Array]:
     """Return qpos (samples, nq), qvel, qacc (samples, nv) [rad or m, s] on the closures."""
-    m, built = tree.mechanism, tree.built
-    unknown, unknown_q = np.zeros(built.model.nv, dtype=bool), np.zeros(built.model.nq, dtype=bool)
+    m = tree.mechanism
+    built = tree.built
+    unknown = np.zeros(built.model.nv, dtype=bool)
+    unknown_q = np.zeros(built.model.nq, dtype=bool)
     for name in left_out:
-        joint, at, first = m.joint_of[name], built.q_at[name], built.v_at[name]
+        joint = m.joint_of[name]
+        at = built.q_at[name]
+        first = built.v_at[name]
         unknown[first : first + joint.nv] = True
         unknown_q[at : at + (1 if joint.kind == "continuous" else joint.nq)] = True
     q, v, a = assembly.closed_motion(assembly.Task(m, tree, unknown, unknown_q), time)
@@ -192,7 +202,9 @@ def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) ->
 
     driven, weight : (nv,) which coordinates have a drive, and the weight of its square [-]
     """
-    m, model, data = tree.mechanism, tree.built.model, tree.data
+    m = tree.mechanism
+    model = tree.built.model
+    data = tree.data
     g = native_rows(tree) if m.closures else np.zeros((0, model.nv))
     model.opt.disableflags |= OFF
     mujoco.mj_inverse(model, data)
@@ -221,7 +233,8 @@ def forces_on(tree: Tree, time: float) -> Array:
     """Return the generalized forces (nv,) [N m] or [N] of given forces at a time [s]."""
     out = np.zeros(tree.built.model.nv)
     for force in tree.mechanism.forces:
-        at, wrench = tree.look(force.at), wrench_at(force, time)
+        at = tree.look(force.at)
+        wrench = wrench_at(force, time)
         axes = at.r if force.follower else np.eye(3)
         body = 0 if force.at.link == WORLD else tree.built.body[force.at.link]
         mujoco.mj_applyFT(tree.built.model, tree.data, axes @ wrench[:3], axes @ wrench[3:], at.x, body, out)

@@ -62,7 +62,8 @@ def _picture(model: Any, body: ET.Element, k: int) -> None:
 
 
 def _joint(model: Any, j: int) -> dict[str, str]:
-    kind, dof = KINDS[mujoco.mjtJoint(model.jnt_type[j]).name], model.jnt_dofadr[j]
+    kind = KINDS[mujoco.mjtJoint(model.jnt_type[j]).name]
+    dof = model.jnt_dofadr[j]
     out = {"name": model.joint(j).name, "type": kind}
     if kind in ("slide", "hinge"):
         out["axis"] = text(model.jnt_axis[j])

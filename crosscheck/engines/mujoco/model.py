@@ -69,7 +69,8 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
         raised = [_weld(link, f"{joint.child}/{body.name}", body) for body in carried]
         massless = joint.nv > 0 and not any(body.inertia.mass > FLOOR for body in carried)
         if massless:
-            link.mass, link.inertia = FLOOR, np.full(3, FLOOR)
+            link.mass = FLOOR
+            link.inertia = np.full(3, FLOOR)
         if massless or any(raised):
             floored.append(joint.child)
     return spec, tuple(floored)
@@ -110,7 +111,8 @@ def principal_inertia(tensor: Array) -> tuple[Array, NDArray[np.float64], bool]:
     Deficits of the size of rounding are filled; a tensor that no body can have stays what it is, for MuJoCo to refuse.
     """
     if not (tensor - np.diag(np.diag(tensor))).any():
-        principal, axes = np.diag(tensor).copy(), np.eye(3)
+        principal = np.diag(tensor).copy()
+        axes = np.eye(3)
     else:
         principal, axes = np.linalg.eigh(tensor)
         axes = axes * np.sign(np.linalg.det(axes))

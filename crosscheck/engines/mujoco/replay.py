@@ -15,10 +15,12 @@ from flexinv.model.mechanism import Mechanism
 def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
     """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque; one step between two."""
     built = build(mechanism)
-    model, data = built.model, mujoco.MjData(built.model)
+    model = built.model
+    data = mujoco.MjData(built.model)
     if model.nv != mechanism.nv:
         raise ValueError("replayed in MuJoCo are arms whose joints are joints of MuJoCo, each with as many coordinates")
-    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, drive.spacing
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = drive.spacing
     still = np.zeros((1, mechanism.nv))
     if passive_effort(mechanism, still + 1.0).any():
         raise ValueError("replayed in MuJoCo are arms without damping and dry friction in their joints")

@@ -75,7 +75,8 @@ class Rod:
     def fastest(self) -> float:
         """Bound on the frequencies [rad/s]: stretch 2 / l sqrt(EA / rho A), bending 4 / l^2 sqrt(EI / rho A)."""
         ea, ei = self.stiffness
-        stretch, bending = 2 / self.edge * np.sqrt(ea / self.density), 4 / self.edge**2 * np.sqrt(ei / self.density)
+        stretch = 2 / self.edge * np.sqrt(ea / self.density)
+        bending = 4 / self.edge**2 * np.sqrt(ei / self.density)
         return float(np.hypot(stretch, bending))
 
     def point(self, k: int) -> str:
@@ -109,7 +110,8 @@ def bending_axis(mechanism: Mechanism, link: Link) -> int | None:
     """
     assert link.beam is not None
     frames = {WORLD: np.eye(3)}
-    along, across = [], [mechanism.gravity / max(1.0, float(np.linalg.norm(mechanism.gravity)))]
+    along = []
+    across = [mechanism.gravity / max(1.0, float(np.linalg.norm(mechanism.gravity)))]
     for joint in mechanism.joints:
         frames[joint.child] = frames[joint.parent] @ joint.placement.rotation
         if joint.kind in ("revolute", "continuous"):
@@ -146,7 +148,9 @@ def _rigid_part(mechanism: Mechanism, rod: Rod) -> Mechanism:
 
 def _in_link(body: Body, beam: Beam) -> Body:
     """A body at the root section seen in the link's frame: c' = p + R c, I' = R I R^T."""
-    place, rotation, inertia = beam.placement.position, beam.placement.rotation, body.inertia
+    place = beam.placement.position
+    rotation = beam.placement.rotation
+    inertia = body.inertia
     moved = Inertia.stated(inertia.mass, place + rotation @ inertia.com, rotation @ inertia.tensor @ rotation.T)
     return replace(body, station=None, inertia=moved)
 
@@ -163,7 +167,8 @@ def _add_rod(spec: Any, rod: Rod, step: float) -> None:
 
 
 def _add_point(link: Any, rod: Rod, k: int) -> None:
-    place, last = rod.beam.placement, k == rod.elements
+    place = rod.beam.placement
+    last = k == rod.elements
     point = link.add_body(
         name=rod.point(k),
         pos=place.position + place.rotation[:, 0] * (k * rod.edge),
@@ -178,11 +183,13 @@ def _add_point(link: Any, rod: Rod, k: int) -> None:
 
 
 def _add_flex(spec: Any, rod: Rod) -> None:
-    root, axis = rod.beam.placement.position, rod.beam.placement.rotation[:, 0]
+    root = rod.beam.placement.position
+    axis = rod.beam.placement.rotation[:, 0]
     flex = spec.add_flex(name="rod", dim=1, contype=0, conaffinity=0)
     flex.vertbody = [rod.link, rod.link, *(rod.point(k) for k in range(1, rod.elements + 1))]
     flex.vert = [*(root - GHOST * rod.edge * axis), *root, *np.zeros(3 * rod.elements)]
     flex.elem = [i for k in range(rod.elements + 1) for i in (k, k + 1)]
     flex.section = mujoco.mjtFlexSection.mjFLEXSECTION_CIRCLE
-    (flex.radius, flex.young), flex.poisson = rod.section, 0.0
+    flex.radius, flex.young = rod.section
+    flex.poisson = 0.0
     flex.edgestiffness = rod.stiffness[0] / rod.edge

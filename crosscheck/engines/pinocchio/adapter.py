@@ -50,7 +50,8 @@ certify = beside("crosscheck.engines.pinocchio.certificate", "certify")
 export = beside("crosscheck.engines.pinocchio.export", "export")
 replay = beside("crosscheck.engines.pinocchio.replay", "replay")
 bench = module_beside("crosscheck.engines.pinocchio.bench")
-lift, lifts = beside("crosscheck.engines.pinocchio.lift", "lift"), beside("crosscheck.engines.pinocchio.lift", "lifts")
+lift = beside("crosscheck.engines.pinocchio.lift", "lift")
+lifts = beside("crosscheck.engines.pinocchio.lift", "lifts")
 dynamics = beside("crosscheck.engines.pinocchio.own_dynamics", "dynamics")
 
 

@@ -22,7 +22,8 @@ Work = tuple[Callable[[], Array], Callable[[Array], Array]]
 def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Work:
     """Call ``pin.rnea`` for every sample (samples, nq), (samples, nv) [rad, s]; torques (samples, nv) [N m]."""
     built = build(mechanism)
-    model, data = built.model, built.model.createData()
+    model = built.model
+    data = built.model.createData()
     state = to_engine(built, q, qd, qdd)
     tau = np.empty((len(q), model.nv))
 

@@ -23,12 +23,15 @@ TURNING = ("revolute", "prismatic", "cylindrical")  # closures with the same axi
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass [kg], centre of mass [m], mass matrix [kg m^2], [kg], gravity torque [N m], [N], axes, closures."""
     built = build(mechanism)
-    model, data = built.model, built.model.createData()
+    model = built.model
+    data = built.model.createData()
     q = configurations(mechanism, case)
     rest = np.zeros((len(q), mechanism.nv))
     places = to_engine(built, q, rest, rest)[0]
     order = built.v_order
-    matrix, gravity, com = np.empty((len(q), model.nv, model.nv)), np.empty((len(q), model.nv)), np.empty((len(q), 3))
+    matrix = np.empty((len(q), model.nv, model.nv))
+    gravity = np.empty((len(q), model.nv))
+    com = np.empty((len(q), 3))
     for k, place in enumerate(places):
         upper = np.triu(pin.crba(model, data, place))
         matrix[k] = upper + np.triu(upper, 1).T
@@ -59,10 +62,12 @@ def _ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
     tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
     place, rate, _ = tree.given(np.zeros(1))
     tree.place(place[0], rate[0])
-    points, axes = {}, {}
+    points = {}
+    axes = {}
     for closure in (c for c in mechanism.closures if c.kind != "coupling"):
         for end, at in (("first", closure.first), ("second", closure.second)):
-            own, seen = tree.look(replace(at, placement=Placement())), tree.look(at)
+            own = tree.look(replace(at, placement=Placement()))
+            seen = tree.look(at)
             points[f"{closure.name}: {end}"] = own.r.T @ (seen.x - own.x)
             if closure.kind in TURNING or (end == "first" and closure.kind in ("universal", "point-on-line")):
                 axes[f"{closure.name}: {end}"] = own.r.T @ seen.r @ closure.axis
@@ -75,7 +80,8 @@ def _known(mechanism: Mechanism, name: str) -> str:
 
 def _axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
     """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
-    model, data = built.model, built.model.createData()
+    model = built.model
+    data = built.model.createData()
     found: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
     for place in places:
         pin.computeJointJacobians(model, data, place)

@@ -63,7 +63,8 @@ def _beyond(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> dict[str, Any
     """Return closures, springs and given forces in words; q_at, v_at : where the mechanism's coordinates stand."""
 
     def number(name: str) -> dict[str, Any]:
-        q, v = mechanism.q_slices[name], mechanism.v_slices[name]
+        q = mechanism.q_slices[name]
+        v = mechanism.v_slices[name]
         return {"q": q_at[q].tolist(), "v": int(v_at[v.start])}
 
     return {
@@ -101,14 +102,17 @@ def _seat(at: Attachment) -> dict[str, Any]:
 
 def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
     """Return the mechanism's coordinate at every index of the model's q and v."""
-    q, v = np.zeros(model.nq, dtype=np.intp), np.zeros(model.nv, dtype=np.intp)
+    q = np.zeros(model.nq, dtype=np.intp)
+    v = np.zeros(model.nv, dtype=np.intp)
     for joint in mechanism.joints:
-        first_q, first_v = mechanism.q_slices[joint.name].start, mechanism.v_slices[joint.name].start
+        first_q = mechanism.q_slices[joint.name].start
+        first_v = mechanism.v_slices[joint.name].start
         for name, nq, nv in _parts(joint, left_to_the_reader(mechanism) and joint is mechanism.joints[0]):
             theirs = model.joints[model.getJointId(name)]
             q[theirs.idx_q : theirs.idx_q + nq] = first_q + np.arange(nq)
             v[theirs.idx_v : theirs.idx_v + nv] = first_v + np.arange(nv)
-            first_q, first_v = first_q + nq, first_v + nv
+            first_q = first_q + nq
+            first_v = first_v + nv
     return q, v
 
 

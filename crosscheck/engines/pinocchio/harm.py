@@ -13,7 +13,12 @@ def other_order(built: Built, joint: str) -> None:
     index, _ = built.joint[joint]
     old = built.model.inertias[index]
     t = np.array(old.inertia)
-    xx, yy, zz, xy, xz, yz = t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]
+    xx = t[0, 0]
+    yy = t[1, 1]
+    zz = t[2, 2]
+    xy = t[0, 1]
+    xz = t[0, 2]
+    yz = t[1, 2]
     built.model.inertias[index] = pin.Inertia(old.mass, old.lever, np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]]))
 
 

@@ -147,10 +147,12 @@ def _at(values: Any, index: int) -> float:
 
 def _limits(model: Any, k: int, kind: str) -> Limits:
     joint = model.joints[k]
-    effort, velocity = _bound(model.upperEffortLimit, joint.idx_v), _bound(model.upperVelocityLimit, joint.idx_v)
+    effort = _bound(model.upperEffortLimit, joint.idx_v)
+    velocity = _bound(model.upperVelocityLimit, joint.idx_v)
     if kind not in ("revolute", "prismatic", "helical"):
         return Limits(effort, velocity)
-    lower, upper = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    lower = float(model.lowerPositionLimit[joint.idx_q])
+    upper = float(model.upperPositionLimit[joint.idx_q])
     far = 1e300  # the parser's word for no limit is the largest number
     return Limits(effort, velocity, lower if lower > -far else -np.inf, upper if upper < far else np.inf)
 
@@ -194,7 +196,8 @@ def _tie(tie: Any, links: list[str], number: int) -> Closure:
 
 
 def _mimic(model: Any, k: int) -> Closure:
-    joint, here = model.joints[k].extract(), Attachment(WORLD)
+    joint = model.joints[k].extract()
+    here = Attachment(WORLD)
     other = model.names[joint.id_primary] if hasattr(joint, "id_primary") else model.names[joint.jmodel_ref.id]
     factors = ((model.names[k], 1.0), (other, -float(joint.scaling)))
     return Closure(f"mimic {model.names[k]}", "coupling", here, here, factors=factors, offset=float(joint.offset))

@@ -62,7 +62,8 @@ class Tree:
 
     def number(self, joint: str) -> tuple[int, int]:
         """Return the indices of a joint's one number in q and in v [-]."""
-        m, built = self.mechanism, self.built
+        m = self.mechanism
+        built = self.built
         return int(built.q_order[m.q_slices[joint]][0]), int(built.v_order[m.v_slices[joint]][0])
 
     def place(self, q: Array, v: Array) -> None:
@@ -73,11 +74,13 @@ class Tree:
 
     def look(self, at: Attachment) -> Moving:
         """Return a frame where the tree has been put."""
-        model, data = self.built.model, self.data
+        model = self.built.model
+        data = self.data
         joint, frame = self.built.link[at.link]
         place = frame * pin.SE3(at.placement.rotation, at.placement.position)
         if joint == 0:
-            none, still = np.zeros((3, model.nv)), np.zeros(3)
+            none = np.zeros((3, model.nv))
+            still = np.zeros(3)
             return Moving(place.translation, place.rotation, none, none, still, still, still, still)
         pose = data.oMi[joint] * place
         jacobian = pin.getFrameJacobian(model, data, joint, place, WORLD_AXES)
@@ -94,7 +97,8 @@ def motion(mechanism: Mechanism, case: Case, built: Built, time: Array) -> tuple
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] in the mechanism's order, on its closures."""
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
-    unknown, unknown_q = np.zeros(mechanism.nv, dtype=bool), np.zeros(mechanism.nq, dtype=bool)
+    unknown = np.zeros(mechanism.nv, dtype=bool)
+    unknown_q = np.zeros(mechanism.nq, dtype=bool)
     for name in assembly.left_out(mechanism, case):
         unknown[built.v_order[mechanism.v_slices[name]]] = True
         unknown_q[built.q_order[mechanism.q_slices[name]]] = True
@@ -152,7 +156,9 @@ def _external(tree: Tree, q: Array, v: Array, acting: list[Push]) -> Any:
 
 def _shared(tree: Tree, outside: Outside, torque: Array) -> tuple[Outside, Array, dict[str, Array]]:
     """Share the tree's efforts (samples, nv) out to drives and closures."""
-    m, out, effort = tree.mechanism, [], np.empty_like(torque)
+    m = tree.mechanism
+    out = []
+    effort = np.empty_like(torque)
     wrench = np.empty((len(torque), len(m.closures), 6))
     for k, (q, v, acting) in enumerate(outside):
         pairs = tree.pairs(q, v)

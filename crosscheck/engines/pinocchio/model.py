@@ -160,7 +160,8 @@ def inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array, external: Se
 
     external : per sample what acts from outside on every joint's body, [N], [N m] in that joint's frame (none: nothing)
     """
-    model, data = built.model, built.model.createData()
+    model = built.model
+    data = built.model.createData()
     ours = to_engine(built, q, qd, qdd)
     torque = np.empty((len(q), model.nv))
     wrench = {name: np.empty((len(q), 6)) for name in built.joint}

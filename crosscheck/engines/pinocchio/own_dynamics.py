@@ -76,7 +76,8 @@ class OwnDynamics:
 
     def _state(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
         """The model's q, v and a of the mechanism's [rad or m, s]."""
-        model, mechanism = self.model, self.mechanism
+        model = self.model
+        mechanism = self.mechanism
         place = np.tile(pin.neutral(model), (len(q), 1))
         rate = np.zeros((len(q), model.nv))
         push = np.zeros((len(q), model.nv))

@@ -16,10 +16,12 @@ from flexinv.model.mechanism import Mechanism
 def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
     """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque; one step between two."""
     built = build(mechanism)
-    model, data = built.model, built.model.createData()
+    model = built.model
+    data = built.model.createData()
     efforts = np.empty((len(drive.torque), model.nv))
     efforts[:, built.v_order] = drive.efforts(mechanism.actuated)
-    q, v = np.empty(model.nq), np.zeros(model.nv)
+    q = np.empty(model.nq)
+    v = np.zeros(model.nv)
     q[built.q_order] = drive.q
 
     def acceleration(at: Array, rate: Array, effort: Array) -> Array:

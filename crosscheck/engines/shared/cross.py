@@ -10,7 +10,8 @@ Array = NDArray[np.float64]
 
 def cross(a: Array, b: Array) -> Array:
     """Return a x b, each (3,) [products of their units]."""
-    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    x, y, z = a.tolist()
+    u, v, w = b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 

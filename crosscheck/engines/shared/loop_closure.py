@@ -131,8 +131,10 @@ def coupled(closure: Closure, place: Callable[[str], tuple[int, int]], q: Array,
     place : joint -> where its number stands in q (nq,) and in v (nv,).  Both points are the world's: a force between
     them acts on nothing.
     """
-    still, none = np.zeros(3), np.zeros((3, len(v)))
-    sum_of, rate = np.array([-closure.offset, 0.0, 0.0]), none.copy()
+    still = np.zeros(3)
+    none = np.zeros((3, len(v)))
+    sum_of = np.array([-closure.offset, 0.0, 0.0])
+    rate = none.copy()
     for name, factor in closure.factors:
         at, column = place(name)
         sum_of[0] += factor * q[at]
@@ -154,7 +156,9 @@ def rows_of(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -
 
 def position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
     """Return phi [m], its Jacobian (nv,), its bias, force and moment of u . (x_2 - x_1) = 0; u : (3,) [-], world."""
-    d, v, a = second.x - first.x, second.v - first.v, second.a - first.a
+    d = second.x - first.x
+    v = second.v - first.v
+    a = second.a - first.a
     turned = cross(first.w, u)
     g = u @ (second.linear - first.linear) + cross(u, d) @ first.angular
     bias = u @ a + 2 * turned @ v + (cross(first.alpha, u) + cross(first.w, turned)) @ d
@@ -163,7 +167,8 @@ def position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
 
 def direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
     """Return phi [-], its Jacobian (nv,), its bias, force and moment of u . w = 0; u, w : (3,) [-], world."""
-    u1, w1 = cross(first.w, u), cross(second.w, w)
+    u1 = cross(first.w, u)
+    w1 = cross(second.w, w)
     u2 = cross(first.alpha, u) + cross(first.w, u1)
     w2 = cross(second.alpha, w) + cross(second.w, w1)
     normal = cross(w, u)
@@ -225,7 +230,8 @@ def _scales(task: Task, rows: Rows) -> Array:
 
 def _newton(task: Task, guess: Array) -> Array | None:
     """Return the closed configuration near a guess, or None."""
-    q, rest = guess, np.zeros(len(task.unknown))
+    q = guess
+    rest = np.zeros(len(task.unknown))
     for _ in range(MOST_ITERATIONS):
         rows = rows_of(task.mechanism.closures, task.tree.pairs(q, rest))
         step = rest.copy()
@@ -244,7 +250,8 @@ def _rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Arra
     """Return v and a (nv,) [1/s], [1/s^2]: G v = 0 and G a + bias = 0 with the given coordinates as they are at a time [s]."""
     _, v, a = given
     free = task.unknown
-    v, a = np.where(free, 0.0, v), np.where(free, 0.0, a)
+    v = np.where(free, 0.0, v)
+    a = np.where(free, 0.0, a)
     rows = rows_of(task.mechanism.closures, task.tree.pairs(q, v))
     scale = _scales(task, rows)
     g = rows.g / scale[:, None]
@@ -269,7 +276,9 @@ def _advance(
     task: Task, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
 ) -> tuple[Array, tuple[Array, Array]]:
     """Follow the loops from one time to the next, at which the given coordinates are ``end``."""
-    (before, after), done, part = times, 0.0, 1.0
+    before, after = times
+    done = 0.0
+    part = 1.0
     while done < 1.0:
         target = min(1.0, done + part)
         step = (target - done) * (after - before)
@@ -279,7 +288,9 @@ def _advance(
         guess = np.where(task.unknown_q, guess, given[0])
         found = _newton(task, guess)
         if found is not None and np.abs(found - guess).max() < SURPRISE:
-            q, done, rates = found, target, _rates(task, found, time, given)
+            q = found
+            done = target
+            rates = _rates(task, found, time, given)
         elif (part := part / 2) < 0.5**MOST_HALVINGS:
             raise AssemblyError(f"the loops cannot be followed beyond t = {before + done * (after - before):g} s")
     return q, rates
@@ -340,7 +351,8 @@ def guessed(mechanism: Mechanism, case: Case, q: Array) -> Array:
     """Return q (samples, nq) [rad], [m] with the joints that the motion leaves out at the case's guess."""
     out = q.copy()
     for name in left_out(mechanism, case) & set(case.start):
-        joint, value = mechanism.joint_of[name], np.atleast_1d(np.asarray(case.start[name], dtype=np.float64))
+        joint = mechanism.joint_of[name]
+        value = np.atleast_1d(np.asarray(case.start[name], dtype=np.float64))
         if joint.kind == "continuous" and value.size == 1:
             value = np.array([np.cos(value[0]), np.sin(value[0])])
         out[:, mechanism.q_slices[name]] = value

@@ -65,7 +65,8 @@ def follow_phases(
         mine = slice(0, last - first)
         q, v, a = (part[mine] for part in state)
         out.append((Phase(now, case, slice(first, last), span[mine]), (q, v, a)))
-        case, before = replace(case, start=_places(now, case, ours(state[0][-1:])[0])), state[1][-1]
+        case = replace(case, start=_places(now, case, ours(state[0][-1:])[0]))
+        before = state[1][-1]
     return out
 
 

@@ -66,7 +66,8 @@ def passive(mechanism: Mechanism) -> dict[str, Any]:
     [N m/rad], [N/m] off `spring_effort`, springs between points are what `wrenches.pushes` is given.
     """
     units = np.ones((1, mechanism.nv))
-    once, twice = passive_effort(mechanism, units)[0], passive_effort(mechanism, 2.0 * units)[0]
+    once = passive_effort(mechanism, units)[0]
+    twice = passive_effort(mechanism, 2.0 * units)[0]
     first = {j.name: mechanism.v_slices[j.name].start for j in mechanism.joints if j.nv}
     springs = [(f"{s.name}: {key}", float(getattr(s, key))) for s in mechanism.springs for key in SPRING]
     springs += [

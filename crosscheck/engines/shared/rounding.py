@@ -35,7 +35,8 @@ class Shaken:
 
     def __init__(self, motion: Motion, way: int = 0) -> None:
         """Keep the motion itself."""
-        self._motion, self._way = motion, way
+        self._motion = motion
+        self._way = way
 
     def evaluate(self, mechanism: Mechanism, time: Array, *side: Any) -> tuple[Array, ...]:
         """Return q, qd, qdd as the motion does [rad], [m], [1/s], [1/s^2]."""

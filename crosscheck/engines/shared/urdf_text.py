@@ -219,7 +219,8 @@ def _hang(robot: ET.Element, parent: str, body: Body, name: str) -> None:
 
 
 def _inertial(link: ET.Element, body: Body) -> None:
-    inertial, t = ET.SubElement(link, "inertial"), body.inertia.tensor
+    inertial = ET.SubElement(link, "inertial")
+    t = body.inertia.tensor
     ET.SubElement(inertial, "origin", xyz=_text(body.inertia.com), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(body.inertia.mass)))
     entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
@@ -229,7 +230,8 @@ def _inertial(link: ET.Element, body: Body) -> None:
 def roll_pitch_yaw(r: Any) -> tuple[float, float, float]:
     """Return roll, pitch, yaw [rad] of R = Rz(yaw) Ry(pitch) Rx(roll), with full digits also near pitch = 90 degrees."""
     yaw = float(np.arctan2(r[1, 0], r[0, 0])) if np.hypot(r[0, 0], r[1, 0]) > 0 else 0.0
-    c, s = np.cos(yaw), np.sin(yaw)
+    c = np.cos(yaw)
+    s = np.sin(yaw)
     pitch = float(np.arctan2(-r[2, 0], c * r[0, 0] + s * r[1, 0]))
     roll = float(np.arctan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]))
     return roll, pitch, yaw

@@ -36,7 +36,8 @@ def pushes(mechanism: Mechanism, time: float, look: Look) -> list[Push]:
 
 def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
     """k (l - rest), or the spring's law, + d l' at both ends, towards the other one."""
-    first, second = look(spring.first), look(spring.second)
+    first = look(spring.first)
+    second = look(spring.second)
     gap = second.x - first.x
     length = float(np.linalg.norm(gap))
     along = gap / length if length else gap
@@ -47,7 +48,8 @@ def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
 
 
 def _given(force: Force, time: float, look: Look) -> Push:
-    at, wrench = look(force.at), wrench_at(force, time)
+    at = look(force.at)
+    wrench = wrench_at(force, time)
     axes = at.r if force.follower else np.eye(3)
     return Push(force.at.link, at.x, axes @ wrench[:3], axes @ wrench[3:])
 
@@ -67,7 +69,8 @@ def closing(mechanism: Mechanism, pairs: list[tuple[Moving, Moving]], rows: Rows
     made = []
     for index, (closure, (_, second)) in enumerate(zip(mechanism.closures, pairs, strict=True)):
         own = np.where(rows.closure == index, multipliers, 0.0)
-        force, moment = own @ rows.force, own @ rows.moment
+        force = own @ rows.force
+        moment = own @ rows.moment
         made.append(Push(closure.second.link, second.x, force, moment))
         made.append(Push(closure.first.link, second.x, -force, -moment))
     return made

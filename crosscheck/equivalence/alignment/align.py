@@ -73,7 +73,8 @@ class Search:
 
     def under(self, motion: Placement) -> Alignment:
         """Return the best alignment where B's world stands so in A's [m]."""
-        first, partner = self.lengths.first, self.lengths.partner
+        first = self.lengths.first
+        partner = self.lengths.partner
         self.kept = {-1: [motion]}
         for a in sorted(partner):
             self.kept[a] = self._followed(a, self.kept[first.members[a].parent])
@@ -86,7 +87,8 @@ class Search:
         for a in sorted(partner):
             carrier = first.members[a].parent
             taken[a] = chosen[a, taken[carrier]]
-            before, frame = self.kept[carrier][taken[carrier]], self.kept[a][taken[a]]
+            before = self.kept[carrier][taken[carrier]]
+            frame = self.kept[a][taken[a]]
             seats.append(
                 joined(first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame)
             )

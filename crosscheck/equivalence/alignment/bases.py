@@ -24,11 +24,14 @@ UNFELT = "no torque feels it: gravity has the same direction in it"
 
 def base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterable[Pair]) -> Iterator[Difference]:
     """Yield what differs of where both machines stand [m], [rad], and of gravity [m/s^2]; motion : of B's world in A's."""
-    ours, theirs, there = first.gravity, second.gravity, motion.rotation @ second.gravity
+    ours = first.gravity
+    theirs = second.gravity
+    there = motion.rotation @ second.gravity
     pull = max(float(np.linalg.norm(ours)), float(np.linalg.norm(theirs)))
     felt = float(np.linalg.norm(there - ours)) > SAME * pull
     other = float(np.linalg.norm(theirs - ours)) > SAME * pull
-    way, turn = float(np.linalg.norm(motion.position)), angle(motion.rotation)
+    way = float(np.linalg.norm(motion.position))
+    turn = angle(motion.rotation)
     if max(way, turn) > SAME:
         standing = [pair for pair in pairs if pair.one.parent < 0]
         size, unit = (turn, "rad") if turn > SAME else (way, "m")

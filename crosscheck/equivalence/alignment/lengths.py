@@ -68,7 +68,8 @@ class Lengths:
 
     def of_joint(self, a: int, before: Placement, frame: Placement) -> float:
         """Return the length of what differs in a joint, where its carrier and its own frame stand so [m]."""
-        one, two = self.first.members[a], self.second.members[self.partner[a]]
+        one = self.first.members[a]
+        two = self.second.members[self.partner[a]]
         if one.kind == "free":
             return 0.0
         seat = joined(one, two, (a, self.partner[a]), before, frame)
@@ -95,7 +96,8 @@ class Lengths:
 
     def of_body(self, a: int, frame: Placement) -> float:
         """Return the length of what differs in where a link's mass is, in a pose of B's frame in A's [m]."""
-        one, two = self.first.members[a], self.second.members[self.partner[a]]
+        one = self.first.members[a]
+        two = self.second.members[self.partner[a]]
         return self._of_bodies(one.inertia, moved(frame, two.inertia))
 
     def _of_bodies(self, one: Inertia, there: Inertia) -> float:
@@ -124,7 +126,8 @@ class Lengths:
     def content(self, a: int) -> Content:
         """Return the bodies and joints by which a member and all that is fixed to it show how they stand, found once [kg, m]."""
         if a not in self.known:
-            one, two = self.first.members[a], self.second.members[self.partner[a]]
+            one = self.first.members[a]
+            two = self.second.members[self.partner[a]]
             found = Content([(one.inertia, two.inertia)], [])
             self._gather(a, Placement(), Placement(), found)
             self.known[a] = found
@@ -134,8 +137,10 @@ class Lengths:
         for c in self.first.children(a):
             if c not in self.partner:
                 continue
-            one, two = self.first.members[c], self.second.members[self.partner[c]]
-            here, there = on(ours, one.placement), on(theirs, two.placement)
+            one = self.first.members[c]
+            two = self.second.members[self.partner[c]]
+            here = on(ours, one.placement)
+            there = on(theirs, two.placement)
             if one.kind == "fixed":
                 found.bodies.append((moved(here, one.inertia), moved(there, two.inertia)))
                 self._gather(c, here, there, found)
@@ -144,7 +149,8 @@ class Lengths:
 
     def of_base(self, motion: Placement) -> float:
         """Return the length of a motion of the base, or of gravity where that is what differs [m]."""
-        ours, theirs = self.first.gravity, self.second.gravity
+        ours = self.first.gravity
+        theirs = self.second.gravity
         pull = max(size_of(ours), size_of(theirs)) or 1.0
         felt = length(size_of(motion.rotation @ theirs - ours) / pull)
         size = max(size_of(motion.position) / self.size, angle(motion.rotation))

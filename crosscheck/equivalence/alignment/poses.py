@@ -95,7 +95,8 @@ class Poses:
 
     def _vectors(self, a: int, axis: Array, frame: Placement, points: bool) -> Iterator[tuple[Array, Array]]:
         """Yield vectors of A and B, B's in A's frame, whose directions count: places, what tensors make of the axis."""
-        content, size = self.lengths.content(a), self.lengths.size
+        content = self.lengths.content(a)
+        size = self.lengths.size
         for one, two in content.bodies:
             if not one.mass or not two.mass:
                 continue
@@ -140,7 +141,8 @@ class Poses:
         for kind, (at, along), (other, across) in content.hung:
             there = on(frame, other)
             if kind in HINGES and axis is not None:
-                ours, theirs = at.rotation @ along, there.rotation @ across
+                ours = at.rotation @ along
+                theirs = there.rotation @ across
                 if size_of(cross(axis, ours)) > SPREAD:
                     yield _nearest(axis, at.position, ours) - _nearest(axis, there.position, theirs)
             elif kind != "prismatic":
@@ -192,18 +194,21 @@ class Poses:
 
     def _crossed(self, a: int, frame: Placement) -> Iterator[Placement]:
         """Yield the frame moved so that the lines of all hinges agree best: sum of (1 - u u^T)(way - gap) least."""
-        matrix, right = np.zeros((3, 3)), np.zeros(3)
+        matrix = np.zeros((3, 3))
+        right = np.zeros(3)
         for kind, (at, along), (other, _) in self.lengths.content(a).hung:
             if kind in HINGES:
                 axis = at.rotation @ along
                 across = np.eye(3) - np.outer(axis, axis)
-                matrix, right = matrix + across, right + across @ (at.position - on(frame, other).position)
+                matrix = matrix + across
+                right = right + across @ (at.position - on(frame, other).position)
         if np.linalg.matrix_rank(matrix, tol=SPREAD) == 3:
             yield Placement(frame.position + np.linalg.solve(matrix, right), frame.rotation)
 
     def bases(self, roots: Iterable[int]) -> Iterator[Placement]:
         """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
-        ours, theirs = self.lengths.first.gravity, self.lengths.second.gravity
+        ours = self.lengths.first.gravity
+        theirs = self.lengths.second.gravity
         if size_of(ours) and size_of(theirs):
             yield Placement(rotation=_least_turn(theirs / size_of(theirs), ours / size_of(ours)))
         for a in roots:
@@ -250,7 +255,8 @@ def _least_turn(start: Array, end: Array) -> Array:
 
 def _turn_between(axis: Array, start: Array, end: Array) -> float | None:
     """The angle [rad] about an axis from one vector to another; None where one of them lies along it."""
-    u, v = start - (start @ axis) * axis, end - (end @ axis) * axis
+    u = start - (start @ axis) * axis
+    v = end - (end @ axis) * axis
     if min(size_of(u), size_of(v)) <= SEEN:
         return None
     return float(np.arctan2(axis @ cross(u, v), u @ v))
@@ -268,7 +274,8 @@ def _nearest(axis: Array, point: Array, direction: Array) -> Array:
 
 def _principal(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
     """Yield the principal axes that both tensors show, those of moments that are no other's."""
-    (moments, axes), (_, others) = np.linalg.eigh(ours), np.linalg.eigh(theirs)
+    moments, axes = np.linalg.eigh(ours)
+    _, others = np.linalg.eigh(theirs)
     scale = float(moments[2]) or 1.0
     for k in range(3):
         gap = min(abs(float(moments[k] - moments[m])) for m in range(3) if m != k)

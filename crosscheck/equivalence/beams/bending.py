@@ -21,7 +21,10 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Joint, Mechanism
 from flexinv.model.motion import Motion
 
-DURATION, STEPS, SEED = 1.0, 100, 17  # [s], [-]
+# [s], [-]
+DURATION = 1.0
+STEPS = 100
+SEED = 17
 REACH = {"prismatic": 0.2}  # [m]; others turn:
 TURN = 0.7  # [rad]
 
@@ -41,7 +44,8 @@ class Felt:
 
 def felt(beams: Beams) -> Felt:
     """Return the differences of two machines' beams, each with what it alone does to a torque [N m], [N]."""
-    alone, bent = tuple(beams.alone()), list(beams.differences())
+    alone = tuple(beams.alone())
+    bent = list(beams.differences())
     if not any(True for _ in beams.both):
         return Felt(alone)
     mixed = beams.first.modal_damping is None or beams.second.modal_damping is None
@@ -50,7 +54,8 @@ def felt(beams: Beams) -> Felt:
         beams = replace(beams, first=_stated(beams.first), second=_stated(beams.second))
         bent = list(beams.differences())
     try:
-        base, wanted = beams.base(), torques(beams.second)
+        base = beams.base()
+        wanted = torques(beams.second)
         before, whole = (torques(_edited(base, some)) for some in ([], bent))
         found = [_measured(base, bent, one, whole, wanted) for one in bent]
     except FlexinvError as error:
@@ -94,7 +99,8 @@ def torques(mechanism: Mechanism) -> dict[str, Array]:
 def motion_of(mechanism: Mechanism) -> Motion:
     """Return a motion from near zero, within limits, that every joint of one coordinate takes part in [rad], [m]."""
     rng = np.random.default_rng(SEED)
-    start, end = {}, {}
+    start = {}
+    end = {}
     for joint in mechanism.joints:
         if joint.nv:
             start[joint.name], end[joint.name] = _ends(joint, rng)
@@ -102,12 +108,14 @@ def motion_of(mechanism: Mechanism) -> Motion:
 
 
 def _ends(joint: Joint, rng: np.random.Generator) -> tuple[Array, Array]:
-    size, kind = rng.uniform(0.5, 1.0, joint.nv) * rng.choice([-1.0, 1.0], joint.nv), KINDS[joint.kind]
+    size = rng.uniform(0.5, 1.0, joint.nv) * rng.choice([-1.0, 1.0], joint.nv)
+    kind = KINDS[joint.kind]
     if kind.has_quaternion:
         still = np.zeros(joint.nq)
         still[-1] = 1.0
         return still, still
-    low, high = joint.limits.lower, joint.limits.upper
+    low = joint.limits.lower
+    high = joint.limits.upper
     first = np.clip(np.zeros(joint.nv), low, high)
     last = np.clip(first + size * REACH.get(joint.kind, TURN), low, high)
     return first, np.where(

@@ -61,7 +61,8 @@ class Beams:
     def both(self) -> Iterator[tuple[str, str, Beam, Beam]]:
         """Yield links of A and of B that bend in both, with their beams."""
         for ours, theirs in self.links.items():
-            a, b = self.first.link_of[ours].beam, self.second.link_of[theirs].beam
+            a = self.first.link_of[ours].beam
+            b = self.second.link_of[theirs].beam
             if a is not None and b is not None:
                 yield ours, theirs, a, b
 
@@ -89,10 +90,8 @@ class Beams:
 
     def base(self) -> Mechanism:
         """Return B with A's beams, stations and stated modal damping, on B's mesh: what differs then is no matter of a beam."""
-        shapes, stations = (
-            self._shapes(),
-            {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()},
-        )
+        shapes = self._shapes()
+        stations = {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()}
         links = {
             theirs: _with_stations(self.second.link_of[theirs], self.first.link_of[ours])
             for ours, theirs in self.links.items()
@@ -116,14 +115,16 @@ class Beams:
         yield from self._damping()
 
     def _stations(self, ours: str, theirs: str) -> Iterator[Bent]:
-        mine, other = self.first.link_of[ours], self.second.link_of[theirs]
+        mine = self.first.link_of[ours]
+        other = self.second.link_of[theirs]
         at = {body.name: body.station for body in other.bodies}
         for body in mine.bodies:
             if body.name in at and _apart(body.station, at[body.name]):
                 found = _moved("station of body", f"body {body.name} (on link {ours})", body.station, at[body.name])
                 yield Bent(found, _body_edit(theirs, body.name, at[body.name]))
         for joint, partner in self.joints.items():
-            one, two = self.first.joint_of[joint], self.second.joint_of[partner]
+            one = self.first.joint_of[joint]
+            two = self.second.joint_of[partner]
             if one.parent == ours and two.parent == theirs and _apart(_end(one.station), _end(two.station)):
                 found = _moved("station of joint", f"joint {joint}", _end(one.station), _end(two.station))
                 yield Bent(found, _joint_edit(partner, two.station))
@@ -134,13 +135,12 @@ class Beams:
         return self.first.modal_damping is not None and self.second.modal_damping is not None
 
     def _damping(self) -> Iterator[Bent]:
-        one, two = self.first.modal_damping, self.second.modal_damping
+        one = self.first.modal_damping
+        two = self.second.modal_damping
         if one is None or two is None or (one.ratio, one.mode) == (two.ratio, two.mode):
             return
-        size, shown = (
-            abs(two.ratio - one.ratio),
-            (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}"),
-        )
+        size = abs(two.ratio - one.ratio)
+        shown = (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}")
         hints = factor_hints(two.ratio, one.ratio) if one.mode == two.mode else ()
         found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
         yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_asked(two)))
@@ -153,8 +153,10 @@ def _asked(stated: ModalDamping | None) -> ModalDamping | None:
 
 def _of_table(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
     """Yield the differences of one field of a beam's numbers: as one where a factor is common, else by column."""
-    a, b = getattr(one, name), getattr(two, name)
-    place, factor = f"link {ours}", _factor(a, b)
+    a = getattr(one, name)
+    b = getattr(two, name)
+    place = f"link {ours}"
+    factor = _factor(a, b)
     if np.abs(b - a).max() <= SAME * max(np.abs(a).max(), np.abs(b).max()):
         return
     if name in WHOLE and factor is not None:
@@ -165,7 +167,8 @@ def _of_table(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> 
         yield Bent(found, _table_edit(theirs, name, slice(None), b))
         return
     for k, (cause, unit) in enumerate(COLUMNS[name]):
-        mine, other = a[:, k], b[:, k]
+        mine = a[:, k]
+        other = b[:, k]
         size = float(np.abs(other - mine).max())
         if size > SAME * max(np.abs(mine).max(), np.abs(other).max()):
             worst = int(np.argmax(np.abs(other - mine)))

@@ -57,7 +57,8 @@ class Costs:
 
     def of(self, a: int, b: int) -> float:
         """Return the cost [-] of taking two members for the same, whatever they carry."""
-        one, two = self.first.members[a], self.second.members[b]
+        one = self.first.members[a]
+        two = self.second.members[b]
         if one.kind != two.kind:
             return IMPOSSIBLE
         return self._apart(a, b) + self._masses(a, b)
@@ -68,7 +69,8 @@ class Costs:
             return IMPOSSIBLE
         if before == (-1, -1):
             return self.of(a, b)
-        one, two = self._axes[0].between(before[0], a), self._axes[1].between(before[1], b)
+        one = self._axes[0].between(before[0], a)
+        two = self._axes[1].between(before[1], b)
         return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._masses(a, b)
 
     def shown(self, before: tuple[int, int], a: int, b: int) -> float:
@@ -84,7 +86,8 @@ class Costs:
     def _own(self, side: int, index: int) -> tuple[float, ...]:
         """Mass, moment of inertia about the axis or in all, distance of the centre of mass from the axis, range, damping."""
         member = (self.first, self.second)[side].members[index]
-        turn, arm = float(np.trace(member.tensor)), size_of(member.com)
+        turn = float(np.trace(member.tensor))
+        arm = size_of(member.com)
         if member.kind in SCALARS:
             turn = float(member.axis @ member.tensor @ member.axis)
             arm = size_of(cross(member.axis, member.com))
@@ -93,14 +96,18 @@ class Costs:
         return member.mass, turn, arm if arm > SMALL * self.size else 0.0, _range(member.limits), member.damping
 
     def _masses(self, a: int, b: int) -> float:
-        one, two = self.first.members[a].mass, self.second.members[b].mass
+        one = self.first.members[a].mass
+        two = self.second.members[b].mass
         return abs(one - two) / (one + two or 1.0)
 
     def _apart(self, a: int, b: int) -> float:
         """Distance of two axes at zero over the size of the machines, and the sine of the angle between them."""
-        one, two = self.first.members[a], self.second.members[b]
-        first, second = self.poses[0][a], self.poses[1][b]
-        along, other = first.rotation @ one.axis, second.rotation @ two.axis
+        one = self.first.members[a]
+        two = self.second.members[b]
+        first = self.poses[0][a]
+        second = self.poses[1][b]
+        along = first.rotation @ one.axis
+        other = second.rotation @ two.axis
         if one.kind not in SCALARS:
             return size_of(first.position - second.position) / self.size
         gap = second.position - first.position

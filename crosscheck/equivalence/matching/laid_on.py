@@ -40,7 +40,8 @@ class LaidOn:
     @classmethod
     def of(cls, first: Tree, second: Tree) -> LaidOn:
         """Return two trees that are laid on one another [-]."""
-        (one, ours), (two, theirs) = still(first), still(second)
+        one, ours = still(first)
+        two, theirs = still(second)
         return cls(Costs(one, two), ours, theirs)
 
     def costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
@@ -49,7 +50,8 @@ class LaidOn:
         before : the moving members that carry them, -1 the world
         """
         above = self.first.get(before[0], -1), self.second.get(before[1], -1)
-        mine, yours = [self.first[k] for k in ours], [self.second[k] for k in theirs]
+        mine = [self.first[k] for k in ours]
+        yours = [self.second[k] for k in theirs]
         shown = np.array([[subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
         return shown + self._apart(above, mine, yours, shown) if shown.size > 1 else shown
 
@@ -66,7 +68,8 @@ class LaidOn:
             chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True)]
             rest = sum(self._told(k, m, frame) for k, m in chosen)
             if total < least[0] - NEAR or rest < least[1] - NEAR:
-                best, least = found, (total, rest)
+                best = found
+                least = (total, rest)
             if rest <= NEAR and float(found[rows, columns].sum()) <= NEAR:
                 break
         return best
@@ -83,7 +86,9 @@ class LaidOn:
         return min(frames)
 
     def _frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
-        one, two, size = self.plain.first, self.plain.second, self.plain.size
+        one = self.plain.first
+        two = self.plain.second
+        size = self.plain.size
         yield Placement()
         trials = [(k, m) for k in ours for m in theirs if one.members[k].kind == two.members[m].kind]
         if a < 0:
@@ -96,12 +101,15 @@ class LaidOn:
 
     def _gap(self, k: int, m: int, frame: Placement) -> float:
         """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
-        ours, theirs, size = self.plain.first.members[k], self.plain.second.members[m], self.plain.size
+        ours = self.plain.first.members[k]
+        theirs = self.plain.second.members[m]
+        size = self.plain.size
         there = on(frame, theirs.placement)
         gap = there.position - ours.placement.position
         if ours.kind not in SCALARS:
             return min(size_of(gap) / size, FAR)
-        along, other = ours.placement.rotation @ ours.axis, there.rotation @ theirs.axis
+        along = ours.placement.rotation @ ours.axis
+        other = there.rotation @ theirs.axis
         total = size_of(cross(along, other))
         if ours.kind != "prismatic":
             # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
@@ -116,7 +124,8 @@ def subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float
     own = costs.shown(before, a, b)
     if own >= IMPOSSIBLE:
         return IMPOSSIBLE
-    ours, theirs = costs.first.carried(a), costs.second.carried(b)
+    ours = costs.first.carried(a)
+    theirs = costs.second.carried(b)
     lonely = abs(len(ours) - len(theirs))
     if not ours or not theirs:
         return own + lonely

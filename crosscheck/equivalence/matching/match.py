@@ -66,12 +66,14 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
     _check(first, second, stated)
     named = by_name(first.moving, second.moving, stated)
     names = {a: (b, way) for a, (b, way) in named.items() if _countable(first, second, a, b)}
-    pairs, how = {a: b for a, (b, _) in names.items()}, {a: way for a, (_, way) in names.items()}
+    pairs = {a: b for a, (b, _) in names.items()}
+    how = {a: way for a, (_, way) in names.items()}
     certainty = dict.fromkeys(pairs, 1.0)
     other, doubt = counted_otherwise(Costs(first, second), pairs) if not stated else ({}, 1.0)
     if other:
         kept = {a: b for a, b in pairs.items() if a not in other and b not in other.values()}
-        pairs, how = kept | other, {a: how[a] for a in kept} | dict.fromkeys(other, "numbers")
+        pairs = kept | other
+        how = {a: how[a] for a in kept} | dict.fromkeys(other, "numbers")
         certainty = dict.fromkeys(kept, 1.0) | dict.fromkeys(other, 1.0 - doubt)
     Assignment(first, second, pairs, how, certainty).extend(-1, -1)
     return Match(pairs, how, certainty)
@@ -103,10 +105,13 @@ def _countable(first: Tree, second: Tree, a: str, b: str) -> bool:
 def by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return by name of the first the one of the second [-], and how: "stated", "name", "prefix"."""
     found = {a: (b, "stated") for a, b in stated.items()}
-    rest_a, rest_b = [a for a in first if a not in stated], [b for b in second if b not in stated.values()]
+    rest_a = [a for a in first if a not in stated]
+    rest_b = [b for b in second if b not in stated.values()]
     found |= {a: (a, "name") for a in rest_a if a in rest_b}
-    left_a, left_b = [a for a in rest_a if a not in found], [b for b in rest_b if b not in found]
-    plain_a, plain_b = _plain(left_a, rest_a), _plain(left_b, rest_b)
+    left_a = [a for a in rest_a if a not in found]
+    left_b = [b for b in rest_b if b not in found]
+    plain_a = _plain(left_a, rest_a)
+    plain_b = _plain(left_b, rest_b)
     for a in left_a:
         same = [b for b in left_b if plain_b[b] == plain_a[a]]
         if len(same) == 1 and sum(plain_a[x] == plain_a[a] for x in left_a) == 1:
@@ -135,7 +140,8 @@ class Assignment:
 
     def extend(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
-        ours, theirs = self.first.carried(a), self.second.carried(b)
+        ours = self.first.carried(a)
+        theirs = self.second.carried(b)
         for k in ours:
             joint = self.first.members[k].joint
             if joint in self.pairs:
@@ -160,8 +166,10 @@ class Assignment:
         for row, column in zip(rows, columns, strict=True):
             if costs[row, column] >= IMPOSSIBLE:
                 continue
-            a, b = self.first.members[ours[row]].joint, self.second.members[theirs[column]].joint
-            self.pairs[a], self.how[a] = b, "structure"
+            a = self.first.members[ours[row]].joint
+            b = self.second.members[theirs[column]].joint
+            self.pairs[a] = b
+            self.how[a] = "structure"
             self.certainty[a] = 1.0
             made.append((ours[row], theirs[column]))
         self._check_exchanges(costs, list(zip(rows, columns, strict=True)), ours, theirs)
@@ -170,7 +178,8 @@ class Assignment:
     def _check_exchanges(self, costs: Array, chosen: list[tuple[int, int]], ours: list[int], theirs: list[int]) -> None:
         """Refuse where two pairs could be exchanged at about the same cost."""
         for (r1, c1), (r2, c2) in combinations(chosen, 2):
-            now, other = costs[r1, c1] + costs[r2, c2], costs[r1, c2] + costs[r2, c1]
+            now = costs[r1, c1] + costs[r2, c2]
+            other = costs[r1, c2] + costs[r2, c1]
             doubt = (now + ALMOST) / (other + ALMOST)
             names = [self.first.members[ours[r]].joint for r in (r1, r2)]
             if other < IMPOSSIBLE and doubt > GUESS:

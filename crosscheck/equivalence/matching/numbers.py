@@ -33,7 +33,8 @@ def counted_otherwise(costs: Costs, named: Mapping[str, str]) -> tuple[dict[str,
 
     named : joints by name; the doubt is the cost over that of the names [-].  What agrees with the names is left out.
     """
-    ours, theirs = costs.first.moving, costs.second.moving
+    ours = costs.first.moving
+    theirs = costs.second.moving
     lonely = len(ours) + len(theirs) - 2 * len(named)
     if not lonely or not any(_numbered(a, b) for a, b in named.items()):
         return {}, 1.0
@@ -94,15 +95,18 @@ class Overlay:
         if own < IMPOSSIBLE:
             beyond, pairs = self.forests((a, b), a, b)
             yield own + beyond, ((a, b), *pairs)
-        ours, theirs = self.costs.first.carried(a), self.costs.second.carried(b)
+        ours = self.costs.first.carried(a)
+        theirs = self.costs.second.carried(b)
         for one, two in [*([(ours[0], b)] if len(ours) == 1 else []), *([(a, theirs[0])] if len(theirs) == 1 else [])]:
             cost, pairs = self.laid(before, one, two)
             yield LEFT_OUT + cost, pairs
 
     def forests(self, before: tuple[int, int], a: int, b: int) -> Laid:
         """Return the least cost [-] and the pairs of all that two members carry, -1 the world; before : the last pair."""
-        ours, theirs = self.costs.first.carried(a), self.costs.second.carried(b)
-        n, m = len(ours), len(theirs)
+        ours = self.costs.first.carried(a)
+        theirs = self.costs.second.carried(b)
+        n = len(ours)
+        m = len(theirs)
         if not n or not m:
             return LEFT_OUT * (
                 sum(map(self.costs.first.moving_from, ours)) + sum(map(self.costs.second.moving_from, theirs))

@@ -108,7 +108,8 @@ def _above(mechanism: Mechanism, root: str, among: set[str]) -> dict[str, str]:
         for end in (joint.parent, joint.child):
             touching.setdefault(end, []).append(joint)
     found: dict[str, str] = {}
-    seen, stack = {WORLD, root}, [(root, "")]
+    seen = {WORLD, root}
+    stack = [(root, "")]
     while stack:
         link, carrier = stack.pop()
         for joint in touching.get(link, ()):

@@ -151,7 +151,8 @@ class Sides:
         if k is None or k not in self.seats:
             return None
         seat = self.seats[k]
-        one, two = self.trees[0].members[k], self.trees[1].members[seat.second]
+        one = self.trees[0].members[k]
+        two = self.trees[1].members[seat.second]
         part = difference.place.partition(" ")[2].partition(" (on link ")
         return (only(one, part[0]), only(two, part[0]), seat) if part[1] else (one, two, seat)
 
@@ -161,7 +162,8 @@ class Sides:
         if not difference.place.startswith("body ") or k is None or k not in self.seats:
             return None
         seat = self.seats[k]
-        one, two = self.trees[0].members[seat.first], self.trees[1].members[seat.second]
+        one = self.trees[0].members[seat.first]
+        two = self.trees[1].members[seat.second]
         return seat if dict(one.parts).keys() != dict(two.parts).keys() else None
 
     def _number(self, difference: Difference) -> int | None:
@@ -170,7 +172,8 @@ class Sides:
             return numbers.pop()
         kind, _, name = difference.place.partition(" ")
         if kind == "body":
-            kind, name = "link", name.partition(" (on link ")[2].removesuffix(")")
+            kind = "link"
+            name = name.partition(" (on link ")[2].removesuffix(")")
         called = {k: one.name if kind == "link" else one.joint for k, one in enumerate(self.trees[0].members)}
         return next((k for k, own in called.items() if own == name), None)
 
@@ -262,7 +265,8 @@ def _of_merged(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[
             if not n or difference.cause == "mass" or _same_frame(seat):
                 yield f"{head} body {names[n]}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
         else:
-            whole, more = wholes[n], list(dict(members[1 - n].parts))[:6]
+            whole = wholes[n]
+            more = list(dict(members[1 - n].parts))[:6]
             apart = f", of which {other} states {', '.join(more)} apart" if len(more) > 1 else ""
             tensor = vector_text(whole.tensor[np.triu_indices(3)])
             numbers = f"mass {whole.mass:.9g}, centre of mass {vector_text(whole.com)}, inertia tensor {tensor}"
@@ -300,7 +304,8 @@ def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Ali
     one, two, seat = both
     values = _values(difference, both)
     for n, (side, other, member) in enumerate((("A", "B", one), ("B", "A", two))):
-        description, place = sides.descriptions[n], difference.place.partition(" ")[0]
+        description = sides.descriptions[n]
+        place = difference.place.partition(" ")[0]
         called = member.joint if place == "joint" else member.name
         head = f"to make {side} ({description.label}) like {other}, in {place} {called}"
         parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
@@ -350,7 +355,8 @@ def _named(difference: Difference, seat: Aligned, side: int) -> str:
 def _values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tuple[str, str]:
     """Return the value of B in A's frame and coordinate, and that of A in B's."""
     one, _, seat = both
-    cause, back = difference.cause, inverse(seat.frame)
+    cause = difference.cause
+    back = inverse(seat.frame)
     there = moved(back, one.inertia)
     if cause == "centre of mass":
         return difference.second, vector_text(there.com)
@@ -376,5 +382,6 @@ def written(kind: str, cause: str, value: str) -> str:
         names = [name.removeprefix("i") for name in INERTIAS] if kind == "toml" else INERTIAS
         entries = [ENTRY[kind].format(name, x) for name, x in zip(names, numbers, strict=True)]
         return pattern.format((", " if kind in COMMAS else " ").join(entries))
-    words, value = WORDS[kind].get(cause, ""), value.removesuffix(" rpy")
+    words = WORDS[kind].get(cause, "")
+    value = value.removesuffix(" rpy")
     return words.format(", ".join(value.split()) if kind in COMMAS else value) if words else ""

@@ -231,7 +231,8 @@ def _close(one: Row, other: Row) -> bool:
 def _equal(one: Parameter, other: Parameter) -> bool:
     if isinstance(one, str) or isinstance(other, str):
         return one == other
-    a, b = np.atleast_1d(np.asarray(one)), np.atleast_1d(np.asarray(other))
+    a = np.atleast_1d(np.asarray(one))
+    b = np.atleast_1d(np.asarray(other))
     return a.shape == b.shape and bool(np.all(np.abs(a - b) <= CLOSE * np.maximum(np.abs(a), np.abs(b))))
 
 

@@ -23,9 +23,12 @@ from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Array, Mechanism
 
 # Newton leaves 1e-12 of the mechanism's length; rows of a loop that is a thousandth from a change point turn by 1e-9 then.
-OPEN, TURNED = 1e-9, 1e-7
+OPEN = 1e-9
+TURNED = 1e-7
 RANK = 1e-9  # singular values below that, of the largest, tie nothing
-HELD, LOST, UNJUDGED = "held", "lost", "not judged"
+HELD = "held"
+LOST = "lost"
+UNJUDGED = "not judged"
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ def _apart(mechanism: Mechanism, place: Array, residual: Array, jacobian: Array)
     if not left <= OPEN * max(1.0, mesh.length):
         return f"where the mechanism is closed, its own equations are open by {left:.3g} m or rad"
     ours = start_follower(mesh).closures(place)[1]
-    one, two = _row_space(ours), _row_space(jacobian * measures(mesh))
+    one = _row_space(ours)
+    two = _row_space(jacobian * measures(mesh))
     if len(one) != len(two):
         return f"its own equations leave {mechanism.nv - len(two)} freedoms, the mechanism's {mechanism.nv - len(one)}"
     gap = float(np.abs(one.T @ one - two.T @ two).max(initial=0.0))

@@ -23,8 +23,11 @@ from crosscheck.identification.settings import ANGLES
 
 Array = NDArray[np.float64]
 EVIDENCE = 12.0  # drop of the cost, as of any other cause
-DELAY, TWIST, BACKLASH = "link angle later than the motor's", "twist of the drive, stiffness", "backlash"
-HYSTERESIS, SCALE = "hysteresis between motor and link angle", "scale of link over motor angle (gear), relative error"
+DELAY = "link angle later than the motor's"
+TWIST = "twist of the drive, stiffness"
+BACKLASH = "backlash"
+HYSTERESIS = "hysteresis between motor and link angle"
+SCALE = "scale of link over motor angle (gear), relative error"
 
 
 def two_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
@@ -43,8 +46,10 @@ def two_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
 
 
 def _of_joint(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[Named]:
-    at, spacing = run.motion.names.index(name), float(run.time[1] - run.time[0])
-    q, qd = run.motion.q[:, at], run.motion.qd[:, at]
+    at = run.motion.names.index(name)
+    spacing = float(run.time[1] - run.time[0])
+    q = run.motion.q[:, at]
+    qd = run.motion.qd[:, at]
     slides = machine.mechanism.joint_of[name].kind == "prismatic"
     own = low_pass(link, spacing, machine.settings.bandwidth_Hz) - low_pass(q, spacing, machine.settings.bandwidth_Hz)
     wide = np.sqrt(np.mean(effort**2)) / 10.0 + 1e-12

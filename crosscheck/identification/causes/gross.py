@@ -48,7 +48,8 @@ def hypotheses(machine: Machine) -> Iterator[Gross]:
     for channel in machine.channels:
         yield from _of_channel(machine, channel)
     for name, table in machine.settings.joints.items():
-        column, wrong = table.angle.column, {"rad": DEGREE, "deg": 1.0 / DEGREE, "m": 1e-3, "mm": 1e3}[table.angle.unit]
+        column = table.angle.column
+        wrong = {"rad": DEGREE, "deg": 1.0 / DEGREE, "m": 1e-3, "mm": 1e3}[table.angle.unit]
         yield Gross("wrong sign of the angle", name, "-", -1.0, _times(column, -1.0), (name,), True)
         factor = ANGLES[table.angle.unit]
         size = f"the column is not in {table.angle.unit}"
@@ -63,7 +64,8 @@ def hypotheses(machine: Machine) -> Iterator[Gross]:
 
 def _of_channel(machine: Machine, channel: Channel) -> Iterator[Gross]:
     kind = channel.sense
-    place, column = channel.place, channel.column
+    place = channel.place
+    column = channel.column
     yield Gross(f"wrong sign of the {kind}", place, "-", -1.0, _times(column, -1.0), (place,), False)
     factors = {1e3: "wrong unit", 1e-3: "wrong unit"}
     if kind in UNITS:
@@ -116,11 +118,13 @@ def score(measured: list[Array], told: list[Array], slopes: list[Array], agree: 
     """
     spread = np.array([float(np.sum((m - m.mean()) ** 2)) for m in measured])
     news = np.array([len(m) for m in measured]) / agree
-    z, prior = np.zeros(len(root)), root.T @ root
+    z = np.zeros(len(root))
+    prior = root.T @ root
     left = np.array([float(np.sum((m - p) ** 2)) for m, p in zip(measured, told, strict=True)])
     for _ in range(ROUNDS):
         weight = news / left
-        hessian, pull = prior.copy(), np.zeros(len(z))
+        hessian = prior.copy()
+        pull = np.zeros(len(z))
         for w, m, p, j in zip(weight, measured, told, slopes, strict=True):
             hessian += w * j.T @ j
             pull += w * j.T @ (m - p)

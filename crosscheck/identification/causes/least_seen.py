@@ -43,7 +43,8 @@ def least_seen(here: Round, at: Array, evidence: float) -> list[Least]:
 
     at : sizes of the causes that were named
     """
-    out, level = [], here.rest(at)
+    out = []
+    level = here.rest(at)
     for k, cause in enumerate(here.causes):
         if at[k] or (cause.moves and cause.tries):
             continue
@@ -76,7 +77,8 @@ def _linear(here: Round, at: Array, k: int, level: Array, evidence: float) -> fl
     def drop(log_size: float) -> float:
         return here.drop(level + np.exp(log_size) * slope, level) - evidence
 
-    low, high = np.log(1e-6 * cause.step), np.log(REACH * cause.step)
+    low = np.log(1e-6 * cause.step)
+    high = np.log(REACH * cause.step)
     if not slope.any() or drop(high) < 0.0:
         return float("inf")
     return float(np.exp(brentq(drop, low, high, xtol=1e-3)))

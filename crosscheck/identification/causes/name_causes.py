@@ -33,9 +33,11 @@ from flexinv.errors import ConvergenceError
 Array = NDArray[np.float64]
 # Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together
 # chance names one in so many logs.
-EVIDENCE, CHANCE = 12.0, 1.0 / 200.0
+EVIDENCE = 12.0
+CHANCE = 1.0 / 200.0
 # A gross fault takes away most of what is unexplained, and leaves little.
-HALF, LITTLE = 0.5, 0.4
+HALF = 0.5
+LITTLE = 0.4
 FOLLOWED = 4  # steps on the way to a size
 ASKED = 2.0  # least drop of the linear estimate, which a large fault makes small: it spoils the weights
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
@@ -66,7 +68,8 @@ def what_remains(known: Identified, log: Log, seen: bool = False, hidden: bool =
     seen : the parameters come from this very log: a gross fault has spoiled them, and is looked for under what was known before.
         What may be small is looked for beside the parameters as they are: under less, what was wrongly known looks like a fault
     """
-    machine, found = known.machine, known.fit
+    machine = known.machine
+    found = known.fit
     before = () if seen else known.task.runs
     search = Search(machine, found, clipped_samples(machine, log), seen, before)
     named = [*clipped(machine, log), *quantised(machine, found, log)]
@@ -134,7 +137,8 @@ def _scored(search: Search, task: Problem, told: Linear) -> Score:
 def _small(search: Search, log: Log) -> tuple[list[Named], Round, Array]:
     """Causes by their evidence, and the log under them with their sizes."""
     causes = list(dictionary(search.machine))
-    at, named = np.zeros(len(causes)), list[Named]()
+    at = np.zeros(len(causes))
+    named = list[Named]()
     here = Round(search, log, causes, at, None)
     while len(named) < LARGEST:
         best = _strongest(here, at, {one.name + one.place for one in named})
@@ -181,9 +185,11 @@ def _worth(here: Round, k: int, one: Named) -> float:
 
 def _starts(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
     """Sizes of a cause at which the way to the best one may start, each with about how much the cost falls."""
-    cause, one = here.causes[k], np.eye(len(at))[k]
+    cause = here.causes[k]
+    one = np.eye(len(at))[k]
     slope = (here.rest(at + cause.step * one) - level) / cause.step
-    square, out = float(slope @ slope), []
+    square = float(slope @ slope)
+    out = []
     if square > 0.0:
         out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
     if here.wide and cause.tries:
@@ -196,7 +202,8 @@ def _starts(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, f
 
 def _sized(here: Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:
     """Follow the size of a cause where it is not linear: Gauss and Newton in one number."""
-    cause, one = here.causes[k], np.eye(len(at))[k]
+    cause = here.causes[k]
+    one = np.eye(len(at))[k]
     square = 1.0
     for _ in range(FOLLOWED):
         level = here.rest(at + size * one)

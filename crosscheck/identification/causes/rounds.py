@@ -76,7 +76,10 @@ class Round:
     def __init__(
         self, search: Search, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
     ) -> None:
-        self.search, self.log, self.causes, self.at = search, log, causes, at.copy()
+        self.search = search
+        self.log = log
+        self.causes = causes
+        self.at = at.copy()
         self.task = self.task_at(at, None)
         found = search.found
         self.told = self.task.pick(self.task.predict(found.z))
@@ -95,7 +98,9 @@ class Round:
 
     def task_at(self, at: Array, level: Problem | None) -> Problem:
         """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""
-        log, mechanism, moves = self.log, self.search.machine.mechanism, False
+        log = self.log
+        mechanism = self.search.machine.mechanism
+        moves = False
         for cause, phi, own in zip(self.causes, at, self.at, strict=True):
             if phi:
                 log, mechanism = cause.undone(log, mechanism, float(phi))
@@ -136,7 +141,8 @@ class Round:
 
     def _cost_above(self, rows: WideRows, log: Log) -> float:
         """The cost of a channel; where its columns are the log's own, it is computed once."""
-        machine, channel = self.search.machine, self.search.machine.channels[rows.channel]
+        machine = self.search.machine
+        channel = self.search.machine.channels[rows.channel]
         columns = channel.column, machine.settings.joints[channel.place].angle.column
         own = all(log.columns[c] is self.log.columns[c] for c in columns)
         if own and rows.channel in self._own_costs:
@@ -157,7 +163,8 @@ class Round:
         one, other = np.array([[float(a @ a), float(b @ b)] for a, b in parts]).T
         most = [len(b) / agreeing(b) for _, b in parts[: len(self.weight)]] + [w.news for w in self.wide]
         floor = np.concatenate([np.zeros(len(self.weight)), [w.news for w in self.wide], [0.0]])
-        one, other = np.maximum(one, floor), np.maximum(other, floor)
+        one = np.maximum(one, floor)
+        other = np.maximum(other, floor)
         some = (one[:-1] > 0.0) & (other[:-1] > 0.0)
         news = np.minimum(self.news, most)[some]
         return float(np.sum(news * np.log(one[:-1][some] / other[:-1][some])) + one[-1] - other[-1])

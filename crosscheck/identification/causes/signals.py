@@ -66,7 +66,8 @@ def quantised(machine: Machine, found: Fit, log: Log) -> Iterator[Named]:
             yield Named(f"quantisation of the {channel.sense}", channel.place, channel.unit, step, 0.0, np.inf, words)
     as_it_is: Array | None = None
     for name, table in machine.settings.joints.items():
-        column, factor = log.column(table.angle.column), abs(ANGLES[table.angle.unit] / table.angle.over)
+        column = log.column(table.angle.column)
+        factor = abs(ANGLES[table.angle.unit] / table.angle.over)
         if step := step_of(column):
             if as_it_is is None:
                 as_it_is = _readings(machine, found, log)

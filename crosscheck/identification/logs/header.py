@@ -132,7 +132,8 @@ def _fits(column: Column, kind: str, slides: bool) -> bool:
 def _best(columns: list[Column], kind: str) -> Column:
     """The first; of efforts one whose header names a torque or a force before a current."""
     ordered = sorted(columns, key=lambda c: kind == "effort" and (c.unit == "A", bool(c.why)))
-    chosen, others = ordered[0], [c.name for c in ordered[1:]]
+    chosen = ordered[0]
+    others = [c.name for c in ordered[1:]]
     words = [chosen.why] if chosen.why else []
     if others:
         words.append(f"or is it {', '.join(others[:3])}?")
@@ -158,7 +159,8 @@ def _unit(name: str, units: Mapping[str, str]) -> str:
 def _names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
     """By joint its name, and what is left of it without the words that all of them share."""
     words = [j.name for j in joints]
-    before, after = _common(words), _common([w[::-1] for w in words])
+    before = _common(words)
+    after = _common([w[::-1] for w in words])
     out: dict[str, tuple[str, ...]] = {}
     for word in words:
         cuts = (word[: len(word) - len(after)], word[len(before) : len(word) - len(after)]) if len(joints) > 1 else ()

@@ -149,7 +149,8 @@ def _read_csv(path: Path) -> Any:
     opener: Any = gzip.open if path.name.endswith(".gz") else open
     try:
         with opener(path, "rt", encoding="utf-8-sig", newline="") as stream:
-            first, second = stream.readline(LONGEST_LINE), stream.readline(LONGEST_LINE)
+            first = stream.readline(LONGEST_LINE)
+            second = stream.readline(LONGEST_LINE)
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: the header is not UTF-8 ({error}); save it as UTF-8") from error
     except (OSError, EOFError) as error:

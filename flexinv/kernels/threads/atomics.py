@@ -112,7 +112,8 @@ def address(typing_context: Any, values: Any) -> Any:
 
 def _array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """The array that begins at an address, the first argument, with the shape that is the second."""
-    kind, sizes = signature.return_type, cgutils.unpack_tuple(builder, arguments[1])
+    kind = signature.return_type
+    sizes = cgutils.unpack_tuple(builder, arguments[1])
     array = context.make_array(kind)(context, builder)
     item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     strides = [context.get_constant(types.intp, item)]

@@ -30,11 +30,17 @@ from flexinv.kernels.threads.atomics import address, look, pause, store, swap
 
 EMPTY, CLAIMED, OFFERED, TAKEN, DONE = range(5)
 # Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.
-STATE, OWNER, SLEEPS, ANSWER, WORDS = 0, 8, 16, 24, 32
+STATE = 0
+OWNER = 8
+SLEEPS = 16
+ANSWER = 24
+WORDS = 32
 CELLS = 64
 LOOKS = 10_000  # after which a caller that waits for a helper lets the system run others: some hundred microseconds
 WATCH = 3e-4  # [s] that a helper watches before it sleeps: several times what passes between two calls in a loop
-_LOOKS, _TRIES = 2_000, 5  # by which a helper learns how long a look takes: the shortest, as the system interrupts
+# by which a helper learns how long a look takes: the shortest, as the system interrupts
+_LOOKS = 2_000
+_TRIES = 5
 MOST = 255
 Attend = Callable[[NDArray[np.uint64], int], None]
 
@@ -51,7 +57,8 @@ def claimed(mail, owner):
 @jit_lanes
 def write_array(mail, number, array):
     """Write where an array begins and how long it is [-], as word ``number`` of an offer."""
-    mail[WORDS + 2 * number], mail[WORDS + 2 * number + 1] = address(array), array.size
+    mail[WORDS + 2 * number] = address(array)
+    mail[WORDS + 2 * number + 1] = array.size
 
 
 @jit_lanes
@@ -97,13 +104,17 @@ class _Helper:
     """A thread, its mail and the bell that wakes it."""
 
     def __init__(self, attend: Attend, mail: NDArray[np.uint64]) -> None:
-        self.attend, self.mail, self.bell, self.caller = attend, mail, SimpleQueue[bool](), processor_now()
+        self.attend = attend
+        self.mail = mail
+        self.bell = SimpleQueue[bool]()
+        self.caller = processor_now()
         self.thread = Thread(target=self._serve, name="flexinv", daemon=True)
         self.thread.start()
 
     def _serve(self) -> None:
         leave(self.caller)
-        tried, nobody = list[float](), np.zeros(CELLS, dtype=np.uint64)
+        tried = list[float]()
+        nobody = np.zeros(CELLS, dtype=np.uint64)
         for _ in range(_TRIES):  # not by `timeit`: it switches the garbage collector of the whole process
             start = time.perf_counter()
             self.attend(nobody, _LOOKS)
@@ -116,7 +127,8 @@ class _Helper:
 
     def wake(self) -> None:
         if self.mail[SLEEPS]:
-            self.mail[SLEEPS], self.caller = 0, processor_now()
+            self.mail[SLEEPS] = 0
+            self.caller = processor_now()
             self.bell.put(True)
 
 
@@ -135,8 +147,10 @@ class Helpers:
 
     def forget(self) -> None:
         """Begin without helpers [-]."""
-        self._starting, self._members = Lock(), list[_Helper]()
-        self._mails, self._called = np.zeros((MOST, CELLS), dtype=np.uint64), -np.inf
+        self._starting = Lock()
+        self._members = list[_Helper]()
+        self._mails = np.zeros((MOST, CELLS), dtype=np.uint64)
+        self._called = -np.inf
 
     def dismiss(self) -> None:
         """Let all helpers end [-]."""
@@ -151,8 +165,10 @@ class Helpers:
 
         Where not ``wake``, those that sleep are woken only if the last call was a moment ago, as in a loop.
         """
-        count, now = min(count, limit() - 1), time.perf_counter()
-        wake, self._called = wake or now - self._called < WATCH, now
+        count = min(count, limit() - 1)
+        now = time.perf_counter()
+        wake = wake or now - self._called < WATCH
+        self._called = now
         if wake:
             if len(self._members) < count:
                 self._start(count)

@@ -61,7 +61,8 @@ class Tree:
 
 def _moved(joint: Joint, q: Array, step: Array) -> Array:
     if joint.kind == "continuous":
-        c, s = np.cos(step[0]), np.sin(step[0])
+        c = np.cos(step[0])
+        s = np.sin(step[0])
         return np.array([q[0] * c - q[1] * s, q[1] * c + q[0] * s])
     if joint.kind not in ("spherical", "free"):
         return np.asarray(q + step)
@@ -81,10 +82,12 @@ def _moved(joint: Joint, q: Array, step: Array) -> Array:
 
 def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
     """Return every link's frame [m], [rad], [s] at q (nq,), v (nv,), the world included."""
-    none, still = np.zeros((3, mechanism.nv)), np.zeros(3)
+    none = np.zeros((3, mechanism.nv))
+    still = np.zeros(3)
     links = {WORLD: Moving(still, np.eye(3), none, none, still, still, still, still)}
     for joint in mechanism.joints:
-        own, rates = q[mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
+        own = q[mechanism.q_slices[joint.name]]
+        rates = mechanism.v_slices[joint.name]
         seat = carried(_section(mechanism, links, joint.parent, joint.station), joint.placement)
         links[joint.child] = _outward(seat, joint, own, v[rates], rates)
     return links
@@ -100,7 +103,8 @@ def _placed(frame: Moving, position: Array, rotation: Array) -> Moving:
     if not position.any():
         return Moving(frame.x, turned_r, frame.linear, frame.angular, frame.v, frame.w, frame.a, frame.alpha)
     r = frame.r @ position
-    w, turned = frame.w, cross(frame.w, r)
+    w = frame.w
+    turned = cross(frame.w, r)
     linear = frame.linear + cross_columns(frame.angular, r)
     a = frame.a + cross(frame.alpha, r) + cross(w, turned)
     return Moving(frame.x + r, turned_r, linear, frame.angular, frame.v + turned, w, a, frame.alpha)
@@ -113,9 +117,11 @@ def _outward(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> M
         return child
     units = [joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
     # velocities of a free joint are along the child's axes, the slide of a prismatic one along the seat's: the same there
-    linear, angular = child.linear.copy(), child.angular.copy()
+    linear = child.linear.copy()
+    angular = child.angular.copy()
     for column, (slide, spin) in zip(range(rates.start, rates.stop), units, strict=True):
-        linear[:, column], angular[:, column] = child.r @ slide, child.r @ spin
+        linear[:, column] = child.r @ slide
+        angular[:, column] = child.r @ spin
     if not qd.any() and not seat.w.any():
         return Moving(child.x, child.r, linear, angular, child.v, child.w, child.a, child.alpha)
     slide, spin = (child.r @ part for part in joint_twist(joint, q, qd))
@@ -191,6 +197,7 @@ def closing_rows(mechanism: Mechanism, case: Case, positions: Array) -> list[tup
 
 @kept_with_owner(most=8)
 def _closing_rows(case: Case, mechanism: Mechanism, q: bytes) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
-    tree, rest = Tree(mechanism, case), np.zeros(mechanism.nv)
+    tree = Tree(mechanism, case)
+    rest = np.zeros(mechanism.nv)
     pairs = [tree.pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
     return [(one, assembly.rows_of(mechanism.closures, one)) for one in pairs]

@@ -102,7 +102,8 @@ def independent_at(mechanism: Mechanism, case: Case, q: Array) -> dict[str, list
     Closure by closure, of all choices with the rank that the closure adds the best conditioned one.
     """
     pairs = exudyn_chain.Tree(mechanism, case).pairs(q, np.zeros(mechanism.nv))
-    kept, chosen = np.zeros((0, mechanism.nv)), {}
+    kept = np.zeros((0, mechanism.nv))
+    chosen = {}
     for closure, pair in zip(mechanism.closures, pairs, strict=True):
         full = HELD[closure.kind]
         missing = _rank(np.vstack([kept, _rows(closure, full, *pair)])) - len(kept)
@@ -111,7 +112,8 @@ def independent_at(mechanism: Mechanism, case: Case, q: Array) -> dict[str, list
         ]
         stacks = [np.vstack([kept, _rows(closure, held, *pair)]) for held in choices]
         best = int(np.argmax([np.linalg.svd(stack, compute_uv=False)[-1] for stack in stacks]))
-        chosen[closure.name], kept = choices[best], stacks[best]
+        chosen[closure.name] = choices[best]
+        kept = stacks[best]
     return chosen
 
 
@@ -131,7 +133,8 @@ def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float)
     """Return the force that is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
     for force in mechanism.forces:
         turn = layout.start(frame_of(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
-        up, across = force.wrench[:, :3] @ (turn.T @ normal), np.cross(force.wrench[:, 3:], turn.T @ normal)
+        up = force.wrench[:, :3] @ (turn.T @ normal)
+        across = np.cross(force.wrench[:, 3:], turn.T @ normal)
         if max(np.abs(up).max(), np.abs(across).max()) > in_plane * np.abs(force.wrench).max():
             return f"force {force.name} leans out of the plane"
     return None

@@ -96,11 +96,13 @@ def joint_pose(joint: Joint, q: Array) -> tuple[Array, Array]:
     n = len(q)
     if joint.kind in ("revolute", "continuous"):
         return np.zeros((n, 3)), turn(joint.axis, scalar_coordinate(joint, q))
-    p, r = np.zeros((n, 3)), np.tile(ONE, (n, 1, 1))
+    p = np.zeros((n, 3))
+    r = np.tile(ONE, (n, 1, 1))
     if joint.kind == "prismatic":
         p = q * joint.axis
     elif joint.kind == "helical":  # no joint of Exudyn: its motion and its dual are prescribed
-        p, r = joint.pitch / (2 * np.pi) * q * joint.axis, turn(joint.axis, q[:, 0])
+        p = joint.pitch / (2 * np.pi) * q * joint.axis
+        r = turn(joint.axis, q[:, 0])
     elif joint.kind == "universal":
         r = turn(joint.axis, q[:, 0]) @ turn(joint.second_axis, q[:, 1])
     elif joint.kind in ("spherical", "free"):
@@ -114,19 +116,22 @@ def joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
 
     q : (nq of the joint,); qd : (nv of the joint,); returns : (3,) [m/s], (3,) [rad/s]
     """
-    v, w = np.zeros(3), np.zeros(3)
+    v = np.zeros(3)
+    w = np.zeros(3)
     if joint.kind in ("revolute", "continuous"):
         w = joint.axis * qd[0]
     elif joint.kind == "prismatic":
         v = joint.axis * qd[0]
     elif joint.kind == "helical":
-        v, w = joint.pitch / (2 * np.pi) * joint.axis * qd[0], joint.axis * qd[0]
+        v = joint.pitch / (2 * np.pi) * joint.axis * qd[0]
+        w = joint.axis * qd[0]
     elif joint.kind == "universal":
         w = turn(joint.second_axis, q[1]).T @ joint.axis * qd[0] + joint.second_axis * qd[1]
     elif joint.kind == "spherical":
         w = qd
     elif joint.kind == "free":
-        v, w = qd[:3], qd[3:]
+        v = qd[:3]
+        w = qd[3:]
     return v, w
 
 
@@ -146,7 +151,8 @@ def effort_axes(joint: Joint, q: Array) -> tuple[Array, Array]:
     The columns are the partial velocities of the child in its own frame, so this is the dual of ``joint_twist``.
     q : (samples, nq of the joint); returns : F and M (samples, nv of the joint, 3) [-]
     """
-    f, m = np.zeros((len(q), joint.nv, 3)), np.zeros((len(q), joint.nv, 3))
+    f = np.zeros((len(q), joint.nv, 3))
+    m = np.zeros((len(q), joint.nv, 3))
     for s in range(len(q)):
         for k, unit in enumerate(np.eye(joint.nv)):
             f[s, k], m[s, k] = joint_twist(joint, q[s], unit)

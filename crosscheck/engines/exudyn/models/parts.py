@@ -75,5 +75,6 @@ def weigh(model: Model, number: Any, gravity: Array) -> None:
 def homogeneous(position: Array, rotation: Array) -> Array:
     """Return the 4 x 4 matrix of a pose."""
     h = np.eye(4)
-    h[:3, :3], h[:3, 3] = rotation, position
+    h[:3, :3] = rotation
+    h[:3, 3] = position
     return h

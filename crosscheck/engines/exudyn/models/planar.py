@@ -175,7 +175,8 @@ def _load_axes(drawing: Drawing, force: Force) -> Array:
 
 def _add_body(drawing: Drawing, index: int) -> None:
     """Add the body of a group: reference point at its centre of mass, angle 0 at the start."""
-    group, mbs = drawing.layout.groups[index], drawing.model.mbs
+    group = drawing.layout.groups[index]
+    mbs = drawing.model.mbs
     centre = _centre(drawing, index)
     arm = drawing.plane.T @ group.start.rotation @ group.inertia.com
     spin = float(drawing.plane.T[2] @ group.spin)
@@ -208,7 +209,9 @@ def _connect(drawing: Drawing, one: Joint | Closure) -> Any:
 
 
 def _add_joint(drawing: Drawing, joint: Joint) -> None:
-    mbs, name, seat = drawing.model.mbs, joint.name, drawing.layout.joint[joint.name]
+    mbs = drawing.model.mbs
+    name = joint.name
+    seat = drawing.layout.joint[joint.name]
     child = next(k for k, g in enumerate(drawing.layout.groups) if g.joint == name)
     pin = _connect(drawing, joint)
     angles = [
@@ -225,7 +228,8 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
 
 
 def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
-    mbs, root = drawing.model.mbs, drawing.layout.root[name]
+    mbs = drawing.model.mbs
+    root = drawing.layout.root[name]
     cells = mesh(beam, drawing.layout.stations[name], drawing.elements, 2 if drawing.cable else 3)
     nodes = [mbs.AddNode(_node(drawing, root, pose)) for pose in cells.pose]
     drawing.model.beam[name] = nodes
@@ -252,7 +256,8 @@ def _node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
 
 def _element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any], k: int) -> Any:
     """Return element k: bending about the section axis that is normal to the plane, shear along the other."""
-    (stiffness, mass, rotary), damping = cells.sections[k], cells.damping[k]
+    stiffness, mass, rotary = cells.sections[k]
+    damping = cells.damping[k]
     normal = drawing.layout.start(root).rotation.T @ drawing.plane[:, 2]
     about = int(np.argmax(np.abs(normal)))  # 1: y, 2: z
     common: dict[str, Any] = {
@@ -298,7 +303,8 @@ def run(drawing: Drawing, plan: Plan, q: Array, qd: Array, begin: Begin | None =
         sign = sign_of(drawing, joint)
         angle = sign * scalar_coordinate(joint, joint_q(drawing.mechanism, joint, q))
         rate = sign * qd[:, drawing.mechanism.v_slices[joint.name]][:, 0]
-        offset, offset_t = _user_function(plan, (angle - angle[0])[-steps:]), _user_function(plan, rate[-steps:])
+        offset = _user_function(plan, (angle - angle[0])[-steps:])
+        offset_t = _user_function(plan, rate[-steps:])
         drawing.model.drivers.append(Driver(drawing.model.joint[joint.name][1], offset, offset_t))
     seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *sensors(drawing), drawing.model.loads, begin)
     pose = {index: _pose(drawing, index, seen) for index in range(len(drawing.layout.groups))}
@@ -360,7 +366,8 @@ def _pose(drawing: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, 
         samples = len(next(iter(seen.values())))
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
     u = seen["pose", index]
-    centre, r = _centre(drawing, index), turn(Z, u[:, 2])
+    centre = _centre(drawing, index)
+    r = turn(Z, u[:, 2])
     flat = centre + u * (1, 1, 0) + r @ (drawing.flatten(group.start)[0] - centre)
     position = flat @ drawing.plane.T + drawing.plane[:, 2] * (drawing.plane[:, 2] @ group.start.position)
     return position, drawing.plane @ r @ drawing.plane.T @ group.start.rotation

@@ -146,7 +146,9 @@ def build(
 
 def _add_body(drawing: Drawing, index: int) -> None:
     """Add the body of a group: reference point at its centre of mass, axes along the group's frame."""
-    group, mbs, inertia = drawing.layout.groups[index], drawing.model.mbs, drawing.layout.groups[index].inertia
+    group = drawing.layout.groups[index]
+    mbs = drawing.model.mbs
+    inertia = drawing.layout.groups[index].inertia
     arm = group.start.rotation @ inertia.com
     velocity = group.velocity + np.cross(group.spin, arm)
     node = _rigid_node(Placement(group.start.position + arm, group.start.rotation), velocity, group.spin)
@@ -183,7 +185,9 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
     if joint.name in drawing.free:
         _add_free_joint(drawing, joint)
         return
-    mbs, seat, child = drawing.model.mbs, drawing.layout.joint[joint.name], drawing.child(joint.name)
+    mbs = drawing.model.mbs
+    seat = drawing.layout.joint[joint.name]
+    child = drawing.child(joint.name)
     axes = Placement(np.zeros(3), _axes(joint))
     start = _relative(drawing, seat, child)
     markers = [
@@ -222,13 +226,15 @@ def _add_closure(drawing: Drawing, closure: Closure) -> None:
 
 def _relative(drawing: Drawing, seat: Frame, child: int) -> Placement:
     """Return the child's pose in its parent group's frame at the start."""
-    parent, own = drawing.layout.groups[seat.group].start, drawing.layout.groups[child].start
+    parent = drawing.layout.groups[seat.group].start
+    own = drawing.layout.groups[child].start
     turned = parent.rotation.T
     return Placement(turned @ (own.position - parent.position), turned @ own.rotation)
 
 
 def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
-    mbs, root = drawing.model.mbs, drawing.layout.root[name]
+    mbs = drawing.model.mbs
+    root = drawing.layout.root[name]
     cells = mesh(beam, drawing.layout.stations[name], drawing.elements)
     nodes = [mbs.AddNode(_beam_node(drawing, root, pose)) for pose in cells.pose]
     drawing.model.beam[name] = nodes
@@ -312,7 +318,8 @@ def _offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
     axes = _axes(joint)
     angles = tait_bryan(axes.T @ r[0].T @ r @ axes)
     if slides_along(joint):
-        slide, still = p @ joint.axis, np.zeros((len(q), 6))
+        slide = p @ joint.axis
+        still = np.zeros((len(q), 6))
         turned = [np.pad(angles, ((0, 0), (3, 0)))] if turns_about(joint) else []
         return [*turned, still, np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
     seat = drawing.layout.start(drawing.layout.joint[joint.name])
@@ -363,7 +370,8 @@ def _wrench(drawing: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[K
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
     if joint.name in drawing.free:
         return _reaction(drawing, joint, pose, seen)
-    seat, child = drawing.layout.joint[joint.name], drawing.child(joint.name)
+    seat = drawing.layout.joint[joint.name]
+    child = drawing.child(joint.name)
     axes = _axes(joint)
     force = -sum(seen["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
     marker = pose[seat.group][1] @ _relative(drawing, seat, child).rotation @ axes

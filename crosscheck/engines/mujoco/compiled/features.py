@@ -54,13 +54,17 @@ from crosscheck.engines.mujoco.compiled.tendons import (
 )
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 
-DISABLE, JOINT, EQUALITY = mujoco.mjtDisableBit, mujoco.mjtJoint, mujoco.mjtEq
+DISABLE = mujoco.mjtDisableBit
+JOINT = mujoco.mjtJoint
+EQUALITY = mujoco.mjtEq
 SCALAR = (JOINT.mjJNT_HINGE, JOINT.mjJNT_SLIDE)
-SPRING_OFF, DAMPER_OFF = int(DISABLE.mjDSBL_SPRING), int(DISABLE.mjDSBL_DAMPER)
+SPRING_OFF = int(DISABLE.mjDSBL_SPRING)
+DAMPER_OFF = int(DISABLE.mjDSBL_DAMPER)
 CONSTRAINT_OFF = int(DISABLE.mjDSBL_CONSTRAINT)
 FRICTION_OFF = int(DISABLE.mjDSBL_FRICTIONLOSS) | CONSTRAINT_OFF
 LIMIT_OFF = int(DISABLE.mjDSBL_LIMIT) | CONSTRAINT_OFF
-GRAVITY_OFF, ACTUATION_OFF = int(DISABLE.mjDSBL_GRAVITY), int(DISABLE.mjDSBL_ACTUATION)
+GRAVITY_OFF = int(DISABLE.mjDSBL_GRAVITY)
+ACTUATION_OFF = int(DISABLE.mjDSBL_ACTUATION)
 FLEX = ("flex_stiffness", "flex_bending", "flex_damping", "flex_edgestiffness", "flex_edgedamping")
 
 

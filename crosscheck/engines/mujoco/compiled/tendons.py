@@ -18,7 +18,8 @@ import numpy as np
 from crosscheck.engines.mujoco.compiled.names import ON_TENDON, actuators_on, gear_of, joint_name, name_of, tendon_name
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 
-DISABLE, EQUALITY = mujoco.mjtDisableBit, mujoco.mjtEq
+DISABLE = mujoco.mjtDisableBit
+EQUALITY = mujoco.mjtEq
 OTHERS = tuple(
     kind
     for kind in EQUALITY.__members__.values()
@@ -39,7 +40,8 @@ def row(values: Any) -> tuple[float, ...]:
 
 def _path(model: Any, index: int) -> tuple[dict[str, Parameter], tuple[str, ...]]:
     """The numbers of the path of a tendon, and the joints of a fixed one."""
-    first, count = int(model.tendon_adr[index]), int(model.tendon_num[index])
+    first = int(model.tendon_adr[index])
+    count = int(model.tendon_num[index])
     numbers: dict[str, Parameter] = {}
     joints = []
     for k in range(first, first + count):
@@ -154,8 +156,10 @@ def linear_law(model: Any, k: int) -> tuple[dict[str, float], float] | None:
 
     L1 - L1_0 = a0 + a1 (L2 - L2_0),  L = sum coef q  of a fixed tendon
     """
-    start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
-    first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    start = float(model.eq_data[k][0])
+    slope = float(model.eq_data[k][1])
+    first = int(model.eq_obj1id[k])
+    second = int(model.eq_obj2id[k])
     if second >= 0 and np.any(model.eq_data[k][2:5]):
         return None
     factors: dict[str, float] = {}
