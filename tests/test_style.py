@@ -131,6 +131,15 @@ def test_modules_and_functions_are_short() -> None:
     check(ALL, lambda path: rules.sizes(path.read_text()))
 
 
+def test_one_thought_is_one_statement() -> None:
+    check(PACKAGES, lambda path: rules.packed(path.read_text()))
+
+
+def test_swaps_and_unpacking_are_no_packing() -> None:
+    for text in ("a, b = b, a", "a, b = f()", "a, b = a + b, a", "(a, b), c = f(), g(a)", "x[0], x[1] = x[1], x[0]"):
+        assert rules.packed(text) == []
+
+
 def test_imports_point_down() -> None:
     check(PACKAGES, lambda path: rules.layering(name(path), path.read_text()))
     for paths in (NUMERICAL, PACKAGES):
@@ -215,6 +224,7 @@ BAD = {
     "f has no annotation of y": (rules.unannotated, "def f(x: int, *, y=1) -> int: return x"),
     f"{rules.MODULE_LINES + 1} lines, at most": (rules.sizes, "x = 1\n" * (rules.MODULE_LINES + 1)),
     f"f has {rules.FUNCTION_LINES + 1} lines": (rules.sizes, LONG),
+    "a, b in one assignment": (rules.packed, "a, b = f(1), g(2)"),
     "print outside": (rules.prints, "def f():\n    print('x')"),
     "sys.stdout.write outside": (rules.prints, "import sys\nsys.stdout.write('x')"),
     "padded tolerance tol * 10": (rules.padded_tolerances, "assert x < tol * 10"),

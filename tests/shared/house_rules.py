@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 
-MODULE_LINES = 400
-FUNCTION_LINES = 60  # of code, without the docstring: what a numerical kernel may take
+MODULE_LINES = 500
+FUNCTION_LINES = 80  # of code, without the docstring: what a numerical kernel may take
 _SYMBOL = r"(?:1|m|kg|s|rad|deg|N|J|W|Hz|Pa|%)(?:\^-?\d)?"
 _PRODUCT = rf"(?:-|{_SYMBOL}(?:[ /]{_SYMBOL})*)"
 UNIT = re.compile(rf"\[(?:any unit|unit(?: of [\w\s]+)?|{_PRODUCT}(?:(?:, | or ){_PRODUCT})*)\]")
@@ -78,6 +78,29 @@ def sizes(source: str) -> list[str]:
         if length > FUNCTION_LINES:
             broken.append(f"line {function.lineno}: {function.name} has {length} lines, at most {FUNCTION_LINES}")
     return broken
+
+
+def packed(source: str) -> list[str]:
+    """One thought, one statement: values stand in one assignment only where one of them reads what another replaces."""
+    return [
+        f"line {node.lineno}: {ast.unparse(node.targets[0])} in one assignment; write as many"
+        for node in walked(source)
+        if isinstance(node, ast.Assign) and len(node.targets) == 1 and _is_packed(node.targets[0], node.value)
+    ]
+
+
+def _is_packed(target: ast.expr, value: ast.expr) -> bool:
+    """Return True for targets and values side by side that could stand one after the other."""
+    if not (isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple) and len(target.elts) == len(value.elts)):
+        return False
+    if any(isinstance(part, ast.Starred) for part in (*target.elts, *value.elts)):
+        return False
+    replaced: set[str] = set()
+    for one, new in zip(target.elts, value.elts, strict=True):
+        if replaced & {part.id for part in ast.walk(new) if isinstance(part, ast.Name)}:
+            return False
+        replaced |= {part.id for part in ast.walk(one) if isinstance(part, ast.Name)}
+    return True
 
 
 def layering(module: str, source: str) -> list[str]:
