@@ -175,8 +175,8 @@ class ForkServers:
 
 def _started() -> Prepared:
     """Start the common process; it has to be by the thread that lives as long as the run."""
+    folder = _folder()  # first: on a full disk there is nothing to be closed yet
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    folder = _folder()
     with theirs, (Path(folder.name) / "printed.txt").open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.fork_server", str(theirs.fileno())],
@@ -193,11 +193,11 @@ def _started() -> Prepared:
 
 def _opened(common: Prepared, job: Mapping[str, Any]) -> Prepared:
     """Fork the prepared process of a job's adapter.  Raises Refused."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     door = {name: job[name] for name in ("module", "path", "settings") if name in job}
     folder = _folder()
     told = Path(folder.name) / "door.json"
     told.write_text(json.dumps({**door, "plain": job["kind"] in PLAIN}), encoding="utf-8")
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs, (told.parent / "printed.txt").open("wb") as log:
         try:
             process = common.fork({"door": told, "folder": told.parent}, log.fileno(), theirs.fileno())

@@ -46,7 +46,7 @@ def test_every_maker_has_its_line() -> None:
     assert {(row["file"], row["command"]) for row in rows()} == set(FILES)
 
 
-@pytest.mark.parametrize("row", rows(), ids=lambda row: f"{row['file']}-{row['command']}")
+@pytest.mark.parametrize("row", list(rows()), ids=lambda row: f"{row['file']}-{row['command']}")
 def test_a_hostile_file_ends_in_words(row: dict[str, str]) -> None:
     if row["command"] in ("compare", "readers") and importlib.util.find_spec("mujoco") is None:
         pytest.skip("mujoco is not installed (python -m pip install mujoco)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,9 +75,11 @@ def test_dry_friction_is_judged_by_its_number() -> None:
     assert "dry friction" in row.joint
 
 
-def test_a_file_that_ends_its_process_is_a_row(tmp_path: Path) -> None:
-    row = campaign.judge_apart(tmp_path / "nothing.xml", "")
-    assert row.outcome == campaign.BROKEN  # the campaign asks for files that are there
+def test_a_file_that_ends_its_process_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaign, "judge", lambda path, reader="": os._exit(3))
+    row = campaign.judge_apart(tmp_path / "any.xml", "")
+    assert row.outcome == campaign.BROKEN
+    assert row.words == "its process ended with 3"
 
 
 def test_what_is_refused_is_a_row_with_words(tmp_path: Path) -> None:
