@@ -22,7 +22,8 @@ EVIL = "\x1b]0;owned\x07\x1b[2J[red]a[/red]\u202eb\x9bc\r"
 def test_an_interrupt_of_the_first_moment_is_words(number: signal.Signals) -> None:
     """Its signal comes when the entry point is imported, and the commands are not."""
     program = f"""
-import importlib, os, sys
+import importlib, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from crosscheck import start
 found = importlib.import_module
 def interrupted(name, *rest):

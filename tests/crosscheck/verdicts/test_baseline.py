@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -185,7 +186,9 @@ def test_a_blessed_value_that_is_none_is_one_error(tmp_path: Path, value: str) -
 
 
 @pytest.mark.parametrize("file", ["metrics.csv", "signals.csv", "provenance.json", "blessed.json"])
-def test_an_interrupt_leaves_a_baseline_whole(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_leaves_a_baseline_whole(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
     """It comes while one of the files is written, and is heard when all of them are."""
     baseline.write(tmp_path, night(ROW), [ROW], "the first")
     replace_file = owned.replace
@@ -196,6 +199,8 @@ def test_an_interrupt_leaves_a_baseline_whole(file: str, tmp_path: Path, monkeyp
         replace_file(path, data)
 
     monkeypatch.setattr(owned, "replace", interrupted)
+    request.addfinalizer(partial(signal.signal, signal.SIGINT, signal.getsignal(signal.SIGINT)))
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever started the tests may ignore it
     worse = replace(ROW, maximum=3e-4)
     with pytest.raises(KeyboardInterrupt):
         baseline.write(tmp_path, night(worse), [worse], "the second")
