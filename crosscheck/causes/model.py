@@ -18,7 +18,12 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows
-from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, project
+from flexinv.inverse.inverse_dynamics import (
+    compute_applied_forces,
+    compute_internal_efforts,
+    compute_nodal_forces,
+    compute_projected_efforts,
+)
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -150,10 +155,10 @@ def open_tree(mechanism: Mechanism, states: States) -> Array:
     """Return the efforts of the rigid tree without its closures, (samples, nv) [N m] or [N]."""
     mesh = build(mechanism)
     motion = rigid_motion(mesh, states.q, states.qd, states.qdd)
-    acting = applied_forces(mesh, motion, states.time)
-    forces = nodal_forces(mesh, motion, acting)
-    drives = own_efforts(mechanism, states.q, states.qd, states.qdd)
-    return np.asarray(project(mesh, motion, forces) + drives)
+    acting = compute_applied_forces(mesh, motion, states.time)
+    forces = compute_nodal_forces(mesh, motion, acting)
+    drives = compute_internal_efforts(mechanism, states.q, states.qd, states.qdd)
+    return np.asarray(compute_projected_efforts(mesh, motion, forces) + drives)
 
 
 def is_tree(subject: Subject) -> bool:

@@ -16,7 +16,7 @@ from crosscheck.identification.pseudo_inertia import NAMES, believable, pseudo_i
 from crosscheck.identification.settings import IdentifyTable, matching
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
-from flexinv.rigid.torque_regressor import link_parameters
+from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.validation import nearest
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
             made: list[Parameter]
             if kind.name == MASS:
                 link = mechanism.link_of[place]
-                ten = believable(link_parameters(link), settings.least_radius_m)
+                ten = believable(compute_link_parameters(link), settings.least_radius_m)
                 factors[place] = upper_factor(pseudo_inertia(ten))
                 errors = widths(factors[place], free.relative or free.error or 0.0)
                 made = [Parameter(MASS, f"{place}.{n}", "-", 0.0, e, False) for n, e in zip(NAMES, errors, strict=True)]

@@ -28,7 +28,7 @@ from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.rigid.joint_torques import joint_torques
-from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
+from flexinv.rigid.torque_regressor import compute_link_parameters, torque_regressor
 
 Array = NDArray[np.float64]
 Told = tuple[Array, Array, Array]
@@ -73,7 +73,7 @@ def ten_of(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> A
             x = np.array([values.get((MASS, f"{link.name}.{n}"), 0.0) for n in NAMES])
             out[k] = _moved(space.factors[link.name].tobytes(), x.tobytes()) + space.more.get(link.name, 0.0)
         elif link.beam is None:
-            out[k] = link_parameters(link)
+            out[k] = compute_link_parameters(link)
     return out
 
 
@@ -299,7 +299,7 @@ def _linear_in_masses(
 
     The loops are followed once, as masses do not move them.
     """
-    known = {link.name: link_parameters(link) for link in mechanism.links if link.name in space.factors}
+    known = {link.name: compute_link_parameters(link) for link in mechanism.links if link.name in space.factors}
     known = {name: moved(space.factors[name], np.zeros(PARAMETERS)) for name in known}
     kept: dict[tuple[float, ...], Told] = {}
 

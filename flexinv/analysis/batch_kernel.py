@@ -11,7 +11,7 @@ from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
-from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
+from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import at, by_address
 from flexinv.kernels.threads.atomics import take
@@ -98,7 +98,7 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
         given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
-        second_step_samples(at(designs.skeleton, d), moving, given, line, at(results.found, n))
+        fill_second_step(at(designs.skeleton, d), moving, given, line, at(results.found, n))
     return len(mine)
 
 

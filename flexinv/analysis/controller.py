@@ -27,9 +27,21 @@ from flexinv.dynamics.solver import Solver, step_failure
 from flexinv.dynamics.stepper import CONVERGED, march
 from flexinv.dynamics.system import Instants, System
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.inverse.balance import Instant, add_step, carried, guarded_torques, instant_energies, without_reason
-from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, project, winding
-from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
+from flexinv.inverse.balance import (
+    Instant,
+    add_step,
+    compute_carried_energy,
+    compute_instant_energies,
+    evaluate_guarded_torques,
+    find_excessive_energies,
+)
+from flexinv.inverse.inverse_dynamics import (
+    check_constant,
+    compute_applied_forces,
+    compute_projected_efforts,
+    compute_winding_efforts,
+)
+from flexinv.inverse.nodal_sums import Drives, Masses, fill_instant_torques
 from flexinv.kernels.code_cache import compiled
 from flexinv.kinematics.configuration import fill_given, fill_relative, nodes_of
 from flexinv.kinematics.mesh import build
@@ -70,7 +82,7 @@ def written(part: Any) -> Iterator[Array]:
 class Flexible:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
-    march, arguments : the compiled march, and what follows the scheme; torques : what `guarded_torques` is compiled to
+    march, arguments : the compiled march, and what follows the scheme; torques : what `evaluate_guarded_torques` is compiled to
     tau : (nv,) the efforts of the last step [N m], [N]; early_steps : that are still to be made in parts after a sudden start [-]
     previous : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
     """
@@ -119,7 +131,7 @@ class Flexible:
         self.march = compiled(march_in, self.system, scheme, *self.arguments)
         self.parts = (self.nodes, drives, masses, self.frames)
         now = (mechanism.neutral.copy(), driven, driven)
-        self.torques = compiled(guarded_torques, *self.parts, now, self.instant, driven)
+        self.torques = compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
         self.early_steps = 0
         self.previous = list[Array]()
         self.wound = dict[str, float]()
@@ -204,8 +216,10 @@ class Flexible:
         step = self.scheme.h
         held, at_start, _, work, worked, steps, _ = self.instant.account.tolist()
         from_nowhere = holds + potential - held - at_start - work
-        most = held + worked + abs(potential - at_start) + float(carried(mesh, qd[None], self.passive)[0])
-        if without_reason(mesh, from_nowhere, most):
+        most = (
+            held + worked + abs(potential - at_start) + float(compute_carried_energy(mesh, qd[None], self.passive)[0])
+        )
+        if find_excessive_energies(mesh, from_nowhere, most):
             raise ConvergenceError(
                 f"controller: mechanism '{mesh.mechanism.name}', at call {steps:.0f} after start (step {step:g} s): "
                 f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
@@ -217,8 +231,8 @@ class Flexible:
         one = self.instant
         motion = self.solver.instant.motion
         _, _, *masses = self.parts
-        held, potential, power = instant_energies(*masses, one.stored, one.driven, self.tau, qd)
-        if (applied := applied_forces(self.solver.mesh, motion, np.zeros(1))) is not None:
+        held, potential, power = compute_instant_energies(*masses, one.stored, one.driven, self.tau, qd)
+        if (applied := compute_applied_forces(self.solver.mesh, motion, np.zeros(1))) is not None:
             turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
             power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
         return held, potential, power
@@ -228,11 +242,11 @@ class Flexible:
         motion = self.solver.instant.motion
         mesh = self.solver.mesh
         driven = self.mechanism.actuated
-        instant_torques(*self.parts, self.instant.line, (q, qd, qdd), self.tau)
+        fill_instant_torques(*self.parts, self.instant.line, (q, qd, qdd), self.tau)
         if self.winds:
-            self.tau += np.where(driven, winding(self.mechanism, q[None], self.wound), 0.0)
-        if (applied := applied_forces(mesh, motion, np.zeros(1))) is not None:
-            self.tau -= np.where(driven, project(mesh, motion, applied)[0], 0.0)
+            self.tau += np.where(driven, compute_winding_efforts(self.mechanism, q[None], self.wound), 0.0)
+        if (applied := compute_applied_forces(mesh, motion, np.zeros(1))) is not None:
+            self.tau -= np.where(driven, compute_projected_efforts(mesh, motion, applied)[0], 0.0)
 
 
 @dataclass(eq=False)

@@ -14,8 +14,14 @@ from flexinv.constraints.loop_starts import stated_of
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
-from flexinv.inverse.inverse_dynamics import NodalForces, applied_forces, joint_wrenches, nodal_forces, own_efforts
-from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, second_step_samples
+from flexinv.inverse.inverse_dynamics import (
+    NodalForces,
+    compute_applied_forces,
+    compute_internal_efforts,
+    compute_joint_wrenches,
+    compute_nodal_forces,
+)
+from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kernels.memory import for_kernels, together
 from flexinv.kinematics.mesh import Mesh
@@ -94,7 +100,9 @@ def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: SecondS
 def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
     """Return efforts (samples, nv) [N m], [N] of both sides with joints' rotors, damping, friction, springs, less couplings'."""
     if mechanism.drive_table[:4].any():
-        own = own_efforts(mechanism, *first.joints, direction=_direction(mechanism, first.joints[1], first.smooth))
+        own = compute_internal_efforts(
+            mechanism, *first.joints, direction=_direction(mechanism, first.joints[1], first.smooth)
+        )
         tau = tau + own
         reaction = reaction + own
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
@@ -116,7 +124,7 @@ def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
     given = Given(*map(for_kernels, series))
     line = np.empty((mesh.size, 6))
-    second_step_samples(skeleton(mesh), trajectory.motion.frames, given, line, found)
+    fill_second_step(skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
 
 
@@ -157,13 +165,13 @@ def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple, given: MotionBetwee
     """
     motion = rigid_motion(mesh, *joints)
     check_spring_lengths(mesh, motion, time, given)
-    applied = applied_forces(mesh, motion, time)
+    applied = compute_applied_forces(mesh, motion, time)
     return FirstStep(rigid_trajectory(mesh, motion, applied), time, joints, applied)
 
 
 def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
     """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
-    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
+    wrenches = compute_joint_wrenches(mesh, motion, compute_nodal_forces(mesh, motion, applied))
     wrench = np.dstack([wrenches.force, np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)])
     samples = len(wrench)
     shapes = ((*mesh.elements.weight.shape, 6), (3,), (0,))

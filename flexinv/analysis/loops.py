@@ -28,7 +28,13 @@ from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver, by_unknown, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import applied_forces, nodal_forces, own_efforts, own_wrenches, project
+from flexinv.inverse.inverse_dynamics import (
+    compute_applied_forces,
+    compute_internal_efforts,
+    compute_local_wrenches,
+    compute_nodal_forces,
+    compute_projected_efforts,
+)
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
@@ -51,10 +57,10 @@ def rigid_loops(task: Task) -> FirstStep:
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
     check_spring_lengths(mesh, motion, time, _between(task))
-    acting = applied_forces(mesh, motion, time)
-    forces = nodal_forces(mesh, motion, acting)
-    wrenches = own_wrenches(mesh, motion, forces)
-    tree = project(mesh, motion, forces, wrenches) + own_efforts(m, q, qd, qdd)
+    acting = compute_applied_forces(mesh, motion, time)
+    forces = compute_nodal_forces(mesh, motion, acting)
+    wrenches = compute_local_wrenches(mesh, motion, forces)
+    tree = compute_projected_efforts(mesh, motion, forces, wrenches) + compute_internal_efforts(m, q, qd, qdd)
     parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches]  # phase by phase
     shares = parts[0]
     width = max(part.preload.shape[2] for part in parts)

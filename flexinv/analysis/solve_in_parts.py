@@ -11,7 +11,7 @@ from flexinv.analysis.task import Progress, Start, Task, check_task, checked, pr
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import winding
+from flexinv.inverse.inverse_dynamics import compute_winding_efforts
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.validation import whole
@@ -45,5 +45,5 @@ def _parts(task: Task) -> Iterator[Solution]:
     wound: dict[str, float] = {}
     for first in first_step(task):
         one = solution_of(task.mesh, first, task.settings)
-        more = winding(one.mechanism, one.q, wound)
+        more = compute_winding_efforts(one.mechanism, one.q, wound)
         yield replace(one, torque_all=one.torque_all + more, reaction=one.reaction + more)

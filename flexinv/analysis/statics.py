@@ -24,7 +24,7 @@ from flexinv.dynamics.initial_state import equilibrium, start_undeformed
 from flexinv.dynamics.solver import Solver, record_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError, ModelWarning
-from flexinv.inverse.inverse_dynamics import applied_forces
+from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model import rules
@@ -109,7 +109,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     out.iterations[0] = iterations
     joint_motion = at[None].copy(), rest, rest.copy()
     fill_passive(mesh, out.motion, passive, *joint_motion)
-    first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
+    first = FirstStep(out, now, joint_motion, compute_applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = with_closures(mesh, first, switching)
     from flexinv.linearized.natural_modes import SLOWEST, unstable_motions

@@ -19,7 +19,7 @@ from flexinv.dynamics.solver import Solver, record_instant, step_failure
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
-from flexinv.inverse.inverse_dynamics import applied_forces
+from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import fill_passive, relative_motion, rigid_motion
@@ -157,7 +157,7 @@ class _March:
         check_spring_lengths(mesh, trajectory.motion, time)
         fill_passive(mesh, trajectory.motion, task.passive, q, qd, qdd)
         self.last = q[-1]
-        applied = applied_forces(mesh, trajectory.motion, time)
+        applied = compute_applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
         return with_closures(mesh, first, self.switching) if mesh.mechanism.closures else first
 

@@ -31,7 +31,7 @@ from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
+from flexinv.rigid.torque_regressor import base_parameters, sample_states, torque_regressor
 from flexinv.validation import nearest
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
     tau = Y pi, ten parameters for each link about the origin of its frame: m, h = m c, I.
     """
     mechanism = read_model(model)
-    full = torque_regressor(mechanism, *random_states(mechanism, samples), drives=drives)
+    full = torque_regressor(mechanism, *sample_states(mechanism, samples), drives=drives)
     base = base_parameters(full)
     count = len(base.columns)
     unseen = len(base.unseen)

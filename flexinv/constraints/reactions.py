@@ -14,7 +14,7 @@ import numpy as np
 from flexinv.constraints.closures import Rows, Stretch, closed_rows
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import NodalForces, project
+from flexinv.inverse.inverse_dynamics import NodalForces, compute_projected_efforts
 from flexinv.kernels.memory import for_kernels
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -129,7 +129,7 @@ def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | Non
     if pushed is not None:
         force = force - pushed.force
         moment = moment - pushed.moment
-    tau = project(mesh, two, NodalForces(force, moment))[0]
+    tau = compute_projected_efforts(mesh, two, NodalForces(force, moment))[0]
     return np.asarray(tau + mesh.mechanism.drive_table[0] * (after - before))  # with the rotors
 
 

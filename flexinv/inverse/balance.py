@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.errors import ConvergenceError
-from flexinv.inverse.nodal_sums import instant_torques
+from flexinv.inverse.nodal_sums import fill_instant_torques
 from flexinv.kernels.jit import jit
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import apply, dot, mat, vec
@@ -52,8 +52,8 @@ class Balance:
         fallen = np.abs(self.potential - self.potential[0])
         whole = self.work + holds + self.potential
         worked = np.abs(np.diff(whole, prepend=whole[0]))
-        most = np.maximum.accumulate(fallen + carried(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
-        beyond = without_reason(mesh, from_nowhere, most)
+        most = np.maximum.accumulate(fallen + compute_carried_energy(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
+        beyond = find_excessive_energies(mesh, from_nowhere, most)
         if beyond.any():
             first = int(np.argmax(beyond))
             at = f"at t = {time[first]:g} s (step {step:g} s)"
@@ -64,7 +64,7 @@ class Balance:
             )
 
 
-def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
+def compute_carried_energy(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     """Return the kinetic energy of the total mass at the speed of the given joint rates at full length, (samples,) [J]."""
     m = mesh.mechanism
     speed = np.zeros(len(qd))
@@ -76,7 +76,7 @@ def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     return np.asarray(0.5 * mesh.mass.sum() * speed**2)
 
 
-def without_reason(mesh: Mesh, from_nowhere: Array | float, most: Array | float) -> Array:
+def find_excessive_energies(mesh: Mesh, from_nowhere: Array | float, most: Array | float) -> Array:
     """Return a mask [-] of energies from nowhere [J] that exceed what was put in at ``most`` [J] beyond all reason (`REASON`)."""
     stiffness = mesh.elements.stiffness[..., 3:].max() / mesh.length
     return np.asarray(from_nowhere > REASON * np.asarray(most) + ENERGY_ROUNDING * stiffness)
@@ -98,10 +98,10 @@ class Instant(NamedTuple):
 
 
 @jit
-def guarded_torques(nodes, drives, masses, frames, motion, instant, tau):
-    """Set the efforts of one instant by `instant_torques`, add its step; return whether to judge it, and its energies [J]."""
-    instant_torques(nodes, drives, masses, frames, instant.line, motion, tau)
-    holds, potential, power = instant_energies(masses, frames, instant.stored, instant.driven, tau, motion[1])
+def evaluate_guarded_torques(nodes, drives, masses, frames, motion, instant, tau):
+    """Set the efforts of one instant by `fill_instant_torques`, add its step; return whether to judge it, and its energies [J]."""
+    fill_instant_torques(nodes, drives, masses, frames, instant.line, motion, tau)
+    holds, potential, power = compute_instant_energies(masses, frames, instant.stored, instant.driven, tau, motion[1])
     return add_step(instant.account, holds, potential, power), holds, potential
 
 
@@ -118,7 +118,7 @@ def add_step(account, holds, potential, power):
 
 
 @jit
-def instant_energies(masses, frames, stored, driven, tau, qd):
+def compute_instant_energies(masses, frames, stored, driven, tau, qd):
     """Return kinetic and elastic energy, that of gravity [J], and the power of drives [W] at one instant; see `Instant`.
 
     sum 1/2 (m v.v + w.J w) + elastic, - sum m g.x, sum tau qd of driven coordinates

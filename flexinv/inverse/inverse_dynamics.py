@@ -12,7 +12,7 @@ import numpy as np
 
 from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
 from flexinv.errors import InputError
-from flexinv.inverse.nodal_sums import Masses, nodal_samples, sum_in_frames, sum_samples
+from flexinv.inverse.nodal_sums import Masses, fill_nodal_forces, fill_outboard_sums, fill_sums_in_frames
 from flexinv.kernels.memory import for_kernels
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
@@ -38,14 +38,14 @@ class NodalForces:
 
 @dataclass(frozen=True)
 class SecondStep:
-    """Result of the second step: torque (samples, nv) [N m], [N]; P of all nodes; wrenches of joints' nodes (`own_wrenches`)."""
+    """Result of the second step: torque (samples, nv) [N m], [N]; P of all nodes; wrenches of joints' nodes (`compute_local_wrenches`)."""
 
     torque: Array
     forces: NodalForces
     wrenches: dict[int, Array]
 
 
-def inverse_dynamics(
+def compute_inverse_dynamics(
     mesh: Mesh, motion: NodalMotion, qd: Array, qdd: Array, applied: NodalForces | None = None, passive: bool = True
 ) -> SecondStep:
     """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion, call by call.
@@ -54,50 +54,54 @@ def inverse_dynamics(
     ``passive`` what damping and dry friction of the joint take from the actuator.  `TorqueFunction.nodal` runs this; it is the
     reference for the compiled passes: `evaluation.second_step` of solutions, `prepare` for rigid mechanisms.
     """
-    forces = nodal_forces(mesh, motion, applied)
-    wrenches = own_wrenches(mesh, motion, forces)
-    tau = project(mesh, motion, forces, wrenches)
-    return SecondStep(tau + drive_efforts(mesh.mechanism, qd, qdd, passive), forces, wrenches)
+    forces = compute_nodal_forces(mesh, motion, applied)
+    wrenches = compute_local_wrenches(mesh, motion, forces)
+    tau = compute_projected_efforts(mesh, motion, forces, wrenches)
+    return SecondStep(tau + compute_drive_efforts(mesh.mechanism, qd, qdd, passive), forces, wrenches)
 
 
-def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
+def compute_nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
     # (sample, node, xyz)
     force = np.empty(motion.a.shape)
     moment = np.empty(motion.a.shape)
-    nodal_samples(Masses(mesh.mass, mesh.inertia, for_kernels(mesh.mechanism.gravity)), motion.frames, force, moment)
+    fill_nodal_forces(
+        Masses(mesh.mass, mesh.inertia, for_kernels(mesh.mechanism.gravity)), motion.frames, force, moment
+    )
     return (
         NodalForces(force, moment) if applied is None else NodalForces(force - applied.force, moment - applied.moment)
     )
 
 
-def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> NodalForces:
+def compute_joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> NodalForces:
     """Return for every node the sum of all nodal forces on and beyond it, moment about the node (world) [N], [N m].
 
     F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
     """
     out = np.empty((*forces.force.shape[:2], 6))
-    sum_samples(mesh.parent, for_kernels(motion.x), for_kernels(forces.force), for_kernels(forces.moment), out)
+    fill_outboard_sums(mesh.parent, for_kernels(motion.x), for_kernels(forces.force), for_kernels(forces.moment), out)
     return NodalForces(out[..., :3], out[..., 3:])
 
 
-def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[int, Array]:
-    """Return the wrenches of `joint_wrenches` of the joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
+def compute_local_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[int, Array]:
+    """Return the wrenches of `compute_joint_wrenches` of the joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
     moves = np.flatnonzero(mesh.v_index >= 0)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
     own = np.empty((len(nodes), len(motion.x), 6))
     line = np.empty((mesh.size, 6))
     parts = (for_kernels(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
-    sum_in_frames(mesh.parent, nodes, *parts, line, own)
+    fill_sums_in_frames(mesh.parent, nodes, *parts, line, own)
     return dict(zip(nodes.tolist(), own, strict=True))
 
 
-def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict[int, Array] | None = None) -> Array:
+def compute_projected_efforts(
+    mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict[int, Array] | None = None
+) -> Array:
     """Return the efforts L T P of nodal forces along each joint coordinate, (samples, nv) [N m] or [N]: S^T (force, moment).
 
-    wrenches : their sums on and beyond the joints' nodes, where they are known (`own_wrenches`) [N], [N m]
+    wrenches : their sums on and beyond the joints' nodes, where they are known (`compute_local_wrenches`) [N], [N m]
     """
-    wrenches = own_wrenches(mesh, motion, forces) if wrenches is None else wrenches
+    wrenches = compute_local_wrenches(mesh, motion, forces) if wrenches is None else wrenches
     tau = np.zeros((len(motion.x), mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0).tolist():
         own = wrenches[node]
@@ -109,7 +113,7 @@ def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces, wrenches: dict
     return tau
 
 
-def drive_efforts(
+def compute_drive_efforts(
     mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True, direction: Array | None = None
 ) -> Array:
     """Return rotor_inertia qdd, if ``passive`` + damping qd + friction direction (sign(qd) or given), (samples, nv) [N m, N]."""
@@ -122,12 +126,14 @@ def drive_efforts(
     return effort
 
 
-def own_efforts(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, direction: Array | None = None) -> Array:
-    """Return the efforts of `drive_efforts` and of springs in joints, which follow whole turns, (samples, nv) [N m] or [N]."""
-    return drive_efforts(mechanism, qd, qdd, direction=direction) + joint_springs(mechanism, q)
+def compute_internal_efforts(
+    mechanism: Mechanism, q: Array, qd: Array, qdd: Array, direction: Array | None = None
+) -> Array:
+    """Return the efforts of `compute_drive_efforts` and of springs in joints, which follow whole turns, (samples, nv) [N m] or [N]."""
+    return compute_drive_efforts(mechanism, qd, qdd, direction=direction) + compute_spring_efforts(mechanism, q)
 
 
-def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces | None:
+def compute_applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces | None:
     """Return forces [N] and moments [N m] (world, about the nodes) of springs and given forces; None if there are none.
 
     spring: pull = stiffness (l - rest) or its law, + damping l', on both ends towards each other;
@@ -138,8 +144,8 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
         return None
     out = NodalForces(np.zeros_like(motion.x), np.zeros_like(motion.x))
     for spring in m.springs:
-        a, arm_a, xa, va = _point(mesh, motion, spring.first)
-        b, arm_b, xb, vb = _point(mesh, motion, spring.second)
+        a, arm_a, xa, va = _evaluate_attachment(mesh, motion, spring.first)
+        b, arm_b, xb, vb = _evaluate_attachment(mesh, motion, spring.second)
         length = np.linalg.norm(xb - xa, axis=1, keepdims=True)
         along = (xb - xa) / np.maximum(length, np.finfo(float).tiny)
         rate = np.sum(along * (vb - va), axis=1, keepdims=True)
@@ -147,7 +153,7 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
         for node, arm, own in ((a, arm_a, pull), (b, arm_b, -pull)):
             _add(out, node, arm, own, np.zeros_like(pull))
     for force in m.forces:
-        node, arm, _, _ = _point(mesh, motion, force.at)
+        node, arm, _, _ = _evaluate_attachment(mesh, motion, force.at)
         wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
         push = wrench[:, :3]
         turn = wrench[:, 3:]
@@ -158,7 +164,7 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
     return out
 
 
-def _point(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
+def _evaluate_attachment(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
     """Node, lever arm, position and velocity of an attachment's origin, (samples, 3) world."""
     node = attachment_node(mesh, at)
     place = at.placement.position
@@ -176,7 +182,7 @@ def _add(out: NodalForces, node: int, arm: Array, force: Array, moment: Array) -
         out.moment[:, node] += moment + np.cross(arm, force)
 
 
-def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array:
+def compute_spring_efforts(mechanism: Mechanism, q: Array, history: bool = True) -> Array:
     """Return the efforts of the actuators against springs in the joints, stiffness (q - rest), (samples, nv) [N m] or [N].
 
     history : q (samples, nq) is a motion, along which the angle of a continuous joint is followed over whole turns;
@@ -193,7 +199,7 @@ def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array
     return out
 
 
-def winding(mechanism: Mechanism, q: Array, wound: dict[str, float]) -> Array:
+def compute_winding_efforts(mechanism: Mechanism, q: Array, wound: dict[str, float]) -> Array:
     """Return the efforts that springs of continuous joints add where q (samples, nq) goes on from whole turns, (nv,) [N m].
 
     wound : by joint the angle to which it was wound before [rad]; it is set to that of the last sample
@@ -230,7 +236,7 @@ class Factors:
     P: Array
 
 
-def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -> Factors:
+def compute_factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -> Factors:
     """Return L, T and P of one sample [m], [-], [N]: ``L @ T @ P`` is the joint effort before drive efforts.
 
     For joint i and node k on or beyond it, the arm x_k - p_i is the sum of the steps along the path i -> k; each step r_j is
@@ -245,8 +251,8 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
         if mesh.mass[k] or mesh.inertia[k].any():
             if mesh.v_index[k] >= 0:  # the joint node itself carries mass
                 steps.append((k, k, k, [k]))
-            for following, j in pairwise(_downward(mesh, k)):
-                joints = [i for i in _downward(mesh, j) if mesh.v_index[i] >= 0]
+            for following, j in pairwise(_list_inboard_nodes(mesh, k)):
+                joints = [i for i in _list_inboard_nodes(mesh, j) if mesh.v_index[i] >= 0]
                 steps += [(j, k, following, joints)] if joints else []
     t = np.zeros((6 * len(steps), 6 * mesh.size))
     length = np.zeros((mesh.mechanism.nv, 6 * len(steps)))
@@ -264,7 +270,7 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
     return Factors(length, t, p)
 
 
-def _downward(mesh: Mesh, node: int) -> list[int]:
+def _list_inboard_nodes(mesh: Mesh, node: int) -> list[int]:
     """The nodes from one down to the root."""
     out = [node]
     while (parent := int(mesh.parent[out[-1]])) >= 0:

@@ -20,7 +20,7 @@ from flexinv.typing import Array
 
 
 @jit_inner
-def own_force(mass, inertia, gravity, rotation, omega, a, alpha):
+def compute_nodal_force(mass, inertia, gravity, rotation, omega, a, alpha):
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of one node at one sample."""
     w = vec(omega)
     tensor = mat(inertia)
@@ -38,8 +38,8 @@ class Masses(NamedTuple):
 
 
 @jit
-def nodal_samples(masses, frames, force, moment):
-    """Set P and Q of `own_force` [N], [N m] of every node, (samples, nodes, 3)."""
+def fill_nodal_forces(masses, frames, force, moment):
+    """Set P and Q of `compute_nodal_force` [N], [N m] of every node, (samples, nodes, 3)."""
     gravity = vec(masses.gravity)
     for s in range(force.shape[0]):
         for n in range(force.shape[1]):
@@ -47,29 +47,29 @@ def nodal_samples(masses, frames, force, moment):
             w = frames.w[s, n]
             a = frames.a[s, n]
             al = frames.al[s, n]
-            p, q = own_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
+            p, q = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
             put(force[s, n], 0, p)
             put(moment[s, n], 0, q)
 
 
 @jit
-def sum_samples(parent, x, force, moment, out):
-    """Set the sums of `sum_inboard` at all samples, (samples, nodes, 6) [N], [N m]."""
+def fill_outboard_sums(parent, x, force, moment, out):
+    """Set the sums of `fill_sample_sums` at all samples, (samples, nodes, 6) [N], [N m]."""
     for s in range(x.shape[0]):
-        sum_inboard(parent, x[s], force[s], moment[s], out[s])
+        fill_sample_sums(parent, x[s], force[s], moment[s], out[s])
 
 
 @jit_inner
-def sum_inboard(parent, x, force, moment, line):
+def fill_sample_sums(parent, x, force, moment, line):
     """Set ``line`` (nodes, 6) to the force [N] and moment [N m] on and beyond every node at one sample, moments about it."""
     for n in range(parent.shape[0]):
         put(line[n], 0, vec(force[n]))
         put(line[n], 3, vec(moment[n]))
-    sum_line(parent, x, line)
+    add_outboard_forces(parent, x, line)
 
 
 @jit_inner
-def sum_line(parent, x, line):
+def add_outboard_forces(parent, x, line):
     """Add to every node's force [N] and moment [N m], ``line`` (nodes, 6), those beyond it, the moments about the node."""
     for n in range(parent.shape[0] - 1, -1, -1):
         m = parent[n]
@@ -80,10 +80,10 @@ def sum_line(parent, x, line):
 
 
 @jit
-def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
-    """Set sums of `sum_samples` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch, all nodes."""
+def fill_sums_in_frames(parent, nodes, x, rotation, force, moment, line, out):
+    """Set sums of `fill_outboard_sums` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch, all nodes."""
     for s in range(x.shape[0]):
-        sum_inboard(parent, x[s], force[s], moment[s], line)
+        fill_sample_sums(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
             turn = mat(rotation[s, nodes[k]])
             put(out[k, s], 0, tapply(turn, vec_at(line[nodes[k]], 0)))
@@ -105,7 +105,7 @@ class Drives(NamedTuple):
 
 
 @jit
-def instant_torques(nodes, drives, masses, frames, line, motion, tau):
+def fill_instant_torques(nodes, drives, masses, frames, line, motion, tau):
     """Set the effort of every joint coordinate, (nv,) [N m] or [N], from the motion of all nodes at one instant.
 
     P = M (a - g), summed from the leaves (line : (nodes, 6) scratch), along the axes; plus what the drive takes
@@ -118,10 +118,10 @@ def instant_torques(nodes, drives, masses, frames, line, motion, tau):
         w = frames.w[n]
         a = frames.a[n]
         al = frames.al[n]
-        force, moment = own_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
+        force, moment = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
         put(line[n], 0, force)
         put(line[n], 3, moment)
-    sum_line(nodes.parent, frames.x, line)
+    add_outboard_forces(nodes.parent, frames.x, line)
     for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
             turned = mat(frames.r[n])
@@ -185,7 +185,7 @@ class Given(NamedTuple):
 class SecondStepArrays(NamedTuple):
     """Results of the second step.
 
-    force, moment : (samples, nodes, 3) P and Q of `own_force` less what is applied [N], [N m]
+    force, moment : (samples, nodes, 3) P and Q of `compute_nodal_force` less what is applied [N], [N m]
     tau, reaction : (samples, nv) efforts along the joints, of P and of the wrenches of the elastic side [N m], [N]
     wrench : (joints, samples, 6) of all that is on and beyond a joint, in its node's frame [N], [N m]
     tip : (links, samples, 3) [m]; deflection : (beams, samples, 3) [m]
@@ -207,15 +207,15 @@ class SecondStepArrays(NamedTuple):
 
 
 @jit
-def second_step_samples(skeleton, moving, given, line, out):
+def fill_second_step(skeleton, moving, given, line, out):
     """Fill ``out`` from skeleton, motion (`Frames` of all samples) and what is given [m, N, J]; line : (nodes, 6) scratch."""
     supplied = 0.0
     work = 0.0
     start = 0.0
     for s in range(moving.x.shape[0]):
-        outside = _forces(s, skeleton, moving, given, out)
-        sum_inboard(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
-        tau = _efforts(s, skeleton, moving, given, line, out)
+        outside = _fill_forces(s, skeleton, moving, given, out)
+        fill_sample_sums(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
+        tau = _fill_efforts(s, skeleton, moving, given, line, out)
         for i in range(len(skeleton.tip)):
             n = skeleton.tip[i]
             put(out.tip[i, s], 0, add(vec(moving.x[s, n]), apply(mat(moving.r[s, n]), vec(skeleton.point[i]))))
@@ -223,7 +223,7 @@ def second_step_samples(skeleton, moving, given, line, out):
             n = skeleton.root[i]
             along = tapply(mat(moving.r[s, n]), sub(vec(moving.x[s, skeleton.end[i]]), vec(moving.x[s, n])))
             put(out.deflection[i, s], 0, sub(along, vec(skeleton.straight[i])))
-        kinetic, potential, moved = _energies(s, skeleton, moving, given, out)
+        kinetic, potential, moved = _fill_energies(s, skeleton, moving, given, out)
         energy = kinetic + potential + given.energy[s, 0]
         before = supplied
         supplied = tau + outside - given.energy[s, 2]
@@ -240,7 +240,7 @@ def second_step_samples(skeleton, moving, given, line, out):
 
 
 @jit_inner
-def _forces(s, skeleton, moving, given, out):
+def _fill_forces(s, skeleton, moving, given, out):
     """Set the nodal forces; return the power of those that are applied [W]."""
     gravity = vec(skeleton.gravity)
     power = 0.0
@@ -249,7 +249,7 @@ def _forces(s, skeleton, moving, given, out):
         w = moving.w[s, n]
         a = moving.a[s, n]
         al = moving.al[s, n]
-        p, q = own_force(skeleton.mass[n], skeleton.inertia[n], gravity, r, w, a, al)
+        p, q = compute_nodal_force(skeleton.mass[n], skeleton.inertia[n], gravity, r, w, a, al)
         if given.force.shape[0] > 0:
             force = vec(given.force[s, n])
             moment = vec(given.moment[s, n])
@@ -262,7 +262,7 @@ def _forces(s, skeleton, moving, given, out):
 
 
 @jit_inner
-def _efforts(s, skeleton, moving, given, line, out):
+def _fill_efforts(s, skeleton, moving, given, line, out):
     """Set what the joints carry and give; return the power of their efforts [W]."""
     power = 0.0
     for n in range(len(skeleton.parent)):
@@ -289,7 +289,7 @@ def _efforts(s, skeleton, moving, given, line, out):
 
 
 @jit_inner
-def _energies(s, skeleton, moving, given, out):
+def _fill_energies(s, skeleton, moving, given, out):
     """Set the balance of momentum about the origin; return kinetic and potential energy [J] and the power P . v + Q . w [W].
 
     momentum : what the base gives (wrenches of the nodes that hang on the world) less sum P, sum x x P + Q

@@ -55,9 +55,9 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: Mo
         if float(spring.pull(np.zeros(1))[0]) == 0.0:
             continue  # its force is smooth there
         if given is None or len(time) < 2:
-            instant = first_without_length(_gap(mesh, motion, spring), time, mesh.length)
+            instant = find_zero_vector(_compute_gap(mesh, motion, spring), time, mesh.length)
         else:
-            instant = _first_zero(mesh, spring, given, time)
+            instant = _find_zero_length(mesh, spring, given, time)
         if instant is not None:
             raise InputError(
                 f"mechanism '{mesh.mechanism.name}', t = {instant:.10g} s: spring '{spring.name}' has no length there, so that "
@@ -66,19 +66,19 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: Mo
             )
 
 
-def _first_zero(mesh: Mesh, spring: Spring, given: MotionBetween, time: Array) -> float | None:
+def _find_zero_length(mesh: Mesh, spring: Spring, given: MotionBetween, time: Array) -> float | None:
     """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant."""
 
-    def gap(times: Array) -> Array:
+    def evaluate_gap(times: Array) -> Array:
         parts = [times[k : k + GAPS_AT_ONCE] for k in range(0, len(times), GAPS_AT_ONCE)]
-        return np.concatenate([_gap(mesh, given.nodes(part), spring)[0] for part in parts])
+        return np.concatenate([_compute_gap(mesh, given.nodes(part), spring)[0] for part in parts])
 
     inside = [knot for knot in given.knots if time[0] < knot < time[-1]]
-    pieces = fit_pieces(gap, [time[0], *inside, time[-1]], mesh.length)
+    pieces = fit_pieces(evaluate_gap, [time[0], *inside, time[-1]], mesh.length)
     return pieces.zero(NO_LENGTH * mesh.length)
 
 
-def first_without_length(gap: Triple, time: Array, length: float) -> float | None:
+def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:
     """Return the first instant [s] at which a vector of three numbers is zero, None if it never is.
 
     gap : the vector and its two rates, (samples, 3) each [m, s]; length : what its size is measured against [m]
@@ -92,19 +92,23 @@ def first_without_length(gap: Triple, time: Array, length: float) -> float | Non
         way += steps**2 * np.maximum(np.linalg.norm(second[1:], axis=1), np.linalg.norm(second[:-1], axis=1))
         for k in np.flatnonzero(size[1:] + size[:-1] <= way + 2.0 * least).tolist():
             own = slice(k, k + 2)
-            found = _zero_between((d[own], rate[own], second[own]), float(steps[k]), least)
+            found = _find_zero_between((d[own], rate[own], second[own]), float(steps[k]), least)
             if found is not None:
                 return float(time[k]) + found
     short = np.flatnonzero(size <= least)
     return float(time[short[0]]) if len(short) else None
 
 
-def _zero_between(ends: Triple, step: float, least: float) -> float | None:
+def _find_zero_between(ends: Triple, step: float, least: float) -> float | None:
     """The time after the first of two samples at which the quintic through them is zero."""
     from scipy.interpolate import BPoly  # it loads much, which runs without such springs do not need
 
-    quintic = [_power(BPoly.from_derivatives([0.0, 1.0], _columns(ends, i, 3, step))) for i in range(3)]
-    cubic = [_power(BPoly.from_derivatives([0.0, 1.0], _columns(ends, i, 2, step))) for i in range(3)]
+    quintic = [
+        _convert_to_powers(BPoly.from_derivatives([0.0, 1.0], _list_end_values(ends, i, 3, step))) for i in range(3)
+    ]
+    cubic = [
+        _convert_to_powers(BPoly.from_derivatives([0.0, 1.0], _list_end_values(ends, i, 2, step))) for i in range(3)
+    ]
     square = sum((part**2 for part in quintic), Polynomial([0.0]))
     turns = square.deriv().roots()
     places = np.sort(np.concatenate([turns.real[np.abs(turns.imag) < 1e-3], [0.0, 1.0]]))  # a zero is a double root
@@ -116,19 +120,19 @@ def _zero_between(ends: Triple, step: float, least: float) -> float | None:
     return None
 
 
-def _columns(ends: Triple, axis: int, orders: int, step: float) -> list[list[float]]:
+def _list_end_values(ends: Triple, axis: int, orders: int, step: float) -> list[list[float]]:
     """One component at both ends: value and rates by parts of the step."""
     return [[float(part[end, axis]) * step**n for n, part in enumerate(ends[:orders])] for end in (0, 1)]
 
 
-def _power(piece: BPoly) -> Polynomial:
+def _convert_to_powers(piece: BPoly) -> Polynomial:
     """The polynomial in powers of a piece over (0, 1)."""
     degree = len(piece.c) - 1
     places = np.linspace(0.0, 1.0, degree + 1)
     return Polynomial.fit(places, piece(places), degree).convert()
 
 
-def _gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> Triple:
+def _compute_gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> Triple:
     """The vector from a spring's first end to its second and its two rates, world axes, (samples, 3)."""
     ends = [_end(mesh, motion, at) for at in (spring.first, spring.second)]
     d, rate, second = (b - a for a, b in zip(*ends, strict=True))

@@ -17,11 +17,11 @@ from flexinv.kernels.threads import worker_pool
 from flexinv.kernels.threads.atomics import address, fetch, reals, store, take, wholes
 from flexinv.kernels.threads.worker_pool import Helpers, array_word, awaited, claimed, collected, write_array
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_allocation import allocate, unclear
-from flexinv.rnea.loop_bodies import begin, set_aside
-from flexinv.rnea.loop_plane import in_plane
-from flexinv.rnea.loop_space import in_space
-from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
+from flexinv.rnea.loop_allocation import convert_efforts, is_unclear
+from flexinv.rnea.loop_bodies import begin, copy_accelerations
+from flexinv.rnea.loop_plane import fill_planar_closures
+from flexinv.rnea.loop_space import fill_spatial_closures
+from flexinv.rnea.recursion import NUMBERS, TREE, run_inboard_pass, run_outboard_pass
 from flexinv.typing import Array
 
 LINE = np.uint64(8)  # numbers in a line of the cache
@@ -51,7 +51,7 @@ class TorqueSystem(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Motion and efforts of so many samples [rad or m, s], [N m], [N], as of `torque_blocks`."""
+    """Motion and efforts of so many samples [rad or m, s], [N m], [N], as of `compute_torque_blocks`."""
 
     q: Array
     qd: Array
@@ -62,7 +62,7 @@ class Series(NamedTuple):
 
 
 @jit_lanes
-def _load(work, columns, lanes, x, start, by_sample, by_column):
+def _copy_to_rows(work, columns, lanes, x, start, by_sample, by_column):
     """Copy the columns of a block into rows, and fetch those of the next block."""
     if by_sample == 1:
         for j in range(columns.shape[0]):
@@ -99,7 +99,7 @@ def _add(work, columns, lanes, x, start, by_sample, by_column):
 
 
 @jit_lanes
-def _store(work, columns, lanes, x, start, by_sample, by_column):
+def _copy_to_columns(work, columns, lanes, x, start, by_sample, by_column):
     """Copy rows to the columns of a block."""
     if by_sample == 1:
         for j in range(columns.shape[0]):
@@ -115,7 +115,7 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
 
 
 @jit_lanes
-def _blocks(system, series, work, counter):
+def _compute_blocks(system, series, work, counter):
     """Write the efforts of all blocks that are left to take; return how many samples are not finite, or a number above 0
     where cosines and sines are those of no angle."""
     tree, numbers, columns, plan, fixed = system
@@ -134,36 +134,36 @@ def _blocks(system, series, work, counter):
         if start >= samples:
             return wrong
         lanes = min(LANES, samples - start)
-        _load(work, for_q, lanes, q, start, strides[0, 0], strides[0, 1])
-        _load(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
-        _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
+        _copy_to_rows(work, for_q, lanes, q, start, strides[0, 0], strides[0, 1])
+        _copy_to_rows(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
+        _copy_to_rows(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         if loops and not again:
-            set_aside(plan, work, lanes, layout.KEEPS)
+            copy_accelerations(plan, work, lanes, layout.KEEPS)
             if block % SUMS_EVERY == 0:
-                set_aside(plan, work, lanes, layout.SUMMED)
-        lost = outboard(tree, numbers, work, lanes)
-        spoilt = max(inboard(tree, numbers, work, lanes), min(lost, 1))
+                copy_accelerations(plan, work, lanes, layout.SUMMED)
+        lost = run_outboard_pass(tree, numbers, work, lanes)
+        spoilt = max(run_inboard_pass(tree, numbers, work, lanes), min(lost, 1))
         if loops:
             if plan[layout.APPLIED] > 0:  # efforts of springs and given forces stand where the efforts go
                 _add(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
             doubts = 0
             if not again:  # the efforts of the cut tree become those of the drives
                 if plan[layout.PLANE] > 0:
-                    in_plane(plan, fixed, work, lanes, block % SUMS_EVERY == 0)
+                    fill_planar_closures(plan, fixed, work, lanes, block % SUMS_EVERY == 0)
                 else:
-                    doubts += in_space(plan, fixed, work, lanes, block % SUMS_EVERY == 0)
-                doubts += allocate(plan, fixed, work, lanes)
+                    doubts += fill_spatial_closures(plan, fixed, work, lanes, block % SUMS_EVERY == 0)
+                doubts += convert_efforts(plan, fixed, work, lanes)
             counter[CALL_CELLS + block] = 1 if doubts > 0 or again else 0
             again = doubts > 0
             if again:  # once more, without its loops
                 continue
-        _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
+        _copy_to_columns(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
         wrong += spoilt
         block = take(counter)
 
 
 @jit_lanes
-def _offer(mail, system, series, work, counter):
+def _send_offer(mail, system, series, work, counter):
     """Offer a helper to take blocks, too."""
     if not claimed(mail, address(counter)):
         return
@@ -184,7 +184,7 @@ def _offer(mail, system, series, work, counter):
 
 
 @jit_blocks
-def attend(mail, patience):
+def run_helper(mail, patience):
     """Take blocks for whoever offers, until no offer comes for so many looks [-]; the mail then says that its helper sleeps."""
     while awaited(mail, patience):
         at, (size,) = array_word(mail, MAIL_TREE)
@@ -204,13 +204,13 @@ def attend(mail, patience):
         series = Series(q, qd, qdd, tau, strides, samples)
         work = reals(*array_word(mail, MAIL_WORK))
         counter = wholes(*array_word(mail, MAIL_COUNTER))
-        mail[worker_pool.ANSWER] = _blocks(system, series, work, counter)
+        mail[worker_pool.ANSWER] = _compute_blocks(system, series, work, counter)
         store(mail, worker_pool.STATE, worker_pool.DONE)
     store(mail, worker_pool.SLEEPS, 1)
 
 
 @jit_lanes
-def _meet(a, b):
+def _has_overlap(a, b):
     """Return True if two arrays overlap in memory."""
     at = address(a)
     to = address(b)
@@ -218,7 +218,7 @@ def _meet(a, b):
 
 
 @jit_blocks
-def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter, mails):
+def compute_torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter, mails):
     """Write the efforts [N m], [N] of all samples; return whether every helper that began has ended.
 
     tree, numbers, columns : of `body_table.Bodies`; plan, fixed : of `loop_plan.LoopPlan`
@@ -227,7 +227,7 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     work : (1 + helpers, size); counter : (CALL_CELLS + blocks of loops,); mails : (helpers, cells)
     """
     counter[:CALL_CELLS] = 0
-    if _meet(tau, q) or _meet(tau, qd) or _meet(tau, qdd):
+    if _has_overlap(tau, q) or _has_overlap(tau, qd) or _has_overlap(tau, qdd):
         counter[1] = counter[OVERLAP] = 1
         return True
     if plan[layout.LIMITS] > 0:
@@ -236,14 +236,14 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     system = TorqueSystem(tree, numbers, columns, plan, fixed)
     series = Series(q, qd, qdd, tau, strides, samples)
     for i in range(mails.shape[0]):
-        _offer(mails[i], system, series, work[i + 1], counter)
-    counter[1] += _blocks(system, series, work[0], counter)
+        _send_offer(mails[i], system, series, work[i + 1], counter)
+    counter[1] += _compute_blocks(system, series, work[0], counter)
     return collect(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
 
 
 @jit_blocks
 def collect(plan, fixed, samples, work, counter, mails):
-    """Collect the answers of helpers that `torque_blocks` left at work; return True if all have ended [-].
+    """Collect the answers of helpers that `compute_torque_blocks` left at work; return True if all have ended [-].
 
     Then blocks in doubt are counted, and it is said whether the motion is.
     """
@@ -252,8 +252,8 @@ def collect(plan, fixed, samples, work, counter, mails):
     if plan[layout.LIMITS] > 0:
         for i in range((samples + LANES - np.uint64(1)) // LANES):
             counter[2] += counter[CALL_CELLS + i]
-        counter[3] = 1 if unclear(plan, fixed, work, min(samples, LANES)) else 0
+        counter[3] = 1 if is_unclear(plan, fixed, work, min(samples, LANES)) else 0
     return True
 
 
-HELPERS = Helpers(attend)
+HELPERS = Helpers(run_helper)

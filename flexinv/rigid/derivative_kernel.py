@@ -86,41 +86,41 @@ def force_cross(m, f):
 
 
 @jit_inner
-def _pair(a, first):
+def _read_spatial_vector(a, first):
     return vec_at(a, first), vec_at(a, first + 3)
 
 
 @jit_inner
-def _put_pair(a, first, m):
+def _write_spatial_vector(a, first, m):
     put(a, first, m[0])
     put(a, first + 3, m[1])
 
 
 @jit_inner
-def _plus(m, k):
+def _add_spatial_vectors(m, k):
     return add(m[0], k[0]), add(m[1], k[1])
 
 
 @jit_inner
-def _along(m, f):
+def _compute_scalar_product(m, f):
     return dot(m[0], f[0]) + dot(m[1], f[1])
 
 
 @jit_inner
-def _times_inertia(body, m):
+def _apply_inertia(body, m):
     """I m: angular momentum about c, and momentum."""
     h = vec_at(body, FIRST_MOMENT)
     return add(apply(mat_at(body, INERTIA), m[0]), cross(h, m[1])), sub(scale(body[MASS], m[1]), cross(h, m[0]))
 
 
 @jit_inner
-def _times_coupling(body, m):
+def _apply_coupling(body, m):
     """2 B m."""
     return apply(mat_at(body, GYRATION), m[0]), scale(-2.0, cross(vec_at(body, MOMENTUM), m[0]))
 
 
 @jit_inner
-def _set_body(body, mass, moment, inertia, rotation, arm):
+def _fill_body(body, mass, moment, inertia, rotation, arm):
     """The sums of a body alone: about c, in world axes, from its inertia about its node at ``arm`` from c, and its motion."""
     own = apply(rotation, moment)
     h = add(own, scale(mass, arm))
@@ -132,11 +132,15 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
     put(body, FIRST_MOMENT, h)
     for i in range(3):
         put(body, INERTIA + 3 * i, about[i])
-    v = _pair(body, VELOCITY)
+    v = _read_spatial_vector(body, VELOCITY)
     w, u = v
-    n, p = _times_inertia(body, v)
+    n, p = _apply_inertia(body, v)
     put(body, MOMENTUM, p)
-    _put_pair(body, BODY_WRENCH, _plus(_times_inertia(body, _pair(body, VELOCITY_RATE)), force_cross(v, (n, p))))
+    _write_spatial_vector(
+        body,
+        BODY_WRENCH,
+        _add_spatial_vectors(_apply_inertia(body, _read_spatial_vector(body, VELOCITY_RATE)), force_cross(v, (n, p))),
+    )
     for k in range(3):
         e = EYE[k]
         column = sub(cross(w, about[k]), apply(about, cross(w, e)))
@@ -148,30 +152,38 @@ def _set_body(body, mass, moment, inertia, rotation, arm):
 @jit_inner
 def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
-    s = _pair(axes[j], AXIS)
-    rate = _pair(axes[j], AXIS_RATE)
-    inertial = _times_inertia(body, s)
-    by_place = _plus(_times_coupling(body, rate), _times_inertia(body, _pair(axes[j], AXIS_SECOND)))
-    turned = _plus(by_place, force_cross(s, _pair(body, BODY_WRENCH)))
-    by_rate = _plus(_times_coupling(body, s), _times_inertia(body, _pair(axes[j], AXIS_SLOPE)))
+    s = _read_spatial_vector(axes[j], AXIS)
+    rate = _read_spatial_vector(axes[j], AXIS_RATE)
+    inertial = _apply_inertia(body, s)
+    by_place = _add_spatial_vectors(
+        _apply_coupling(body, rate), _apply_inertia(body, _read_spatial_vector(axes[j], AXIS_SECOND))
+    )
+    turned = _add_spatial_vectors(by_place, force_cross(s, _read_spatial_vector(body, BODY_WRENCH)))
+    by_rate = _add_spatial_vectors(
+        _apply_coupling(body, s), _apply_inertia(body, _read_spatial_vector(axes[j], AXIS_SLOPE))
+    )
     # 2 B^T s, which has no linear part
     back = add(tapply(mat_at(body, GYRATION), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
     carrier = b
     while carrier > 0:
         for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):
-            axis = _pair(axes[i], AXIS)
-            by_q[i, j] = _along(axis, by_place if carrier == b else turned)
-            by_qd[i, j] = _along(axis, by_rate)
-            by_qdd[i, j] = _along(axis, inertial)
+            axis = _read_spatial_vector(axes[i], AXIS)
+            by_q[i, j] = _compute_scalar_product(axis, by_place if carrier == b else turned)
+            by_qd[i, j] = _compute_scalar_product(axis, by_rate)
+            by_qdd[i, j] = _compute_scalar_product(axis, inertial)
             if carrier != b:
-                by_q[j, i] = dot(vec_at(axes[i], AXIS_RATE), back) + _along(_pair(axes[i], AXIS_SECOND), inertial)
-                by_qd[j, i] = dot(axis[0], back) + _along(_pair(axes[i], AXIS_SLOPE), inertial)
+                by_q[j, i] = dot(vec_at(axes[i], AXIS_RATE), back) + _compute_scalar_product(
+                    _read_spatial_vector(axes[i], AXIS_SECOND), inertial
+                )
+                by_qd[j, i] = dot(axis[0], back) + _compute_scalar_product(
+                    _read_spatial_vector(axes[i], AXIS_SLOPE), inertial
+                )
                 by_qdd[j, i] = by_qdd[i, j]
         carrier = carried.parent[carrier]
 
 
 @jit
-def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_qdd):
+def fill_torque_derivatives(carried, gravity, motion, axes, bodies, by_q, by_qd, by_qdd):
     """Fill by_q, by_qd, by_qdd (samples, nv, nv), zero on entry, with d tau_i / d (q, qd, qdd)_j [N m], [N] per unit.
 
     carried : CarriedBodies; gravity : (3,) [m/s^2]; motion : `kinematics.tree.Frames` with a leading sample axis
@@ -191,20 +203,26 @@ def derivative_samples(carried, gravity, motion, axes, bodies, by_q, by_qd, by_q
             al = apply(r, vec(motion.al[s, n]))
             v = vec(motion.v[s, n])
             a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)  # of c, free of gravity
-            _put_pair(body, VELOCITY, (w, sub(v, cross(w, arm))))
-            _put_pair(body, VELOCITY_RATE, (al, a))
-            _set_body(body, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
-            up = _pair(above, VELOCITY)
-            up_rate = _pair(above, VELOCITY_RATE)
+            _write_spatial_vector(body, VELOCITY, (w, sub(v, cross(w, arm))))
+            _write_spatial_vector(body, VELOCITY_RATE, (al, a))
+            _fill_body(body, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
+            up = _read_spatial_vector(above, VELOCITY)
+            up_rate = _read_spatial_vector(above, VELOCITY_RATE)
             for i in range(carried.freedoms[b]):
                 t = apply(r, vec(carried.turn[b, i]))
                 own = axes[carried.first[b] + i]
                 axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
                 rate = motion_cross(up, axis)
-                _put_pair(own, AXIS, axis)
-                _put_pair(own, AXIS_RATE, rate)
-                _put_pair(own, AXIS_SECOND, _plus(motion_cross(up_rate, axis), motion_cross(up, rate)))
-                _put_pair(own, AXIS_SLOPE, _plus(rate, motion_cross(_pair(body, VELOCITY), axis)))
+                _write_spatial_vector(own, AXIS, axis)
+                _write_spatial_vector(own, AXIS_RATE, rate)
+                _write_spatial_vector(
+                    own, AXIS_SECOND, _add_spatial_vectors(motion_cross(up_rate, axis), motion_cross(up, rate))
+                )
+                _write_spatial_vector(
+                    own,
+                    AXIS_SLOPE,
+                    _add_spatial_vectors(rate, motion_cross(_read_spatial_vector(body, VELOCITY), axis)),
+                )
         for back in range(1, len(carried.node)):
             b = len(carried.node) - back
             for j in range(carried.first[b], carried.first[b] + carried.freedoms[b]):

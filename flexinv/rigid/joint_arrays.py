@@ -22,7 +22,7 @@ Order = Literal["samples", "coordinates"]
 LABELS = ("q", "qd", "qdd")
 
 
-def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> list[Array]:
+def convert_to_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> list[Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked for `joint_torques`."""
     check_rigid(of_kind("mechanism", mechanism, Mechanism))
     if mechanism.closures:
@@ -31,14 +31,14 @@ def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: Array
             f"mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
             "write flexinv.solve(mechanism, motion, step=...) instead"
         )
-    return contiguous(mechanism, (q, qd, qdd), "samples")
+    return make_contiguous_states(mechanism, (q, qd, qdd), "samples")
 
 
-def contiguous(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
+def make_contiguous_states(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] as contiguous floats, their numbers checked, too."""
-    given = checked_arrays(mechanism, arrays, order)
+    given = convert_to_arrays(mechanism, arrays, order)
     check_arrays(mechanism, given, order)
-    return [np.ascontiguousarray(by_sample(a, order)) for a in given]
+    return [np.ascontiguousarray(convert_to_sample_view(a, order)) for a in given]
 
 
 def check_rigid(mechanism: Mechanism) -> None:
@@ -57,7 +57,7 @@ def check_rigid(mechanism: Mechanism) -> None:
         )
 
 
-def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
+def convert_to_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
     """Return q, qd and qdd [rad], [m], [1/s] as floats; arrays of floats are themselves.
 
     order : "samples" for (samples, columns), "coordinates" for (columns, samples); a plain vector is one sample
@@ -82,7 +82,7 @@ def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Ord
     return found
 
 
-def output_array(out: Array | None, like: Array) -> Array:
+def make_output_array(out: Array | None, like: Array) -> Array:
     """Return the array for efforts [N m], [N]: ``out``, or one in the shape and the memory order of the rates, ``like``.
 
     Raises InputError: not float64, another shape than ``like``, not contiguous or not writeable.
@@ -99,7 +99,7 @@ def output_array(out: Array | None, like: Array) -> Array:
     return out
 
 
-def by_sample(a: Array, order: Order) -> Array:
+def convert_to_sample_view(a: Array, order: Order) -> Array:
     """Return a view (samples, columns) of an array [any unit] in either order, or of a plain vector."""
     return a[None] if a.ndim == 1 else a.T if order == "coordinates" else a
 
@@ -113,7 +113,7 @@ def check_arrays(mechanism: Mechanism, arrays: Sequence[Array], order: Order) ->
         if not np.isfinite(a).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(a))[0])
             raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")
-    q = by_sample(arrays[0], order)
+    q = convert_to_sample_view(arrays[0], order)
     for joint in mechanism.joints:
         own = q[:, mechanism.q_slices[joint.name]]
         if KINDS[joint.kind].circle:

@@ -17,7 +17,7 @@ from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, G
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.reactions import closure_wrenches
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
-from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, joint_springs
+from flexinv.inverse.inverse_dynamics import check_constant, compute_applied_forces, compute_spring_efforts
 from flexinv.kernels.memory import LINE, cleared
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.affinity import processors
@@ -29,12 +29,12 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.rigid import joint_arrays
-from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, attend, collect, torque_blocks
-from flexinv.rigid.joint_arrays import Order, by_sample
+from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, collect, compute_torque_blocks, run_helper
+from flexinv.rigid.joint_arrays import Order, convert_to_sample_view
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.body_table import Bodies, bodies
+from flexinv.rnea.body_table import Bodies, build_bodies
 from flexinv.rnea.loop_layout import LoopPlan
-from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
+from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, list_closure_ends, plan_loops, sample_configurations
 from flexinv.typing import Array
 from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, flag, of_kind, whole
 
@@ -126,16 +126,16 @@ class TorqueFunction(ByValue):
         Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `allocation`).
         """
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
-        given = joint_arrays.checked_arrays(self.mechanism, (q, qd, qdd), order)
-        tau = joint_arrays.output_array(out, given[1])
+        given = joint_arrays.convert_to_arrays(self.mechanism, (q, qd, qdd), order)
+        tau = joint_arrays.make_output_array(out, given[1])
         if self.loaded and any(np.may_share_memory(a, tau) for a in given):
             given = [a.copy() for a in given]
-        rows = [by_sample(a, order) for a in (*given, tau)]
+        rows = [convert_to_sample_view(a, order) for a in (*given, tau)]
         if self.loaded:
             joint_arrays.check_arrays(self.mechanism, given, order)
             tau.fill(0.0)
             self._add_applied(rows[:3], rows[3])
-        flat, strides = zip(*(_flat(a) for a in rows), strict=True)
+        flat, strides = zip(*(_make_flat_view(a) for a in rows), strict=True)
         b = self.bodies
         own = self._own
         loops = (self.plan.plan, self.plan.fixed)
@@ -144,7 +144,9 @@ class TorqueFunction(ByValue):
         counter = own.cells(len(rows[0]))
         call = samples, work, counter, mails
         try:
-            ended = torque_blocks(b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), *call)
+            ended = compute_torque_blocks(
+                b.tree, b.numbers, b.columns, *loops, *flat, _make_stride_table(strides), *call
+            )
             while not ended:
                 time.sleep(0)  # the system holds a helper up
                 ended = collect(*loops, *call)
@@ -160,7 +162,7 @@ class TorqueFunction(ByValue):
         if not self.loaded:
             self._add_applied(rows[:3], rows[3])
         if self.loops is not None:
-            self._share(self.loops, counter, rows)
+            self._split_loop_efforts(self.loops, counter, rows)
         return tau
 
     def nodal(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, order: Order = "samples") -> NodalResult:
@@ -172,16 +174,16 @@ class TorqueFunction(ByValue):
         """
         m = self.mechanism
         mesh = self.mesh
-        q, qd, qdd = joint_arrays.contiguous(m, (q, qd, qdd), order)
+        q, qd, qdd = joint_arrays.make_contiguous_states(m, (q, qd, qdd), order)
         motion = rigid_motion(mesh, q, qd, qdd)
-        acting = applied_forces(mesh, motion, np.zeros(len(q)))
-        second = nodal_dynamics.inverse_dynamics(mesh, motion, qd, qdd, acting, self.passive)
-        torque = second.torque + joint_springs(m, q, history=False) if self.passive else second.torque
+        acting = compute_applied_forces(mesh, motion, np.zeros(len(q)))
+        second = nodal_dynamics.compute_inverse_dynamics(mesh, motion, qd, qdd, acting, self.passive)
+        torque = second.torque + compute_spring_efforts(m, q, history=False) if self.passive else second.torque
         reaction: dict[str, Array] = {}
         if self.loops is not None:
             shares = self.loops.shares(q, qd, qdd, torque)
             pushed, reaction = closure_wrenches(mesh, motion, constraint_rows(mesh), shares.multipliers)
-            second = nodal_dynamics.inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
+            second = nodal_dynamics.compute_inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
             torque = shares.tau
         wrench = {name: second.wrenches[node] for name, node in mesh.joint_node.items()}
         node = {joint.child: mesh.joint_node[joint.name] for joint in m.joints}
@@ -204,10 +206,10 @@ class TorqueFunction(ByValue):
             return self.torques(q, qd, qdd, out)
         try:
             if len(q) != nq or not len(qd) == len(qdd) == len(out) == nv:
-                joint_arrays.checked_arrays(m, (q, qd, qdd), "samples")
-                joint_arrays.output_array(out, np.asarray(qd))
+                joint_arrays.convert_to_arrays(m, (q, qd, qdd), "samples")
+                joint_arrays.make_output_array(out, np.asarray(qd))
             work, counter, told = self._own.of_sample
-            torque_blocks(
+            compute_torque_blocks(
                 b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
                 work, counter, _NOBODY,
             )  # fmt: skip
@@ -220,7 +222,7 @@ class TorqueFunction(ByValue):
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
         if self.loops is not None:
-            self._share(self.loops, counter, (q[None], qd[None], qdd[None], out[None]))
+            self._split_loop_efforts(self.loops, counter, (q[None], qd[None], qdd[None], out[None]))
         return out
 
     def __hash__(self) -> int:
@@ -231,7 +233,7 @@ class TorqueFunction(ByValue):
         """Prepared anew where it is sent: to another process [-]."""
         return prepare, (self.mechanism, self.passive, self.threads)
 
-    def _share(self, loops: GivenLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+    def _split_loop_efforts(self, loops: GivenLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         if not len(self.plan.sizes):
             rows[3][:] = loops.shares(*rows).tau
@@ -246,7 +248,7 @@ class TorqueFunction(ByValue):
         """Mails of those who help with a call of so many efforts."""
         if self.threads == 1 or size < WORTH_HELP or not COMPILED:
             return _NOBODY
-        compile_for_helpers()
+        prepare_helper_kernels()
         return HELPERS.mails(self.threads - 1, size > WORTH_WAKING)
 
     def _add_applied(self, motion: Sequence[Array], tau: Array) -> None:
@@ -257,9 +259,9 @@ class TorqueFunction(ByValue):
         for start in range(0, len(tau), NODAL_SAMPLES):
             part = slice(start, start + NODAL_SAMPLES)
             nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
-            loads = applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
+            loads = compute_applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
             if loads is not None:
-                tau[part] -= nodal_dynamics.project(self.mesh, nodes, loads)
+                tau[part] -= nodal_dynamics.compute_projected_efforts(self.mesh, nodes, loads)
 
 
 def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:
@@ -273,7 +275,7 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     Raises InputError for a flexible mechanism, closures that act for a while, a force that depends on time (use `solve`).
     """
     try:
-        return _prepared(mechanism, passive, threads)
+        return _build_torque_function(mechanism, passive, threads)
     except (TypeError, AttributeError):  # what cannot be looked up is none of these
         _check_asked(mechanism, passive, threads)
         raise
@@ -287,41 +289,41 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
 
 
 @kept_with_owner(typed=True, frozen=False)
-def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
+def _build_torque_function(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
     joint_arrays.check_rigid(mechanism)
     check_constant(mechanism)
     mesh = build(mechanism)
-    compile_for_arrays()
+    prepare_array_kernels()
     loops = GivenLoops(mesh) if mechanism.closures else None
-    table, plan = freeze(_loop_plan(mesh, passive))
+    table, plan = freeze(_build_loop_plan(mesh, passive))
     own = _Own(most, max(table.size, plan.size))
     loaded = bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv
     return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)
 
 
-def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
+def _build_loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
     """The bodies, and how the kernel shares efforts out."""
     m = mesh.mechanism
-    plain = bodies(mesh, passive)
+    plain = build_bodies(mesh, passive)
     if not m.closures:
         return plain, NO_LOOPS
     rows = constraint_rows(mesh)
 
     def run(bodies: Bodies, plan: LoopPlan) -> Array:
-        q = anywhere(m, PLACES)
+        q = sample_configurations(m, PLACES)
         rest = np.zeros((3, PLACES * m.nv))
         work = np.zeros((1, plan.size))
-        strides = _table(((m.nq, 1), *[(m.nv, 1)] * 3))
+        strides = _make_stride_table(((m.nq, 1), *[(m.nv, 1)] * 3))
         counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
         motion = (q.ravel(), *rest[:3], strides, np.uint64(PLACES))
         loops = (plan.plan, plan.fixed)
-        torque_blocks(bodies.tree, bodies.numbers, bodies.columns, *loops, *motion, work, counter, _NOBODY)
+        compute_torque_blocks(bodies.tree, bodies.numbers, bodies.columns, *loops, *motion, work, counter, _NOBODY)
         return work.ravel()
 
-    candidates = plain, bodies(mesh, passive, ends(mesh, rows))
-    return planned(mesh, candidates, rows, (OPEN, OPEN_RATE, OPEN_ACCELERATION), run) or (plain, NO_LOOPS)
+    candidates = plain, build_bodies(mesh, passive, list_closure_ends(mesh, rows))
+    return plan_loops(mesh, candidates, rows, (OPEN, OPEN_RATE, OPEN_ACCELERATION), run) or (plain, NO_LOOPS)
 
 
 _CELLS, _MAILS, _NUMBERS, _TABLE = (types.Array(kind, n, "C") for kind in (types.uint64, types.float64) for n in (1, 2))
@@ -331,7 +333,7 @@ _READ_CELLS, _READ_TREE, _READ_NUMBERS, _READ_TABLE = (
 )
 
 
-def _compile(kernel: Any, *signature: types.Type) -> None:
+def _prepare_kernel(kernel: Any, *signature: types.Type) -> None:
     """Compile a kernel for these arguments and no others; threads that come first at the same time wait for each other."""
     with _COMPILING:
         if COMPILED and not kernel.signatures:
@@ -340,21 +342,21 @@ def _compile(kernel: Any, *signature: types.Type) -> None:
 
 
 @cache
-def compile_for_arrays() -> None:
+def prepare_array_kernels() -> None:
     """Compile the kernel, once: arrays [any unit] are contiguous, and those that it only reads may be read-only."""
     system = _READ_TREE, _READ_TABLE, _READ_CELLS, _READ_CELLS, _READ_NUMBERS
     motion = _READ_NUMBERS, _READ_NUMBERS, _READ_NUMBERS, _NUMBERS, _MAILS, types.uint64
-    _compile(torque_blocks, *system, *motion, _TABLE, _CELLS, _MAILS)
+    _prepare_kernel(compute_torque_blocks, *system, *motion, _TABLE, _CELLS, _MAILS)
 
 
 @cache
-def compile_for_helpers() -> None:
+def prepare_helper_kernels() -> None:
     """Compile what helpers do, once [-]."""
-    _compile(attend, _CELLS, types.int64)
-    _compile(collect, _READ_CELLS, _READ_NUMBERS, types.uint64, _TABLE, _CELLS, _MAILS)
+    _prepare_kernel(run_helper, _CELLS, types.int64)
+    _prepare_kernel(collect, _READ_CELLS, _READ_NUMBERS, types.uint64, _TABLE, _CELLS, _MAILS)
 
 
-def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
+def _make_flat_view(a: Array) -> tuple[Array, tuple[int, int]]:
     """The numbers of (samples, columns) as they stand in memory, and the strides of a sample and of a column in them."""
     flags = a.flags
     if flags.f_contiguous and not flags.c_contiguous:
@@ -363,5 +365,5 @@ def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
 
 
 @lru_cache(maxsize=256)
-def _table(strides: tuple[tuple[int, int], ...]) -> NDArray[np.uint64]:
+def _make_stride_table(strides: tuple[tuple[int, int], ...]) -> NDArray[np.uint64]:
     return np.array(strides, dtype=np.uint64)

@@ -19,7 +19,7 @@ PARAMETERS = 10
 
 
 @jit
-def regressor_samples(joints, link_node, gravity, motion, out):
+def fill_regressor(joints, link_node, gravity, motion, out):
     """Fill out (samples, nv, 10 links), d tau / d parameter [m^2/s^2], [m/s^2], [1/s^2]; of a sliding joint per metre less.
 
     joints : `configuration.Nodes`; link_node : (links,) node of each link's frame; gravity : (3,) [m/s^2]

@@ -12,8 +12,8 @@ from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, derivative_samples
-from flexinv.rigid.joint_arrays import checked_states
+from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, fill_torque_derivatives
+from flexinv.rigid.joint_arrays import convert_to_states
 from flexinv.rigid.prepare import NODAL_SAMPLES, prepare
 from flexinv.typing import Array
 from flexinv.validation import flag
@@ -43,7 +43,7 @@ def torque_derivatives(
     Raises InputError for a flexible mechanism, closures, springs between points or given forces, wrong shapes.
     Equals Pinocchio's ``computeRNEADerivatives`` to rounding; equations at the head of `derivative_kernel`.
     """
-    states = checked_states(mechanism, q, qd, qdd)
+    states = convert_to_states(mechanism, q, qd, qdd)
     passive = flag("passive", passive)
     for what in ("springs", "forces"):
         if getattr(mechanism, what):
@@ -73,7 +73,7 @@ def torque_derivatives(
     for start in range(0, samples if mechanism.nv else 0, NODAL_SAMPLES):
         part = slice(start, start + NODAL_SAMPLES)
         motion = rigid_motion(mesh, *(state[part] for state in states)).frames
-        derivative_samples(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
+        fill_torque_derivatives(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     law = laws_of(mechanism)
     out.qdd[:, own, own] += law.rotor

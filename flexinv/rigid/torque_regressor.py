@@ -25,8 +25,8 @@ from flexinv.kinematics.nodal_motion import rigid_motion, scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
-from flexinv.rigid.joint_arrays import checked_states
-from flexinv.rigid.regressor_kernel import PARAMETERS, regressor_samples
+from flexinv.rigid.joint_arrays import convert_to_states
+from flexinv.rigid.regressor_kernel import PARAMETERS, fill_regressor
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 
@@ -86,7 +86,7 @@ class BaseParameters(ByValue):
         return tuple(out)
 
 
-def link_parameters(link: Link) -> Array:
+def compute_link_parameters(link: Link) -> Array:
     """Return m, h, I (10,) of a rigid link and all that it carries [kg], [kg m], [kg m^2], about its frame's origin."""
     out = np.zeros(PARAMETERS)
     for body in link.bodies:
@@ -118,26 +118,28 @@ def torque_regressor(
             f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
             'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
         )
-    states = checked_states(mechanism, q, qd, qdd)
+    states = convert_to_states(mechanism, q, qd, qdd)
     drives = flag("drives", drives)
     mesh = build(mechanism)
     matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
-    regressor_samples(nodes_of(mesh), nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
+    fill_regressor(nodes_of(mesh), nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
     names = [f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL]
-    values = np.concatenate([link_parameters(link) for link in mechanism.links])
+    values = np.concatenate([compute_link_parameters(link) for link in mechanism.links])
     parts = [(matrix, names, INERTIAL_UNITS * len(mechanism.links), values)]
     if drives:
-        parts += [_drive(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
+        parts += [_build_drive_columns(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
     columns, named, units, numbers = zip(*parts, strict=True)
     whole_matrix = np.concatenate(columns, axis=2)
     values = np.concatenate(numbers)
     return Regressor(whole_matrix, tuple(chain(*named)), tuple(chain(*units)), values)
 
 
-def _drive(mechanism: Mechanism, joint: Joint, *states: Array) -> tuple[Array, list[str], tuple[str, ...], Array]:
+def _build_drive_columns(
+    mechanism: Mechanism, joint: Joint, *states: Array
+) -> tuple[Array, list[str], tuple[str, ...], Array]:
     """Columns, names, units and values of what a joint's drive takes."""
     q, qd, qdd = states
     rows = mechanism.v_slices[joint.name]
@@ -160,7 +162,7 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     """Return the combinations of parameters that the motion of a regressor can tell, by QR [any unit].
 
     Parameters are taken in their order: one whose column depends on those before it joins their combinations.  With states
-    from `random_states` these are the mechanism's base parameters (minimal set); with a measured motion what it identifies.
+    from `sample_states` these are the mechanism's base parameters (minimal set); with a measured motion what it identifies.
     Source: Gautier, *Numerical calculation of the base inertial parameters*, J. Robotic Systems 8(4), 1991.
     """
     y = of_kind("regressor", regressor, Regressor).stacked()
@@ -190,7 +192,7 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     return BaseParameters(own, combination, regressor.names, combination @ regressor.values, unseen)
 
 
-def random_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
+def sample_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] that move everything, in all directions."""
     of_kind("mechanism", mechanism, Mechanism)
     samples = whole("samples", samples, 0)

@@ -26,7 +26,7 @@ from flexinv.rnea import recursion
 from flexinv.typing import Array
 
 
-def _following(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
+def _list_following_rows(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
     return tuple(first + row(k) for k in range(count))
 
 
@@ -41,16 +41,20 @@ _R, _P, _MOMENTS, _SECOND, _TILT, _ZERO, _CHILD, _STEP = (
 ONE_AXIS = 8 * np.finfo(float).eps  # sine of the angle between two axes that are one: what rounding leaves of it
 TURNING_KINDS = (REVOLUTE, CONTINUOUS)
 _SCALAR = ((recursion.RATE,), (recursion.EFFORT,))
-_QUATERNION = _following(recursion.QUATERNION, 4)
+_QUATERNION = _list_following_rows(recursion.QUATERNION, 4)
 # Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations.
 _ROWS: dict[int, tuple[tuple[np.uint64, ...], ...]] = {
     **dict.fromkeys((REVOLUTE, PRISMATIC, HELICAL), ((recursion.PLACE,), *_SCALAR)),
     CONTINUOUS: ((recursion.COS, recursion.SIN), *_SCALAR),
-    SPHERICAL: (_QUATERNION, _following(recursion.RATES_TURNING, 3), _following(recursion.EFFORTS_TURNING, 3)),
+    SPHERICAL: (
+        _QUATERNION,
+        _list_following_rows(recursion.RATES_TURNING, 3),
+        _list_following_rows(recursion.EFFORTS_TURNING, 3),
+    ),
     FREE: (
-        (*_following(recursion.SHIFT, 3), *_QUATERNION),
-        _following(recursion.RATES_FREE, 6),
-        _following(recursion.EFFORTS_FREE, 6),
+        (*_list_following_rows(recursion.SHIFT, 3), *_QUATERNION),
+        _list_following_rows(recursion.RATES_FREE, 6),
+        _list_following_rows(recursion.EFFORTS_FREE, 6),
     ),
 }
 
@@ -76,12 +80,12 @@ class Bodies:
     axes: Array
 
 
-def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset()) -> Bodies:
+def build_bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset()) -> Bodies:
     """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs.
 
     kept : moving nodes whose state no child carries on, so that it is there in the end
     """
-    carrier, turn, place = carriers(mesh)
+    carrier, turn, place = find_carrier_nodes(mesh)
     moving = np.flatnonzero(mesh.v_index >= 0)
     node = np.concatenate([[-1], moving]).astype(np.int64)
     number = {int(n): i for i, n in enumerate(node)}
@@ -95,11 +99,15 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
     for i, n in enumerate(moving, start=1):
         child = last.get(i, 0)
         follows = child and _is_on(kinds, parents, last, child)
-        axes.append(_axes(mesh, int(n), placed[child - 1][0] @ mesh.axis[moving[child - 1]] if follows else None))
+        axes.append(
+            _choose_axes(mesh, int(n), placed[child - 1][0] @ mesh.axis[moving[child - 1]] if follows else None)
+        )
     numbers = np.zeros((len(node), int(recursion.NUMBERS)))
     numbers[0, :3] = mesh.mechanism.gravity
     for i, (r, x) in enumerate(placed, start=1):
-        _place(numbers[i], axes[parents[i]].T @ r @ axes[i], axes[parents[i]].T @ x, _is_on(kinds, parents, last, i))
+        _write_placement(
+            numbers[i], axes[parents[i]].T @ r @ axes[i], axes[parents[i]].T @ x, _is_on(kinds, parents, last, i)
+        )
     for parent, child in last.items():
         numbers[parent, _CHILD] = numbers[child, _P] if parent else 0.0
     numbers[1:, _STEP] = numbers[1:, _P] - numbers[parents[1:], _CHILD]
@@ -109,8 +117,8 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
     count = 5 if passive else 1  # of rotor inertia, damping, friction, stiffness and rest
     laws = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
     numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = laws
-    tree, size = _layout(kinds, parents, last)
-    return Bodies(tree, numbers, _columns(mesh, tree, moving), size, node, np.array(axes))
+    tree, size = _compute_layout(kinds, parents, last)
+    return Bodies(tree, numbers, _list_columns(mesh, tree, moving), size, node, np.array(axes))
 
 
 def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i: int) -> bool:
@@ -120,7 +128,7 @@ def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i
     return bool(suits and last.get(parent) == i)
 
 
-def _place(row: Array, r: Array, p: Array, on: bool) -> None:
+def _write_placement(row: Array, r: Array, p: Array, on: bool) -> None:
     """Write R_parent,body at the coordinate's zero, as R = Rx(tilt) Rz(zero) where the frames lie so, and p."""
     row[_P] = p
     tilt = (r[2, 2], -r[1, 2])
@@ -130,7 +138,7 @@ def _place(row: Array, r: Array, p: Array, on: bool) -> None:
     row[_ZERO] = zero / np.hypot(*zero) if on else (1.0, 0.0)
 
 
-def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+def find_carrier_nodes(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
     """Return for each node the moving node (-1: the world) that it is fixed on, and R [-], x [m] in that node's frame."""
     carrier = np.full(mesh.size, -1, dtype=np.int64)
     turn = np.tile(np.eye(3), (mesh.size, 1, 1))
@@ -148,7 +156,7 @@ def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
     return carrier, turn, place
 
 
-def _axes(mesh: Mesh, node: int, other: Array | None) -> Array:
+def _choose_axes(mesh: Mesh, node: int, other: Array | None) -> Array:
     """R_node,body with the joint's axis along z and x at right angles to another axis, where there is one.
 
     Otherwise an axis along x, y or z only renames the axes.  The product of two axes that are one to rounding is rounding, of
@@ -186,7 +194,9 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         numbers[i, _SECOND] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:
+def _compute_layout(
+    kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]
+) -> tuple[NDArray[np.uint64], int]:
     """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
     rows = [0, *(recursion.FREE_ROWS if k in (SPHERICAL, FREE) else recursion.SCALAR_ROWS for k in kinds[1:])]
     first = np.concatenate([[0], np.cumsum(rows)])
@@ -207,7 +217,7 @@ def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) 
     return tree, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
 
 
-def _columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
+def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
     m = mesh.mechanism
     columns = list[np.uint64]()

@@ -26,7 +26,7 @@ import numpy as np
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, dot, put_vec, row, vec_of
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.recursion import state_of
+from flexinv.rnea.recursion import read_state
 
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
@@ -52,13 +52,13 @@ _SIX = tuple(row(layout.SIX * i) for i in range(layout.SIX))
 
 
 @jit_lanes
-def _more(a, b):
+def _find_larger(a, b):
     """The larger one, a NaN if there is one."""
     return a if b <= a else b
 
 
 @jit_lanes
-def coupled(plan, fixed, work, own, lanes, closure, offset):
+def fill_coupling_columns(plan, fixed, work, own, lanes, closure, offset):
     """Set the columns [-] of a coupling and its squares, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
         put_vec(own, layout.GAP, k, (-offset, 0.0, 0.0))
@@ -82,7 +82,7 @@ def coupled(plan, fixed, work, own, lanes, closure, offset):
 
 
 @jit_lanes
-def _sums(plan, work, k, closure, j):
+def _compute_row_sums(plan, work, k, closure, j):
     """|G| |qd|, |G| |qdd| of one row in one lane."""
     speed = size = 0.0
     for i in range(closure.columns):
@@ -94,7 +94,7 @@ def _sums(plan, work, k, closure, j):
 
 
 @jit_lanes
-def _sums_of_sizes(plan, work, k, closure, e):
+def _compute_position_sums(plan, work, k, closure, e):
     """The same of three positions together, or of the direction beside them whose vector stands at e."""
     speed = size = 0.0
     about = 1.0 if closure.directions > _ZERO else 0.0
@@ -111,14 +111,14 @@ def _sums_of_sizes(plan, work, k, closure, e):
 
 
 @jit_lanes
-def _acceleration(state, k, length):
+def _compute_acceleration_size(state, k, length):
     """Estimate the size of an end's accelerations from the recursion, gravity among them."""
-    w, al, a = state_of(state, k)
+    w, al, a = read_state(state, k)
     return math.sqrt(dot(a, a)) + length * (math.sqrt(dot(al, al)) + dot(w, w))
 
 
 @jit_lanes
-def hold(plan, fixed, work, lanes, closure, sums, in_space):
+def update_largest_squares(plan, fixed, work, lanes, closure, sums, in_space):
     """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit].
 
     Of three positions in space the square of phi' is that of d'.
@@ -132,7 +132,7 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
         if together:
             d1 = vec_of(own, layout.GAP_RATE, k)
             b += dot(d1, d1)
-        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+        put_vec(limits, _ZERO, k, (_find_larger(x, a), _find_larger(y, b), _find_larger(z, c)))
     if not sums:
         return
     of_rows = closure.positions
@@ -146,18 +146,20 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
             scale = length if j < of_rows and closure.kind != layout.COUPLED else 1.0
             if together:
                 e = closure.own + layout.VECTORS + (j - _ONE) * layout.VECTOR if j > _ZERO else _ZERO
-                speed, size = _sums_of_sizes(plan, work, k, closure, e)
+                speed, size = _compute_position_sums(plan, work, k, closure, e)
             else:
-                speed, size = _sums(plan, work, k, closure, j)
+                speed, size = _compute_row_sums(plan, work, k, closure, j)
             largest[0], largest[1] = max(largest[0], scale * speed), max(largest[1], scale * size)
         if closure.state_a > _ZERO:
             one = work[closure.state_a :]
             other = work[closure.state_b :]
-            largest[2] = max(largest[2], _acceleration(one, k, length) + _acceleration(other, k, length))
+            largest[2] = max(
+                largest[2], _compute_acceleration_size(one, k, length) + _compute_acceleration_size(other, k, length)
+            )
 
 
 @jit_lanes
-def _pair(scratch, one, other, lanes):
+def _choose_pivot(scratch, one, other, lanes):
     """Make the larger of two entries the pivot; keep the factor by which the smaller one goes, whether they change places [-]."""
     for k in range(lanes):
         a = one[k]
@@ -170,7 +172,7 @@ def _pair(scratch, one, other, lanes):
 
 
 @jit_lanes
-def _combine(scratch, one, other, lanes):
+def _update_entries(scratch, one, other, lanes):
     """Combine two other entries of these rows [any unit]."""
     for k in range(lanes):
         a = one[k]
@@ -196,7 +198,7 @@ def solve_row(multiplier, pivot, effort, size, lanes, part, least):
 
 
 @jit_lane
-def _less(v, factor, w):
+def _compute_scaled_difference(v, factor, w):
     """v - factor w of six numbers."""
     a = v[0] - factor * w[0]
     b = v[1] - factor * w[1]
@@ -205,15 +207,15 @@ def _less(v, factor, w):
 
 
 @jit_lane
-def _paired(one, other, last):
+def _compute_pivot_rows(one, other, last):
     """Two rows combined, the larger entry the pivot; the factor of the other one, and whether they changed places."""
     changed = abs(other[last]) > abs(one[last])
     one, other = (other, one) if changed else (one, other)
     factor = other[last] / one[last] if one[last] != 0.0 else 0.0
-    return one, _less(other, factor, one), (factor, changed)
+    return one, _compute_scaled_difference(other, factor, one), (factor, changed)
 
 
-def _solving(before: Any) -> Any:
+def _make_solver(before: Any) -> Any:
     """Return the solution of one row of six more than ``before``: multipliers, True if pivots are large enough.
 
     The first row is combined with all others; when these have theirs, the row operations are undone.
@@ -221,13 +223,13 @@ def _solving(before: Any) -> Any:
     take, undo, solve = before
 
     @jit_lane
-    def taking(one, rows, last):
-        one, other, how = _paired(one, rows[0], last)
+    def apply_elimination(one, rows, last):
+        one, other, how = _compute_pivot_rows(one, rows[0], last)
         one, others, hows = take(one, rows[1:], last)
         return one, (other, *others), (how, *hows)
 
     @jit_lane
-    def undoing(one, found, hows):
+    def apply_back_transform(one, found, hows):
         one, others = undo(one, found[1:], hows[1:])
         factor, changed = hows[0]
         other = found[0]
@@ -236,14 +238,14 @@ def _solving(before: Any) -> Any:
         return one, (other, *others)
 
     @jit_lane
-    def solving(rows, tau, least, last):
+    def solve_rows(rows, tau, least, last):
         one, others, hows = take(rows[0], rows[1:], last)
         multiplier = tau[last] / one[last]
-        found, enough = solve(others, _less(tau, multiplier, one), least, last - 1)
+        found, enough = solve(others, _compute_scaled_difference(tau, multiplier, one), least, last - 1)
         multiplier, found = undo(multiplier, found, hows)
         return (multiplier, *found), enough & (abs(one[last]) >= least[last])
 
-    return taking, undoing, solving
+    return apply_elimination, apply_back_transform, solve_rows
 
 
 _SOLVING = (
@@ -252,26 +254,26 @@ _SOLVING = (
     jit_lane(lambda rows, tau, least, last: ((), True)),
 )
 for _ in range(layout.SIX):
-    _SOLVING = _solving(_SOLVING)
+    _SOLVING = _make_solver(_SOLVING)
 _six_solved = _SOLVING[2]
 
 
 @jit_lane
-def _six(rows, first, k):
+def _read_six_rows(rows, first, k):
     """Lane k of six rows."""
     return vec_of(rows, first, k) + vec_of(rows, first + _THREE_ROWS, k)
 
 
 @jit_lanes
-def six_forces(found, efforts, entries, lanes, least):
+def solve_six_forces(found, efforts, entries, lanes, least):
     """Set the multipliers [N] of six rows, which leave no efforts; return how often a pivot is below its ``least``."""
     doubts = 0
     for k in range(lanes):
         rows = (
-            _six(entries, _SIX[0], k), _six(entries, _SIX[1], k), _six(entries, _SIX[2], k),
-            _six(entries, _SIX[3], k), _six(entries, _SIX[4], k), _six(entries, _SIX[5], k),
+            _read_six_rows(entries, _SIX[0], k), _read_six_rows(entries, _SIX[1], k), _read_six_rows(entries, _SIX[2], k),
+            _read_six_rows(entries, _SIX[3], k), _read_six_rows(entries, _SIX[4], k), _read_six_rows(entries, _SIX[5], k),
         )  # fmt: skip
-        multipliers, enough = _six_solved(rows, _six(efforts, _SIX[0], k), least, layout.SIX - 1)
+        multipliers, enough = _six_solved(rows, _read_six_rows(efforts, _SIX[0], k), least, layout.SIX - 1)
         put_vec(found, _SIX[0], k, multipliers[:3])
         put_vec(found, _THREE_ROWS, k, multipliers[3:])
         put_vec(efforts, _SIX[0], k, _NONE)
@@ -281,7 +283,7 @@ def six_forces(found, efforts, entries, lanes, least):
 
 
 @jit_lanes
-def allocate(plan, fixed, work, lanes):
+def convert_efforts(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
     scratch = work[plan[layout.SCRATCH] :]
     for i in range(plan[layout.FILLS + 1]):  # what is zero at first
@@ -303,7 +305,7 @@ def allocate(plan, fixed, work, lanes):
         other = work[second : second + LANES]
         own = work[third : third + LANES]
         if kind == layout.PAIR:
-            _pair(scratch, one, other, lanes)
+            _choose_pivot(scratch, one, other, lanes)
         elif kind == layout.SOLVE:
             doubts += solve_row(scratch[:LANES], one, other, own, lanes, part, least)
         elif kind == layout.CHECK_PIVOT:
@@ -321,7 +323,7 @@ def allocate(plan, fixed, work, lanes):
             for i in range(count):
                 limits[i] = max(LEAST_PIVOT * math.sqrt(work[plan[at + _TWO * i]]), LEAST_ENTRY)
             few = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
-            doubts += six_forces(work[third:], work[second:], work[first:], lanes, few)
+            doubts += solve_six_forces(work[third:], work[second:], work[first:], lanes, few)
             at += _TWO * count
             continue
         if kind != layout.TAKE:
@@ -333,7 +335,7 @@ def allocate(plan, fixed, work, lanes):
             one = work[one : one + LANES]
             other = work[other : other + LANES]
             if kind == layout.PAIR:
-                _combine(scratch, one, other, lanes)
+                _update_entries(scratch, one, other, lanes)
             elif kind in (layout.NORM, layout.INNER):
                 keep = 0.0 if i == 0 else 1.0
                 weight = fixed[second + i]
@@ -346,15 +348,15 @@ def allocate(plan, fixed, work, lanes):
 
 
 @jit_lanes
-def unclear(plan, fixed, work, lanes):
+def is_unclear(plan, fixed, work, lanes):
     """Return True if the squares of a call, of all threads, are not clearly within the limits fixed[:3] [-] of the sums."""
     speed = size = rounding = a = b = c = 0.0
     for i in range(work.shape[0]):
         own = work[i, plan[layout.LIMITS] :]
         for k in range(lanes):
-            a = _more(a, own[k])
-            b = _more(b, own[LANES + k])
-            c = _more(c, own[_TWO * LANES + k])
+            a = _find_larger(a, own[k])
+            b = _find_larger(b, own[LANES + k])
+            c = _find_larger(c, own[_TWO * LANES + k])
         largest = own[layout.LARGEST :]
         speed = max(speed, largest[0])
         size = max(size, largest[1])

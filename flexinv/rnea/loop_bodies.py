@@ -18,7 +18,7 @@ from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, dot, into, plus, put_vec, row, times, vec_of
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, orientation
+from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, read_orientation
 
 _ONE = np.uint64(1)
 _TWO = np.uint64(2)
@@ -29,19 +29,19 @@ _VEC = np.uint64(0)
 
 
 @jit_lane
-def components(axes, v):
+def compute_components(axes, v):
     """Return the components of a vector along three axes [any unit]."""
     return dot(axes[0], v), dot(axes[1], v), dot(axes[2], v)
 
 
 @jit_lane
-def axes_of(body, k):
+def read_axes(body, k):
     """Return the axes of a body [-], so that `into` gives a vector of its frame in those of the root."""
     return vec_of(body, layout.AXES, k), vec_of(body, layout.AXIS_Y, k), vec_of(body, layout.AXIS_Z, k)
 
 
 @jit_lane
-def square(own, k, phi, rate, second):
+def add_squares(own, k, phi, rate, second):
     """Add to the squares of a closure [any unit]."""
     own[layout.SQUARES + k] += phi * phi
     own[layout.SQUARES_TOO + k] += rate * rate
@@ -49,7 +49,7 @@ def square(own, k, phi, rate, second):
 
 
 @jit_lane
-def _put_turned(own, first, k, rows, axes, place):
+def _write_turned_axes(own, first, k, rows, axes, place):
     """The place, and the axes of a body that turns about the third one, from those where its coordinate is zero."""
     cosine = rows[COS + k]
     sine = rows[SIN + k]
@@ -61,19 +61,19 @@ def _put_turned(own, first, k, rows, axes, place):
 
 
 @jit_lane
-def _seat(axes, c):
+def _compute_zero_axes(axes, c):
     """The axes at a joint's zero, c : R_parent,body by columns."""
     x, y, z = mat_at(c, 0)
     return into(axes, x), into(axes, y), into(axes, z)
 
 
 @jit_lanes
-def _root_turn(own, rows, lanes, c):
+def _fill_root_revolute(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
     axes = mat_at(c, 0)
     place = vec_at(c, 9)
     for k in range(lanes):
-        _put_turned(own, _VEC, k, rows, axes, place)
+        _write_turned_axes(own, _VEC, k, rows, axes, place)
 
 
 @jit_lanes
@@ -81,42 +81,46 @@ def _turn(own, above, parent, rows, lanes, c):
     """A body that turns about z."""
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = axes_of(parent, k)
-        _put_turned(own, _VEC, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
+        axes = read_axes(parent, k)
+        _write_turned_axes(own, _VEC, k, rows, _compute_zero_axes(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lane
-def _tilted(axes, cosine, sine):
+def _compute_tilted_axes(axes, cosine, sine):
     """The axes after a turn about x."""
     x, y, z = axes
     return x, plus(times(cosine, y), times(sine, z)), plus(times(cosine, z), times(-sine, y))
 
 
 @jit_lanes
-def _tilt(own, above, parent, rows, lanes, c):
+def _fill_revolute(own, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
     cosine = c[4]
     sine = c[5]
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = axes_of(parent, k)
-        _put_turned(own, _VEC, k, rows, _tilted(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p)))
+        axes = read_axes(parent, k)
+        _write_turned_axes(
+            own, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p))
+        )
 
 
 @jit_lanes
-def _chain(both, rows, lanes, c):
+def _fill_chain_revolute(both, rows, lanes, c):
     """The same where nobody else asks for x and y of the parent, in whose place the rows begin: fewer are in the cache."""
     cosine = c[4]
     sine = c[5]
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = axes_of(both, k)
+        axes = read_axes(both, k)
         above = vec_of(both, layout.AT, k)
-        _put_turned(both, layout.CHAINED, k, rows, _tilted(axes, cosine, sine), plus(above, into(axes, p)))
+        _write_turned_axes(
+            both, layout.CHAINED, k, rows, _compute_tilted_axes(axes, cosine, sine), plus(above, into(axes, p))
+        )
 
 
 @jit_lanes
-def _two_turns(own, first, rows, lanes, c):
+def _fill_universal(own, first, rows, lanes, c):
     """A body on a universal joint that is fixed in the root, in one pass: nobody asks for x and y of the body between."""
     x, y, z = mat_at(c, 0)
     place = vec_at(c, 9)
@@ -126,23 +130,23 @@ def _two_turns(own, first, rows, lanes, c):
         c1 = first[COS + k]
         s1 = first[SIN + k]
         axes = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x)), z
-        _put_turned(own, _VEC, k, rows, _tilted(axes, cosine, sine), place)
+        _write_turned_axes(own, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), place)
 
 
 @jit_lanes
-def _slide(own, above, parent, rows, lanes, c):
+def _fill_prismatic(own, above, parent, rows, lanes, c):
     """A body that slides along d of its parent."""
     along = vec_at(c, 6)
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = axes_of(parent, k)
+        axes = read_axes(parent, k)
         d = into(axes, along)
         put_vec(own, layout.SLIDING_AXIS, k, d)
         put_vec(own, layout.AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
 
 
 @jit_lanes
-def _screw(own, above, parent, rows, lanes, c):
+def _fill_screw(own, above, parent, rows, lanes, c):
     """A body that turns about z and goes c[12] along it for every radian."""
     _turn(own, above, parent, rows, lanes, c)
     for k in range(lanes):
@@ -151,13 +155,13 @@ def _screw(own, above, parent, rows, lanes, c):
 
 
 @jit_lanes
-def _float(own, above, parent, rows, lanes, c):
+def _fill_floating(own, above, parent, rows, lanes, c):
     """A body that turns about its origin, which moves too."""
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = axes_of(parent, k)
-        seat = _seat(axes, c)
-        x, y, z = orientation(rows, k)
+        axes = read_axes(parent, k)
+        seat = _compute_zero_axes(axes, c)
+        x, y, z = read_orientation(rows, k)
         put_vec(own, layout.AXES, k, into(seat, (x[0], y[0], z[0])))
         put_vec(own, layout.AXIS_Y, k, into(seat, (x[1], y[1], z[1])))
         put_vec(own, layout.AXIS_Z, k, into(seat, (x[2], y[2], z[2])))
@@ -166,7 +170,7 @@ def _float(own, above, parent, rows, lanes, c):
 
 
 @jit_lanes
-def set_aside(plan, work, lanes, which):
+def copy_accelerations(plan, work, lanes, which):
     """Copy the accelerations of joints, whose rows become efforts [any unit]; which : cell of the header."""
     first = plan[which]
     for i in range(plan[which + 1]):
@@ -202,18 +206,18 @@ def move(plan, fixed, work, first_body, count, lanes):
         c = fixed[numbers:]
         origin = work[place : place + layout.VECTOR]
         if kind == layout.ROOT_TURN:
-            _root_turn(own, rows, lanes, c)
+            _fill_root_revolute(own, rows, lanes, c)
         elif kind == layout.CHAIN:
-            _chain(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
+            _fill_chain_revolute(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
         elif kind == layout.TWO_TURNS:
-            _two_turns(own, work[above : above + _JOINT], rows, lanes, c)
+            _fill_universal(own, work[above : above + _JOINT], rows, lanes, c)
         elif kind == layout.TURN:
             _turn(own, origin, parent, rows, lanes, c)
         elif kind == layout.TILT:
-            _tilt(own, origin, parent, rows, lanes, c)
+            _fill_revolute(own, origin, parent, rows, lanes, c)
         elif kind == layout.SLIDE:
-            _slide(own, origin, parent, rows, lanes, c)
+            _fill_prismatic(own, origin, parent, rows, lanes, c)
         elif kind == layout.SCREW:
-            _screw(own, origin, parent, rows, lanes, c)
+            _fill_screw(own, origin, parent, rows, lanes, c)
         elif kind == layout.FLOAT:
-            _float(own, origin, parent, rows, lanes, c)
+            _fill_floating(own, origin, parent, rows, lanes, c)

@@ -256,28 +256,28 @@ class _Names:
         return f"{step.operation.name.lower():15}{text}"
 
 
-def _reader(record: type[Any], table: int) -> Any:
+def _make_record_reader(record: type[Any], table: int) -> Any:
     """The kernel that gives a record by its number in a table of the plan."""
     count = len(record._fields)
 
     @jit_lanes
-    def record_at(plan, number):
+    def read_record(plan, number):
         return record(*to_fixed_tuple(plan[plan[table] + number * np.uint64(count) :], count))  # type: ignore[call-arg]
 
-    return record_at
+    return read_record
 
 
-body_at = _reader(BodyRecord, BODIES)
-closure_at = _reader(ClosureRecord, CLOSURE_RECORDS)
-column_at = _reader(ColumnRecord, COLUMNS)
+body_at = _make_record_reader(BodyRecord, BODIES)
+closure_at = _make_record_reader(ClosureRecord, CLOSURE_RECORDS)
+column_at = _make_record_reader(ColumnRecord, COLUMNS)
 
 
-def one_of_four(make: Callable[[int], Any], first: int) -> Any:
+def make_choice_of_four(make: Callable[[int], Any], first: int) -> Any:
     """Return the kernel that hands all but its first argument, a number of 0 to 3 [-], to ``make(first + number)``."""
     one, two, three, four = (make(first + number) for number in range(4))
 
     @jit_lanes
-    def chosen(number, *given):
+    def run_choice(number, *given):
         if number == 0:
             one(*given)
         elif number == 1:
@@ -287,4 +287,4 @@ def one_of_four(make: Callable[[int], Any], first: int) -> Any:
         else:
             four(*given)
 
-    return chosen
+    return run_choice

@@ -23,9 +23,9 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.body_table import Bodies, carriers
+from flexinv.rnea.body_table import Bodies, find_carrier_nodes
 from flexinv.rnea.loop_layout import SIX, SIX_ROWS, LoopPlan, Operation, Step
-from flexinv.rnea.loop_tables import CLEARLY, tables
+from flexinv.rnea.loop_tables import CLEARLY, build_loop_tables
 from flexinv.typing import Array
 
 # An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.
@@ -40,52 +40,52 @@ NO_LOOPS = LoopPlan(np.zeros(layout.HEADER, dtype=np.uint64), np.zeros(4), 0, np
 Run = Callable[[Bodies, LoopPlan], Array]
 
 
-def ends(mesh: Mesh, rows: Rows) -> frozenset[int]:
+def list_closure_ends(mesh: Mesh, rows: Rows) -> frozenset[int]:
     """Return the nodes [-] whose bodies closures end at, -1 the world: how they accelerate is looked at (`loop_space`)."""
     closed = ~rows.gear.any(axis=1)
     nodes = np.concatenate([rows.a[closed], rows.b[closed]])
-    return frozenset(int(carriers(mesh)[0][n]) if n >= 0 else -1 for n in nodes)
+    return frozenset(int(find_carrier_nodes(mesh)[0][n]) if n >= 0 else -1 for n in nodes)
 
 
-def planned(
+def plan_loops(
     mesh: Mesh, candidates: tuple[Bodies, Bodies], rows: Rows, limits: tuple[float, float, float], run: Run
 ) -> tuple[Bodies, LoopPlan] | None:
     """Return the bodies and the plan [any unit] of a mechanism, None with too few drives or where none can be found.
 
-    candidates : bodies for a mechanism in the plane, and those that keep how the `ends` of closures accelerate
+    candidates : bodies for a mechanism in the plane, and those that keep how the `list_closure_ends` of closures accelerate
     run : the work space of a block with `PLACES` samples, whose joints stand anywhere, after the kernel without steps
     """
     m = mesh.mechanism
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
-    first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows.closure), dtype=bool))
+    first = build_loop_tables(mesh, candidates[1], rows, limits, np.ones(len(rows.closure), dtype=bool))
     unit = measures(mesh) / rows.scale[:, None]  # of lengths over the mechanism's
-    g = _matrix(first, unit, lambda plan: run(candidates[1], plan))
+    g = _compute_scaled_jacobian(first, unit, lambda plan: run(candidates[1], plan))
     rank = int(ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
     if rank < len(passive) or not drives:
         return None
     unmoved = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2)))
     rest = np.zeros((1, m.nv))
-    phi = closed_rows(mesh, rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
+    phi = closed_rows(mesh, rigid_motion(mesh, sample_configurations(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
     if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
     kept = np.asarray(g.any(axis=(0, 2)))
     flat = all(body.kind in FLAT for body in first.bodies)
     b = candidates[0]
     pairs = dict[int, tuple[int, int]]()
-    plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
+    plan = build_loop_tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
         b = candidates[1]
-        pairs = _pairs(m, rows, g)
-        plan = tables(mesh, b, rows, limits, kept, pairs=pairs)
+        pairs = _find_universal_pairs(m, rows, g)
+        plan = build_loop_tables(mesh, b, rows, limits, kept, pairs=pairs)
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
-    found = _with_steps(plan, _matrix(plan, unit, lambda plan: run(b, plan)), b, m, left)
+    found = _add_steps(plan, _compute_scaled_jacobian(plan, unit, lambda plan: run(b, plan)), b, m, left)
     first_row = {int(c): int(np.argmax(rows.closure == c)) for c in np.unique(rows.closure)}
     names = (f"{m.closures[c].name}.{k - first_row[c]}" for k, c in enumerate(rows.closure.tolist()))
     return None if found is None else (b, replace(found, rows=tuple(names)))
 
 
-def _with_steps(
+def _add_steps(
     plan: LoopPlan, g: Array, bodies: Bodies, mechanism: Mechanism, left: tuple[list[int], list[int], int]
 ) -> LoopPlan | None:
     """The plan with the order in which rows are combined; left : passive coordinates, drives, rows beyond."""
@@ -101,7 +101,7 @@ def _with_steps(
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(g[0]))]
     e = Elimination(patterns, g[0].copy(), plan.matrix, plan.sizes, take, plan.constant)
     effort = [int(i) for i in bodies.columns[mechanism.nq + mechanism.nv :]]
-    if not sharing(e, effort, *left, len(plan.fixed)):
+    if not plan_effort_steps(e, effort, *left, len(plan.fixed)):
         return None
     words = plan.plan.copy()
     steps = [word for step in e.steps for word in step.words]
@@ -113,7 +113,7 @@ def _with_steps(
     return replace(found, coordinates=mechanism.velocity_names, steps=tuple(e.steps))
 
 
-def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, int]]:
+def _find_universal_pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, int]]:
     """For closures that hold a point and nothing else the two coordinates of a universal joint in no other, without a drive."""
     out = {}
     for closure in np.unique(rows.closure):
@@ -149,7 +149,7 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     return bool(height)
 
 
-def _matrix(plan: LoopPlan, unit: Array, run: Callable[[LoopPlan], Array]) -> Array:
+def _compute_scaled_jacobian(plan: LoopPlan, unit: Array, run: Callable[[LoopPlan], Array]) -> Array:
     """G (places, rows, nv), rounding taken for zero; unit : (rows, nv) what makes lengths numbers."""
     work = run(plan)
     g = np.stack([np.where(plan.matrix > 0, work[plan.matrix + k], 0.0) for k in range(PLACES)])
@@ -157,7 +157,7 @@ def _matrix(plan: LoopPlan, unit: Array, run: Callable[[LoopPlan], Array]) -> Ar
     return np.where(size > ZERO_ENTRY * size.max(initial=0.0), g, 0.0)
 
 
-def anywhere(mechanism: Mechanism, count: int) -> Array:
+def sample_configurations(mechanism: Mechanism, count: int) -> Array:
     """Return coordinates (count, nq) [rad], [m] of joints that stand anywhere, the same ones every time."""
     random = np.random.default_rng(1)
     q = random.uniform(-1.0, 1.0, (count, mechanism.nq))
@@ -188,7 +188,7 @@ class Elimination:
     steps: list[Step] = field(default_factory=list)
     fills: list[int] = field(default_factory=list)
 
-    def eliminate(self, column: int, among: list[int]) -> int | None:
+    def plan_elimination(self, column: int, among: list[int]) -> int | None:
         """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one.
 
         It is held against all sizes of the column but the first one, which is left to who solves for it.
@@ -221,7 +221,7 @@ class Elimination:
         return self.fills[-1]
 
 
-def sharing(
+def plan_effort_steps(
     elimination: Elimination, effort: Sequence[int], passive: list[int], drives: list[int], beyond: int, weights: int
 ) -> bool:
     """Write the steps [-] that share efforts out; return whether there are any that do.
@@ -230,7 +230,7 @@ def sharing(
     """
     e = elimination
     left = [r for r, row in enumerate(elimination.rows) if row]
-    if not beyond and _are_six(e, left, passive, effort):
+    if not beyond and _is_six_by_six(e, left, passive, effort):
         at = e.take(SIX_ROWS)
         sizes = [(e.sizes[c][0], 0) for c in passive]
         e.steps.append(Step(Operation.ALL_SIX, e.rows[left[0]][passive[0]], effort[passive[0]], at, sizes))
@@ -242,8 +242,8 @@ def sharing(
     solved = list[tuple[int, int]]()
     against = list[int]()
     while order:
-        column = min(order, key=lambda c: _cost(e, left, c))
-        pivot = e.eliminate(column, left)
+        column = min(order, key=lambda c: _compute_pivot_cost(e, left, c))
+        pivot = e.plan_elimination(column, left)
         if pivot is None:
             return False
         order.remove(column)
@@ -251,7 +251,7 @@ def sharing(
         solved.append((column, pivot))
     for _ in range(beyond):
         column = max(drives, key=lambda c: float(np.abs(e.numbers[left, c]).max(initial=0.0)))
-        pivot = e.eliminate(column, left)
+        pivot = e.plan_elimination(column, left)
         if pivot is None:
             return False
         left.remove(pivot)
@@ -264,11 +264,11 @@ def sharing(
     for column, pivot in solved:
         others = [(entry, effort[c]) for c, entry in sorted(e.rows[pivot].items()) if c != column]
         e.steps.append(Step(Operation.SOLVE, e.rows[pivot][column], effort[column], e.sizes[column][0], others))
-    _project(e, effort, against, drives, weights)
+    _plan_projection(e, effort, against, drives, weights)
     return True
 
 
-def _are_six(elimination: Elimination, left: list[int], passive: list[int], effort: Sequence[int]) -> bool:
+def _is_six_by_six(elimination: Elimination, left: list[int], passive: list[int], effort: Sequence[int]) -> bool:
     """Return True if six rows and efforts of six passive coordinates are contiguous, constant in size, not singular."""
     sizes = [elimination.sizes[c] for c in passive]
     if not len(left) == len(passive) == SIX or any(len(s) != 1 or s[0] not in elimination.constant for s in sizes):
@@ -281,13 +281,13 @@ def _are_six(elimination: Elimination, left: list[int], passive: list[int], effo
     return entries == contiguous and efforts == contiguous[:SIX] and bool(values[-1] > PIVOT * values[0])
 
 
-def _cost(elimination: Elimination, left: list[int], column: int) -> tuple[int, int]:
+def _compute_pivot_cost(elimination: Elimination, left: list[int], column: int) -> tuple[int, int]:
     """Rows that have an entry in a column, and their entries."""
     own = [elimination.rows[r] for r in left if column in elimination.rows[r]]
     return len(own), sum(len(row) for row in own)
 
 
-def _project(
+def _plan_projection(
     elimination: Elimination, effort: Sequence[int], against: list[int], drives: list[int], weights: int
 ) -> None:
     """Take from the efforts, row by row, what drives do against each other; Gram's and Schmidt's modified order."""

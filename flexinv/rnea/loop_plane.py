@@ -15,20 +15,20 @@ from __future__ import annotations
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_allocation import coupled, hold
+from flexinv.rnea.loop_allocation import fill_coupling_columns, update_largest_squares
 from flexinv.rnea.recursion import COS, PLACE, RATE, SIN
 
 _PAIR = row(0)
 
 
 @jit_lane
-def _pair(rows, first, k):
+def _read_pair(rows, first, k):
     """Lane k of two rows."""
     return rows[first + k], rows[first + LANES + k]
 
 
 @jit_lane
-def _put(own, k, heading, at, v, w, al, a):
+def _write_body_motion(own, k, heading, at, v, w, al, a):
     own[layout.AXES + k], own[layout.AXES + LANES + k] = heading
     own[layout.AT + k], own[layout.AT + LANES + k] = at
     own[layout.PLANE_SPEED + k], own[layout.PLANE_SPEED + LANES + k] = v
@@ -38,34 +38,36 @@ def _put(own, k, heading, at, v, w, al, a):
 
 
 @jit_lane
-def _turned(c, s, v):
+def _apply_rotation(c, s, v):
     """A vector turned by an angle of cosine c and sine s."""
     return c * v[0] - s * v[1], s * v[0] + c * v[1]
 
 
 @jit_lane
-def _moved(body, k, arm):
+def _compute_point_motion(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
-    c, s = _pair(body, layout.AXES, k)
-    x, y = _turned(c, s, arm)
+    c, s = _read_pair(body, layout.AXES, k)
+    x, y = _apply_rotation(c, s, arm)
     w = body[layout.PLANE_SPIN + k]
     al = body[layout.PLANE_SPIN_RATE + k]
-    at = _pair(body, layout.AT, k)
-    v = _pair(body, layout.PLANE_SPEED, k)
-    a = _pair(body, layout.PLANE_ACCELERATION, k)
+    at = _read_pair(body, layout.AT, k)
+    v = _read_pair(body, layout.PLANE_SPEED, k)
+    a = _read_pair(body, layout.PLANE_ACCELERATION, k)
     at = (at[0] + x, at[1] + y)
     v = (v[0] - w * y, v[1] + w * x)
     return at, v, (a[0] - al * y - w * w * x, a[1] + al * x - w * w * y)
 
 
 @jit_lanes
-def _from_root(own, rows, lanes, c):
+def _fill_root_revolute(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
     zero = (c[0], c[1])
     at = (c[9], c[10])
     for k in range(lanes):
-        heading = _turned(rows[COS + k], rows[SIN + k], zero)
-        _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[layout.KEPT_ACCELERATION + k], (0.0, 0.0))
+        heading = _apply_rotation(rows[COS + k], rows[SIN + k], zero)
+        _write_body_motion(
+            own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[layout.KEPT_ACCELERATION + k], (0.0, 0.0)
+        )
 
 
 @jit_lanes
@@ -74,16 +76,16 @@ def _turn(own, parent, rows, lanes, c):
     zero = (c[0], c[1])
     arm = (c[9], c[10])
     for k in range(lanes):
-        at, v, a = _moved(parent, k, arm)
-        cosine, sine = _pair(parent, layout.AXES, k)
-        heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
+        at, v, a = _compute_point_motion(parent, k, arm)
+        cosine, sine = _read_pair(parent, layout.AXES, k)
+        heading = _apply_rotation(rows[COS + k], rows[SIN + k], _apply_rotation(cosine, sine, zero))
         w = parent[layout.PLANE_SPIN + k] + rows[RATE + k]
         al = parent[layout.PLANE_SPIN_RATE + k] + own[layout.KEPT_ACCELERATION + k]
-        _put(own, k, heading, at, v, w, al, a)
+        _write_body_motion(own, k, heading, at, v, w, al, a)
 
 
 @jit_lanes
-def _slide(own, parent, rows, lanes, c):
+def _fill_prismatic(own, parent, rows, lanes, c):
     """A body that slides along a direction d of its parent, whose heading it has."""
     along = (c[6], c[7])
     px = c[9]
@@ -92,13 +94,13 @@ def _slide(own, parent, rows, lanes, c):
         q = rows[PLACE + k]
         rate = rows[RATE + k]
         second = own[layout.KEPT_ACCELERATION + k]
-        at, v, a = _moved(parent, k, (px + q * along[0], py + q * along[1]))
-        heading = _pair(parent, layout.AXES, k)
+        at, v, a = _compute_point_motion(parent, k, (px + q * along[0], py + q * along[1]))
+        heading = _read_pair(parent, layout.AXES, k)
         w = parent[layout.PLANE_SPIN + k]
-        dx, dy = _turned(heading[0], heading[1], along)
+        dx, dy = _apply_rotation(heading[0], heading[1], along)
         v = v[0] + rate * dx, v[1] + rate * dy
         a = a[0] + second * dx - 2.0 * w * rate * dy, a[1] + second * dy + 2.0 * w * rate * dx
-        _put(own, k, heading, at, v, w, parent[layout.PLANE_SPIN_RATE + k], a)
+        _write_body_motion(own, k, heading, at, v, w, parent[layout.PLANE_SPIN_RATE + k], a)
         own[layout.SLIDING_AXIS + k] = dx
         own[layout.SLIDING_AXIS + LANES + k] = dy
 
@@ -110,8 +112,8 @@ def _close(a, b, own, lanes, c):
     at_b = (c[3], c[4])
     scale = c[6]
     for k in range(lanes):
-        xa, va, aa = _moved(a, k, at_a)
-        xb, vb, ab = _moved(b, k, at_b)
+        xa, va, aa = _compute_point_motion(a, k, at_a)
+        xb, vb, ab = _compute_point_motion(b, k, at_b)
         own[layout.POINT + k], own[layout.POINT + LANES + k] = xb
         gap = scale * ((xb[0] - xa[0]) ** 2 + (xb[1] - xa[1]) ** 2)
         rate = (vb[0] - va[0]) ** 2 + (vb[1] - va[1]) ** 2
@@ -119,15 +121,15 @@ def _close(a, b, own, lanes, c):
 
 
 @jit_lanes
-def _column(to, axis, at, own, lanes, along, about):
+def _write_column(to, axis, at, own, lanes, along, about):
     """Write the velocity of the point of B per unit rate of a joint, along a direction or about its place, and its square.
 
     What turns has no direction: rows of zeros.
     """
     for k in range(lanes):
-        point = _pair(own, layout.POINT, k)
-        place = _pair(at, _PAIR, k)
-        d = _pair(axis, _PAIR, k)
+        point = _read_pair(own, layout.POINT, k)
+        place = _read_pair(at, _PAIR, k)
+        d = _read_pair(axis, _PAIR, k)
         x = along * d[0] + about * (place[1] - point[1])
         y = along * d[1] + about * (point[0] - place[0])
         to[layout.ENTRIES + k] = x
@@ -136,7 +138,7 @@ def _column(to, axis, at, own, lanes, along, about):
 
 
 @jit_lanes
-def in_plane(plan, fixed, work, lanes, sums):
+def fill_planar_closures(plan, fixed, work, lanes, sums):
     """Set points [m] and G, and hold the squares of the closures."""
     for i in range(plan[layout.BODIES + 1]):
         kind, own, above, rows, numbers, _ = layout.body_at(plan, i)
@@ -145,9 +147,9 @@ def in_plane(plan, fixed, work, lanes, sums):
         rows = work[rows:]
         c = fixed[numbers:]
         if kind == layout.ROOT_TURN:
-            _from_root(own, rows, lanes, c)
+            _fill_root_revolute(own, rows, lanes, c)
         elif kind == layout.SLIDE:
-            _slide(own, parent, rows, lanes, c)
+            _fill_prismatic(own, parent, rows, lanes, c)
         else:
             _turn(own, parent, rows, lanes, c)
     for i in range(plan[layout.CLOSURE_RECORDS + 1]):
@@ -155,12 +157,12 @@ def in_plane(plan, fixed, work, lanes, sums):
         own = work[closure.own :]
         c = fixed[closure.numbers :]
         if closure.kind == layout.COUPLED:
-            coupled(plan, fixed, work, own, lanes, closure, c[0])
+            fill_coupling_columns(plan, fixed, work, own, lanes, closure, c[0])
         else:
             _close(work[closure.axes_a :], work[closure.axes_b :], own, lanes, c)
             for j in range(closure.columns):
                 column = layout.column_at(plan, closure.first + j)
                 to = work[column.to :]
                 signs = fixed[column.signs :]
-                _column(to, work[column.axis :], work[column.joint :], own, lanes, signs[0], signs[1])
-        hold(plan, fixed, work, lanes, closure, sums, False)
+                _write_column(to, work[column.axis :], work[column.joint :], own, lanes, signs[0], signs[1])
+        update_largest_squares(plan, fixed, work, lanes, closure, sums, False)

@@ -36,9 +36,16 @@ from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import cross, dot, into, minus, plus, plus_cross, put_vec, row, times, vec_of
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, coupled, hold
-from flexinv.rnea.loop_bodies import axes_of, components, move, square
-from flexinv.rnea.recursion import EFFORTS_FREE, EFFORTS_TURNING, RATES_FREE, RATES_TURNING, acceleration_at, state_of
+from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, fill_coupling_columns, update_largest_squares
+from flexinv.rnea.loop_bodies import add_squares, compute_components, move, read_axes
+from flexinv.rnea.recursion import (
+    EFFORTS_FREE,
+    EFFORTS_TURNING,
+    RATES_FREE,
+    RATES_TURNING,
+    compute_acceleration_at,
+    read_state,
+)
 
 _NONE = (0.0, 0.0, 0.0)
 _VEC = np.uint64(0)
@@ -56,25 +63,25 @@ _AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3,
 
 
 @jit_lane
-def _point(axes, place, k, seat):
+def _compute_point(axes, place, k, seat):
     """The place of a point of a body."""
-    return plus(vec_of(place, _VEC, k), into(axes_of(axes, k), seat))
+    return plus(vec_of(place, _VEC, k), into(read_axes(axes, k), seat))
 
 
 @jit_lane
-def _in_root(axes, k, turned, v):
+def _convert_to_root(axes, k, turned, v):
     """A vector of the recursion in the axes of the root."""
-    return into(axes_of(axes, k), into(turned, v))
+    return into(read_axes(axes, k), into(turned, v))
 
 
-def _moving(whole: bool) -> Any:
+def _make_two_end_kernel(whole: bool) -> Any:
     """Return the kernel of two ends that move: the point of B; of three positions the squares of phi and phi''.
 
     Of fewer the gap and its second rate: A's acceleration is that of its body at the point of B, also where that is open.
     """
 
     @jit_lanes
-    def ends(end_a, end_b, own, lanes, c):
+    def fill_ends(end_a, end_b, own, lanes, c):
         a, place_a, state_a = end_a
         b, place_b, state_b = end_b
         scale = c[_SCALE]
@@ -85,13 +92,15 @@ def _moving(whole: bool) -> Any:
         arm_b = vec_at(c, _ARM_B)
         turned_b = mat_at(c, _TURNED_B)
         for k in range(lanes):
-            point = _point(b, place_b, k, at_b)
-            gap = minus(point, _point(a, place_a, k, at_a))
+            point = _compute_point(b, place_b, k, at_b)
+            gap = minus(point, _compute_point(a, place_a, k, at_a))
             if not whole:
-                arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
-            one = acceleration_at(*state_of(state_a, k), arm)
-            other = acceleration_at(*state_of(state_b, k), arm_b)
-            second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
+                arm = compute_components(
+                    turned_a, compute_components(read_axes(a, k), minus(point, vec_of(place_a, _VEC, k)))
+                )
+            one = compute_acceleration_at(*read_state(state_a, k), arm)
+            other = compute_acceleration_at(*read_state(state_b, k), arm_b)
+            second = minus(_convert_to_root(b, k, turned_b, other), _convert_to_root(a, k, turned_a, one))
             put_vec(own, layout.POINT, k, point)
             put_vec(own, layout.GAP_RATE, k, _NONE)
             put_vec(own, layout.SQUARES, k, (scale * dot(gap, gap), 0.0, dot(second, second)) if whole else _NONE)
@@ -99,76 +108,83 @@ def _moving(whole: bool) -> Any:
                 put_vec(own, layout.GAP, k, gap)
                 put_vec(own, layout.SECOND, k, second)
 
-    return ends
+    return fill_ends
 
 
-_whole = _moving(True)
-_partial = _moving(False)
+_whole = _make_two_end_kernel(True)
+_partial = _make_two_end_kernel(False)
 
 
 @jit_lanes
-def _spins(a, state_a, b, state_b, own, lanes, c):
+def _write_angular_rates(a, state_a, b, state_b, own, lanes, c):
     """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
     turned_a = mat_at(c, _TURNED_A)
     turned_b = mat_at(c, _TURNED_B)
     for k in range(lanes):
-        wa, al_a, _ = state_of(state_a, k)
-        wb, al_b, _ = state_of(state_b, k)
-        put_vec(own, layout.SPIN_A, k, _in_root(a, k, turned_a, wa))
-        put_vec(own, layout.SPIN_B, k, _in_root(b, k, turned_b, wb))
-        put_vec(own, layout.TURNING_RATE, k, minus(_in_root(b, k, turned_b, al_b), _in_root(a, k, turned_a, al_a)))
+        wa, al_a, _ = read_state(state_a, k)
+        wb, al_b, _ = read_state(state_b, k)
+        put_vec(own, layout.SPIN_A, k, _convert_to_root(a, k, turned_a, wa))
+        put_vec(own, layout.SPIN_B, k, _convert_to_root(b, k, turned_b, wb))
+        put_vec(
+            own,
+            layout.TURNING_RATE,
+            k,
+            minus(_convert_to_root(b, k, turned_b, al_b), _convert_to_root(a, k, turned_a, al_a)),
+        )
 
 
 @jit_lanes
-def _direction(e, a, b, own, lanes, u, w):
+def _add_direction_squares(e, a, b, own, lanes, u, w):
     """The squares of phi = u . w of one row, and e."""
     for k in range(lanes):
         wa = vec_of(own, layout.SPIN_A, k)
         wb = vec_of(own, layout.SPIN_B, k)
-        us = into(axes_of(a, k), u)
-        ws = into(axes_of(b, k), w)
+        us = into(read_axes(a, k), u)
+        ws = into(read_axes(b, k), w)
         n = cross(ws, us)
         turning = minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
-        square(own, k, dot(us, ws), dot(n, turning), dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning))
+        add_squares(
+            own, k, dot(us, ws), dot(n, turning), dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning)
+        )
         put_vec(e, _VEC, k, n)
 
 
 @jit_lanes
-def _position(e, own, lanes, scale):
+def _add_position_squares(e, own, lanes, scale):
     """The squares of phi = u . d of one row."""
     for k in range(lanes):
         u = vec_of(e, _VEC, k)
         d1 = vec_of(own, layout.GAP_RATE, k)
         second = minus(vec_of(own, layout.SECOND, k), times(2.0, cross(vec_of(own, layout.SPIN_A, k), d1)))
-        square(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
+        add_squares(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
 
 
-def to_ground(count: int) -> Any:
+def make_ground_kernel(count: int) -> Any:
     """Return the kernel of a closure to the ground with so many directions: the point of B [m], e = w x u, the squares.
 
     e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
     """
 
     @jit_lanes
-    def ends(own, axes, place, state, lanes, c):
+    def fill_ends(own, axes, place, state, lanes, c):
         at = vec_at(c, _AT)
         there = vec_at(c, _THERE)
         rest = vec_at(c, _REST)
         is_b = c[_IS_B]
         scale = c[_GROUND_SCALE]
         for k in range(lanes):
-            frame = axes_of(axes, k)
-            w, al, a = state_of(state, k)
+            frame = read_axes(axes, k)
+            w, al, a = read_state(state, k)
             d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
-            second = minus(into(frame, acceleration_at(w, al, a, at)), rest)
+            second = minus(into(frame, compute_acceleration_at(w, al, a, at)), rest)
             put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
             put_vec(own, layout.GAP_RATE, k, _NONE)
             squares = scale * dot(d, d), 0.0, dot(second, second)
             for j in range(count):
                 pair = _PAIRS + _SIX * np.uint64(j)
                 m = vec_at(c, pair)
-                f = components(frame, vec_at(c, pair + _THREE))
+                f = compute_components(frame, vec_at(c, pair + _THREE))
                 n = cross(m, f)
                 phi = dot(m, f)
                 phi1 = dot(w, n)
@@ -177,14 +193,14 @@ def to_ground(count: int) -> Any:
                 put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
             put_vec(own, layout.SQUARES, k, squares)
 
-    return ends
+    return fill_ends
 
 
-_from_ground = layout.one_of_four(to_ground, 0)
+_from_ground = layout.make_choice_of_four(make_ground_kernel, 0)
 
 
 @jit_lanes
-def _ends(work, closure, own, lanes, c):
+def _fill_ends(work, closure, own, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
     a = work[closure.axes_a :]
     b = work[closure.axes_b :]
@@ -204,18 +220,18 @@ def _ends(work, closure, own, lanes, c):
     else:
         _partial(end_a, end_b, own, lanes, c)
     if positions + directions > np.uint64(0):
-        _spins(a, of_a, b, of_b, own, lanes, c)
+        _write_angular_rates(a, of_a, b, of_b, own, lanes, c)
     for j in range(positions):  # e = u
         u = vec_at(c, _U + _THREE * j)
         for k in range(lanes):
-            put_vec(vectors, j * layout.VECTOR, k, into(axes_of(a, k), u))
+            put_vec(vectors, j * layout.VECTOR, k, into(read_axes(a, k), u))
     for j in range(directions):
         u = c[_U + _THREE * positions + _SIX * j :]
-        _direction(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, vec_at(u, 0), vec_at(u, 3))
+        _add_direction_squares(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, vec_at(u, 0), vec_at(u, 3))
 
 
 @jit_lane
-def _motion(own, axis, at, k, signs):
+def _compute_point_velocity(own, axis, at, k, signs):
     """The velocity of B's point per unit rate of a joint, over the mechanism's length."""
     z = vec_of(axis, _VEC, k)
     arm = minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))
@@ -228,15 +244,15 @@ def _add_rate(own, k, speed, c):
     put_vec(own, layout.GAP_RATE, k, plus(vec_of(own, layout.GAP_RATE, k), times(speed, c)))
 
 
-def moving(count: int) -> Any:
+def make_column_kernel(count: int) -> Any:
     """Return the kernel of a joint's size, its column in three positions and so many directions [-], and what it adds to d'.
 
     Loops over a constant are taken apart.
     """
 
     @jit_lane
-    def lane(column, own, axis, at, rates, k, signs):
-        c = _motion(own, axis, at, k, signs)
+    def fill_lane(column, own, axis, at, rates, k, signs):
+        c = _compute_point_velocity(own, axis, at, k, signs)
         z = vec_of(axis, _VEC, k)
         column[k] = dot(c, c) + (signs[2] * signs[2] if count else 0.0)
         for j in range(3):
@@ -247,34 +263,34 @@ def moving(count: int) -> Any:
             column[_ROW * (_FOUR + np.uint64(j)) + k] = signs[2] * dot(e, z)
 
     @jit_lanes
-    def columns(column, own, axis, at, rates, lanes, signs):
+    def fill_lanes(column, own, axis, at, rates, lanes, signs):
         for k in range(lanes):
-            lane(column, own, axis, at, rates, k, signs)
+            fill_lane(column, own, axis, at, rates, k, signs)
 
-    return columns
+    return fill_lanes
 
 
-_whole_column = layout.one_of_four(moving, 0)
+_whole_column = layout.make_choice_of_four(make_column_kernel, 0)
 
 
 @jit_lanes
-def _moved(to, axis, at, own, rates, lanes, signs, turns):
+def _write_column_size(to, axis, at, own, rates, lanes, signs, turns):
     """Write the size of a column and c behind it, and add to d'; turns : what directions add to the size."""
     for k in range(lanes):
-        c = _motion(own, axis, at, k, signs)
+        c = _compute_point_velocity(own, axis, at, k, signs)
         put_vec(to, layout.ENTRIES, k, c)
         to[k] = dot(c, c) + turns
         _add_rate(own, k, signs[3] * rates[k], c)
 
 
 @jit_lanes
-def _column(work, closure, column, own, lanes, signs):
+def _fill_column(work, closure, column, own, lanes, signs):
     """Set the entries of one column, row by row: along u of single positions, about e of directions."""
     z = work[column.axis :]
     to = work[column.to :]
     positions = closure.positions
     turns = signs[2] * signs[2] if closure.directions > _VEC else 0.0
-    _moved(to, z, work[column.joint :], own, work[column.rate :], lanes, signs, turns)
+    _write_column_size(to, z, work[column.joint :], own, work[column.rate :], lanes, signs, turns)
     for j in range(positions + closure.directions):
         entry = work[column.entry + j * closure.stride :]
         e = own[layout.VECTORS + j * layout.VECTOR :]
@@ -284,7 +300,7 @@ def _column(work, closure, column, own, lanes, signs):
 
 
 @jit_lanes
-def _reduce(work, one, other, own, lanes, signs):
+def _remove_universal_joint(work, one, other, own, lanes, signs):
     """Take both columns of a universal joint; set u, f, d'; return how often the arm is nearly in their plane, or nearly none."""
     axis = work[one.axis :]
     axis_too = work[other.axis :]
@@ -319,7 +335,7 @@ def _reduce(work, one, other, own, lanes, signs):
 
 
 @jit_lanes
-def _single(work, column, own, lanes, signs):
+def _fill_single_column(work, column, own, lanes, signs):
     """The column of one coordinate, g = u . c, and what the force does for its joint."""
     to = work[column.to :]
     entry = work[column.entry :]
@@ -328,7 +344,7 @@ def _single(work, column, own, lanes, signs):
     axis = work[column.axis :]
     at = work[column.joint :]
     for k in range(lanes):
-        c = _motion(own, axis, at, k, signs)
+        c = _compute_point_velocity(own, axis, at, k, signs)
         to[k] = dot(c, c)
         entry[k] = dot(vec_of(own, layout.UNIT_FORCE, k), c)
         effort[k] -= dot(vec_of(own, layout.JOINT_FORCE, k), c)
@@ -336,15 +352,15 @@ def _single(work, column, own, lanes, signs):
 
 
 @jit_lanes
-def _floating(entries, body, own, rows, lanes, c):
+def _fill_floating_columns(entries, body, own, rows, lanes, c):
     """The six columns of a free body that holds the point, r in its axes: u and f with their moments about its origin."""
     scale = c[0]
     sign = c[0] * c[3]
     r = vec_at(c, 4)
     for k in range(lanes):
-        axes = axes_of(body, k)
-        along = times(scale, components(axes, vec_of(own, layout.UNIT_FORCE, k)))
-        pull = times(scale, components(axes, vec_of(own, layout.JOINT_FORCE, k)))
+        axes = read_axes(body, k)
+        along = times(scale, compute_components(axes, vec_of(own, layout.UNIT_FORCE, k)))
+        pull = times(scale, compute_components(axes, vec_of(own, layout.JOINT_FORCE, k)))
         put_vec(entries, _VEC, k, along)
         put_vec(entries, layout.VECTOR, k, cross(r, along))
         put_vec(rows, EFFORTS_FREE, k, minus(vec_of(rows, EFFORTS_FREE, k), pull))
@@ -353,14 +369,14 @@ def _floating(entries, body, own, rows, lanes, c):
 
 
 @jit_lanes
-def columns(plan, fixed, work, closure, own, lanes):
+def fill_columns(plan, fixed, work, closure, own, lanes):
     """Set the columns of one closure, positions over the mechanism's length [1/rad], [1/m], directions [-]; return doubts."""
     doubts = 0
     first = _VEC
     if closure.reduced > _VEC:
         one = layout.column_at(plan, closure.first)
         other = layout.column_at(plan, closure.first + _ONE)
-        doubts = _reduce(work, one, other, own, lanes, fixed[one.signs :])
+        doubts = _remove_universal_joint(work, one, other, own, lanes, fixed[one.signs :])
         first = np.uint64(2)
     for j in range(first, closure.columns):
         column = layout.column_at(plan, closure.first + j)
@@ -368,20 +384,20 @@ def columns(plan, fixed, work, closure, own, lanes):
         at = work[column.joint :]
         c = fixed[column.signs :]
         if column.kind == layout.FLOATING:
-            _floating(work[column.entry :], axis, own, at, lanes, c)
+            _fill_floating_columns(work[column.entry :], axis, own, at, lanes, c)
             break  # the records of the other axes are there for their sums
         signs = c[0], c[1], c[2], c[3]
         if closure.reduced > _VEC:
-            _single(work, column, own, lanes, signs)
+            _fill_single_column(work, column, own, lanes, signs)
         elif closure.kind == layout.WHOLE:
             _whole_column(closure.directions, work[column.to :], own, axis, at, work[column.rate :], lanes, signs)
         else:
-            _column(work, closure, column, own, lanes, signs)
+            _fill_column(work, closure, column, own, lanes, signs)
     return doubts
 
 
 @jit_lanes
-def in_space(plan, fixed, work, lanes, sums):
+def fill_spatial_closures(plan, fixed, work, lanes, sums):
     """Set points [m] and G, and hold the squares of the closures; return how often reduced closures are in doubt.
 
     Closure after closure: rows of what is in one loop only are used again by the next.
@@ -393,12 +409,12 @@ def in_space(plan, fixed, work, lanes, sums):
         own = work[closure.own :]
         move(plan, fixed, work, closure.first_body, closure.body_count, lanes)
         if closure.kind == layout.COUPLED:
-            coupled(plan, fixed, work, own, lanes, closure, c[0])
+            fill_coupling_columns(plan, fixed, work, own, lanes, closure, c[0])
         else:
-            _ends(work, closure, own, lanes, c)
-            doubts += columns(plan, fixed, work, closure, own, lanes)
+            _fill_ends(work, closure, own, lanes, c)
+            doubts += fill_columns(plan, fixed, work, closure, own, lanes)
         if closure.kind == layout.PARTIAL:
             for j in range(closure.positions):
-                _position(own[layout.VECTORS + j * layout.VECTOR :], own, lanes, c[_SCALE])
-        hold(plan, fixed, work, lanes, closure, sums, True)
+                _add_position_squares(own[layout.VECTORS + j * layout.VECTOR :], own, lanes, c[_SCALE])
+        update_largest_squares(plan, fixed, work, lanes, closure, sums, True)
     return doubts

@@ -15,7 +15,7 @@ from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.body_table import TURNING_KINDS, Bodies, carriers
+from flexinv.rnea.body_table import TURNING_KINDS, Bodies, find_carrier_nodes
 from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, LoopPlan
 from flexinv.rnea.recursion import BODY_LEAD, BODY_P, BODY_R, BODY_TILT, TREE_KIND, TREE_PARENT, TREE_ROWS, TREE_STATE
 from flexinv.typing import Array
@@ -87,13 +87,13 @@ class _Tables:
             self.fixed += np.ravel(part).tolist()
         return at
 
-    def constant_rows(self, count: int, *parts: Array) -> int:
+    def add_constant_rows(self, count: int, *parts: Array) -> int:
         """Rows that keep twelve numbers, made once for every call."""
         at = self.rows(count)
         self.roots.append((at, self.numbers(*parts)))
         return at
 
-    def spans(self, columns: int, bodies: int) -> tuple[int, int, int, int]:
+    def list_spans(self, columns: int, bodies: int) -> tuple[int, int, int, int]:
         """The first column and the first body after so many, each with how many there are since then."""
         return columns, len(self.columns) - columns, bodies, len(self.moved) - bodies
 
@@ -114,7 +114,7 @@ class _Column(NamedTuple):
     record: ColumnRecord
 
 
-def tables(
+def build_loop_tables(
     mesh: Mesh,
     bodies: Bodies,
     rows: Rows,
@@ -137,15 +137,15 @@ def tables(
     words[layout.SCRATCH] = t.rows(layout.SCRATCH_ROWS)
     words[layout.PLANE] = int(plane)
     own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
-    loops = [None if rows.gear[own].any() else _loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
+    loops = [None if rows.gear[own].any() else _find_loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
     several = Counter((loop.root, body) for loop in loops if loop for way in loop.ways for body in way)
     t.shared = frozenset(key for key, count in several.items() if count > 1)
     for own, loop in zip(own_rows, loops, strict=True):
         t.used = 0
         if loop is None:
-            _coupling(t, rows, int(own[0]))
+            _add_coupling(t, rows, int(own[0]))
         elif any(loop.ways):  # else both ends are on one body: nothing moves
-            _closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
+            _add_closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
     lists: dict[int, Sequence[Sequence[int]]] = {
         layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
         layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURE_RECORDS: t.closures,
@@ -162,17 +162,17 @@ def tables(
     return LoopPlan(plan, fixed, t.size, matrix, t.sizes, constant, (), tuple(t.moved), tuple(t.closures))
 
 
-def _seated(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
+def _resolve_carrying_body(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
     """The body that carries a node (-1: the world), R_body,node and the node's place in the body's frame [m]."""
     if node < 0:
         return 0, np.eye(3), np.zeros(3)
-    carrier, turn, place = carriers(mesh)
+    carrier, turn, place = find_carrier_nodes(mesh)
     body = int(np.flatnonzero(bodies.node == carrier[node])[0])  # the world's node is -1, its axes those of the mesh
     axes = bodies.axes[body].T
     return body, axes @ turn[node], axes @ place[node]
 
 
-def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
+def _compute_zero_placement(bodies: Bodies, i: int) -> tuple[Array, Array]:
     """R_parent,body at the coordinate's zero but for the turn about z, and p."""
     n = bodies.numbers[i]
     c, s = n[BODY_TILT : BODY_TILT + 2]
@@ -181,7 +181,7 @@ def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
     return r @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), p
 
 
-def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
+def _add_root_frame(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
     """The frame of a root, z that of the first joint of the loop that turns; slides before it turn nothing."""
     if (root, root) in tables.frames:
         return
@@ -189,7 +189,7 @@ def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
     for way in ways:
         turn = np.eye(3)
         for body in way[::-1]:
-            turn = turn @ _seat(tables.bodies, body)[0]
+            turn = turn @ _compute_zero_placement(tables.bodies, body)[0]
             axes.append((int(tables.bodies.tree[body, TREE_KIND]) == PRISMATIC, turn[:, 2]))
             if not axes[-1][0]:
                 break
@@ -200,24 +200,26 @@ def _root(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> None:
     # rows: the root's axes z and two at right angles
     basis = np.stack([x, np.cross(z, x), z])
     one = np.eye(3)
-    rows = tables.constant_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, one[2], np.zeros(3), one[:2])
+    rows = tables.add_constant_rows(
+        layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, one[2], np.zeros(3), one[:2]
+    )
     tables.frames[root, root] = _Frame(rows, rows + int(layout.AT), 0, basis)
 
 
-def _frame(tables: _Tables, root: int, body: int) -> _Frame:
+def _make_frame(tables: _Tables, root: int, body: int) -> _Frame:
     """The frame of a body of a loop, made with those of its parents; one that slides in space has its parent's axes."""
     if (root, body) in tables.frames:
         return tables.frames[root, body]
     kind, parent, rows = (int(cell) for cell in tables.bodies.tree[body, :3])
-    above = _frame(tables, root, parent)
-    r, p = (above.turned @ x for x in _seat(tables.bodies, body))
+    above = _make_frame(tables, root, parent)
+    r, p = (above.turned @ x for x in _compute_zero_placement(tables.bodies, body))
     is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
     turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
     alone = (root, body) not in tables.shared
     goes_on = turn == layout.TILT and kind in TURNING_KINDS and (root, parent) not in tables.shared
     before = tables.moved[-1].kind if goes_on else None  # of the parent, made just now
     if before == layout.ROOT_TURN and not p.any():
-        return _two_turns(tables, root, body, tables.rows(layout.BODY_ROWS, alone))
+        return _make_universal_frame(tables, root, body, tables.rows(layout.BODY_ROWS, alone))
     if before in (layout.ROOT_TURN, layout.CHAIN) and alone:
         turn = layout.CHAIN
         own = above.axes + int(layout.CHAINED)
@@ -235,12 +237,12 @@ def _frame(tables: _Tables, root: int, body: int) -> _Frame:
     return tables.frames[root, body]
 
 
-def _two_turns(tables: _Tables, root: int, body: int, own: int) -> _Frame:
+def _make_universal_frame(tables: _Tables, root: int, body: int, own: int) -> _Frame:
     """The frame of a body on a universal joint in the root; the axis and the place of its first turn are constant."""
     parent, rows = (int(cell) for cell in tables.bodies.tree[body, [TREE_PARENT, TREE_ROWS]])
-    seat, place = (tables.frames[root, root].turned @ x for x in _seat(tables.bodies, parent))
-    first = tables.constant_rows(layout.BODY_ROWS, seat.T[2], place, seat.T[:2])
-    numbers = tables.numbers(seat.T, place, _seat(tables.bodies, body)[0][1:, 1])
+    seat, place = (tables.frames[root, root].turned @ x for x in _compute_zero_placement(tables.bodies, parent))
+    first = tables.add_constant_rows(layout.BODY_ROWS, seat.T[2], place, seat.T[:2])
+    numbers = tables.numbers(seat.T, place, _compute_zero_placement(tables.bodies, body)[0][1:, 1])
     above = int(tables.bodies.tree[parent, TREE_ROWS])
     tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, above, rows, numbers, 0)
     tables.frames[root, parent] = _Frame(first, first + int(layout.AT), 0, np.eye(3))
@@ -248,16 +250,16 @@ def _two_turns(tables: _Tables, root: int, body: int, own: int) -> _Frame:
     return tables.frames[root, body]
 
 
-def _state(tables: _Tables, body: int) -> int:
+def _find_state_offset(tables: _Tables, body: int) -> int:
     """Return the offset of a body's state (w, al, a); the world accelerates by -g."""
     if not body and not tables.world:
-        tables.world = tables.constant_rows(12, np.zeros(6), -tables.mesh.mechanism.gravity, np.zeros(3))
+        tables.world = tables.add_constant_rows(12, np.zeros(6), -tables.mesh.mechanism.gravity, np.zeros(3))
     return int(tables.bodies.tree[body, TREE_STATE]) if body else tables.world
 
 
-def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
+def _find_loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     """The loop that the closure of a row makes."""
-    ends = _seated(mesh, bodies, int(rows.a[k])), _seated(mesh, bodies, int(rows.b[k]))
+    ends = _resolve_carrying_body(mesh, bodies, int(rows.a[k])), _resolve_carrying_body(mesh, bodies, int(rows.b[k]))
     to_world = [[end[0]] for end in ends]
     for way in to_world:
         while way[-1]:
@@ -267,7 +269,7 @@ def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     return _Loop(ends, root, (way_a, way_b))
 
 
-def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
+def _add_closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
     k = own[0]
     root = loop.root
@@ -275,12 +277,12 @@ def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -
     before = (len(tables.columns), len(tables.moved))
     ground = layout.NO_GROUND
     (a, ra, xa), (b, rb, xb) = loop.ends
-    _root(tables, root, loop.ways[::-1])
-    one = _frame(tables, root, a)
-    other = _frame(tables, root, b)
+    _add_root_frame(tables, root, loop.ways[::-1])
+    one = _make_frame(tables, root, a)
+    other = _make_frame(tables, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
     signed = [(body, sign) for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True) for body in way]
-    columns = [column for body, sign in signed for column in _columns_of(tables, root, body, sign)]
+    columns = [column for body, sign in signed for column in _list_joint_columns(tables, root, body, sign)]
     whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= layout.MOST_COLUMNS)
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
@@ -290,19 +292,19 @@ def _closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -
     turned = (one.turned.T, other.turned.T)
     fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
     if whole and not tables.plane and 0 in (a, b):
-        ground, fixed = _from_ground(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
+        ground, fixed = _resolve_ground_end(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
     first = tables.rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
     if pair is None:
-        stride = _rows_of(tables, columns, whole, [*positions, *directions])
+        stride = _add_all_rows(tables, columns, whole, [*positions, *directions])
     else:
-        stride = _row_that_is_left(tables, columns, first, pair, positions[0], (b, arms[1]))
-    states = (0, 0) if tables.plane else (_state(tables, a), _state(tables, b))
+        stride = _add_remaining_row(tables, columns, first, pair, positions[0], (b, arms[1]))
+    states = (0, 0) if tables.plane else (_find_state_offset(tables, a), _find_state_offset(tables, b))
     kind, count = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
     places = kind, first, one.axes, other.axes, one.place, other.place, *states, fixed, count, len(directions)
-    tables.closures.append(ClosureRecord(*places, *tables.spans(*before), stride, int(pair is not None), ground))
+    tables.closures.append(ClosureRecord(*places, *tables.list_spans(*before), stride, int(pair is not None), ground))
 
 
-def _from_ground(
+def _resolve_ground_end(
     tables: _Tables, stands: int, ends: Sequence[_Frame], arms: Sequence[Array], vectors: list[Array], fixed: int
 ) -> tuple[int, int]:
     """Return the end that stands in the world and the constants of `loop_space`; none where the other end is turned."""
@@ -316,7 +318,7 @@ def _from_ground(
     return layout.B_STANDS if stands else layout.A_STANDS, at
 
 
-def _columns_of(tables: _Tables, root: int, body: int, sign: float) -> list[_Column]:
+def _list_joint_columns(tables: _Tables, root: int, body: int, sign: float) -> list[_Column]:
     """The columns of one joint: those of a slide, of a turn about z, or of all axes; sign : 1 on B's way, -1 on A's.
 
     Their accelerations are stored, in the plane for the kernels, in space for the sums.
@@ -339,7 +341,7 @@ def _columns_of(tables: _Tables, root: int, body: int, sign: float) -> list[_Col
     return out
 
 
-def _enter(tables: _Tables, column: _Column, rows: list[int], stride: int = 0, **where: int) -> None:
+def _add_column(tables: _Tables, column: _Column, rows: list[int], stride: int = 0, **where: int) -> None:
     """Write a column with what is known of it now, and note where its size and its entries in these rows stand."""
     record = column.record._replace(**where)
     tables.columns.append(record)
@@ -348,7 +350,7 @@ def _enter(tables: _Tables, column: _Column, rows: list[int], stride: int = 0, *
         tables.matrix[row, column.v] = record.entry + j * stride
 
 
-def _rows_of(tables: _Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
+def _add_all_rows(tables: _Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
     """Columns of a closure in all its rows; return how far rows are apart.
 
     In the plane a column's entries are behind its size; in space columns stand side by side, of three positions their sizes, too.
@@ -357,21 +359,21 @@ def _rows_of(tables: _Tables, columns: list[_Column], whole: bool, rows: list[in
     base = 0 if tables.plane else tables.rows((1 + len(rows)) * stride // BLOCK)
     for i, column in enumerate(columns):
         first = tables.rows(4) if tables.plane else base + i * BLOCK
-        _enter(tables, column, rows, stride, to=first if whole else tables.rows(4), entry=first + stride)
+        _add_column(tables, column, rows, stride, to=first if whole else tables.rows(4), entry=first + stride)
     return stride
 
 
-def _row_that_is_left(
+def _add_remaining_row(
     tables: _Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: tuple[int, Array]
 ) -> int:
     """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
     for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
         column = next(c for c in columns if c.v == v)
-        _enter(tables, column, [], to=own + int(at))
+        _add_column(tables, column, [], to=own + int(at))
     body, (x, y, z) = end
     free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, TREE_KIND]) == FREE else []
     for column in (c for c in columns if c.v not in pair and c not in free):
-        _enter(tables, column, [row], to=tables.rows(1), entry=tables.rows(1))
+        _add_column(tables, column, [row], to=tables.rows(1), entry=tables.rows(1))
     if free:
         if body not in tables.held:
             tables.held[body] = tables.rows(6 * len(tables.pairs))
@@ -379,7 +381,7 @@ def _row_that_is_left(
         scale = 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
         squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
-        known = tables.constant_rows(12, np.pad(squares, (0, 6)))
+        known = tables.add_constant_rows(12, np.pad(squares, (0, 6)))
         sizes = [int(known) + i * BLOCK for i in range(6)]
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
@@ -388,11 +390,11 @@ def _row_that_is_left(
         joint = int(tables.bodies.tree[body, TREE_ROWS])
         free[0] = free[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
         for j, (column, size) in enumerate(zip(free, sizes, strict=True)):
-            _enter(tables, column, [row], to=size, entry=entry + j * BLOCK)
+            _add_column(tables, column, [row], to=size, entry=entry + j * BLOCK)
     return 0
 
 
-def _coupling(tables: _Tables, rows: Rows, row: int) -> None:
+def _add_coupling(tables: _Tables, rows: Rows, row: int) -> None:
     """A coupling: its record, a column for each coordinate."""
     m = tables.mesh.mechanism
     before = len(tables.columns)
@@ -404,6 +406,8 @@ def _coupling(tables: _Tables, rows: Rows, row: int) -> None:
         gear = tables.numbers(rows.gear[row, v])
         tables.keeps.append((second, kept))
         record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
-        _enter(tables, _Column(v, 0, record), [row])
+        _add_column(tables, _Column(v, 0, record), [row])
     places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
-    tables.closures.append(ClosureRecord(*places, *tables.spans(before, len(tables.moved)), 0, 0, layout.NO_GROUND))
+    tables.closures.append(
+        ClosureRecord(*places, *tables.list_spans(before, len(tables.moved)), 0, 0, layout.NO_GROUND)
+    )

@@ -84,7 +84,7 @@ def _sign(x):
 
 
 @jit_lanes
-def _leaving(body):
+def _read_inertia(body):
     """m, h, Sigma: (xx, yy, zz), (xy, xz, yz), and p of the last child's joint, of a body as `body_table.Bodies` has it."""
     h = vec_at(body, BODY_MOMENT)
     child = vec_at(body, BODY_CHILD)
@@ -92,35 +92,35 @@ def _leaving(body):
 
 
 @jit_lanes
-def _law(body):
+def _read_joint_law(body):
     a = BODY_LAW
     return JointLaw(body[a], body[a + 1], body[a + 2], body[a + 3], body[a + 4])
 
 
 @jit_lanes
-def _tilt(body):
+def _read_tilt(body):
     return body[BODY_TILT], body[BODY_TILT + 1]
 
 
 @jit_lanes
-def _zero(body):
+def _read_zero(body):
     return body[BODY_ZERO], body[BODY_ZERO + 1]
 
 
 @jit_lanes
-def state_of(state, k):
+def read_state(state, k):
     """Return w, al and a [rad/s], [rad/s^2], [m/s^2]."""
     return vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION_ROW, k)
 
 
 @jit_lanes
-def acceleration_at(w, al, a, arm):
+def compute_acceleration_at(w, al, a, arm):
     """Return a + al x arm + w x (w x arm) [m/s^2]: the acceleration of another point of the same body."""
     return plus_cross(plus_cross(a, al, arm), w, plus_cross(_NONE, w, arm))
 
 
 @jit_lanes
-def _leave(state, rows, k, w, al, a, leaving):
+def _write_state_and_wrench(state, rows, k, w, al, a, leaving):
     """Leave the state of the place ``onward``, and F = m a + S h, N = h x a + axial(S Sigma) in the body's rows."""
     m, h, (sxx, syy, szz), (sxy, sxz, syz), onward = leaving
     xx = w[0] * w[0]
@@ -144,7 +144,7 @@ def _leave(state, rows, k, w, al, a, leaving):
 
 
 @jit_lanes
-def _angles(rows, lanes):
+def _compute_angles(rows, lanes):
     """Cosine and sine of the coordinate."""
     far = 0
     for k in range(lanes):
@@ -159,12 +159,12 @@ def _angles(rows, lanes):
 @jit_pass
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
-    ct, st = _tilt(body)
-    c0, s0 = _zero(body)
-    leaving = _leaving(body)
-    law = _law(body)
+    ct, st = _read_tilt(body)
+    c0, s0 = _read_zero(body)
+    leaving = _read_inertia(body)
+    law = _read_joint_law(body)
     for k in range(lanes):
-        w, al, a = state_of(state, k)
+        w, al, a = read_state(state, k)
         rate = rows[RATE + k]
         acceleration = rows[EFFORT + k]
         c = c0 * rows[COS + k] - s0 * rows[SIN + k]
@@ -176,42 +176,44 @@ def _turn_outboard(state, rows, lanes, body):
         a = turned(c, -s, tilted(ct, -st, a))
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
         w = (w[0], w[1], w[2] + rate)
-        _leave(state, rows, k, w, al, a, leaving)
+        _write_state_and_wrench(state, rows, k, w, al, a, leaving)
         rows[EFFORT + k] = moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
-def _along_z(w, al, a, place, rate, acceleration):
+def _compute_slide_acceleration(w, al, a, place, rate, acceleration):
     """The acceleration where a slide ends: that of the point, + 2 c x v_j + v_j', v_j = rate z."""
-    a = acceleration_at(w, al, a, (0.0, 0.0, place))
+    a = compute_acceleration_at(w, al, a, (0.0, 0.0, place))
     return a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration
 
 
 @jit_pass
-def _slide_outboard(state, rows, lanes, body):
+def _compute_slide_outboard(state, rows, lanes, body):
     """A body that slides along z."""
-    leaving = _leaving(body)
-    law = _law(body)
+    leaving = _read_inertia(body)
+    law = _read_joint_law(body)
     for k in range(lanes):
-        w, al, a = state_of(state, k)
+        w, al, a = read_state(state, k)
         rate = rows[RATE + k]
         acceleration = rows[EFFORT + k]
-        a = _along_z(w, al, a, rows[PLACE + k], rate, acceleration)
-        _leave(state, rows, k, w, al, a, leaving)
+        a = _compute_slide_acceleration(w, al, a, rows[PLACE + k], rate, acceleration)
+        _write_state_and_wrench(state, rows, k, w, al, a, leaving)
         rows[EFFORT + k] = moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
-def _advance(state, rows, lanes, body):
+def _apply_screw_advance(state, rows, lanes, body):
     """The advance of a screw along z, before it turns: the slide h q of a massless body, h = pitch / (2 pi)."""
     lead = body[BODY_LEAD]
     for k in range(lanes):
-        a = _along_z(*state_of(state, k), lead * rows[PLACE + k], lead * rows[RATE + k], lead * rows[EFFORT + k])
+        a = _compute_slide_acceleration(
+            *read_state(state, k), lead * rows[PLACE + k], lead * rows[RATE + k], lead * rows[EFFORT + k]
+        )
         put_vec(state, ACCELERATION_ROW, k, a)
 
 
 @jit_lanes
-def _orientations(rows, lanes, floats):
+def _compute_orientations(rows, lanes, floats):
     """R_j of the quaternion, normalised first; a ball joint has no position and no linear rates."""
     for k in range(lanes):
         x, y, z = vec_of(rows, QUATERNION, k)
@@ -232,28 +234,28 @@ def _orientations(rows, lanes, floats):
 
 
 @jit_lanes
-def orientation(rows, k):
+def read_orientation(rows, k):
     """Return R_j by rows [-]."""
     return vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
 
 
 @jit_pass
-def _float_outboard(state, rows, lanes, body):
+def _compute_float_outboard(state, rows, lanes, body):
     """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
-    leaving = _leaving(body)
-    law = _law(body)
+    leaving = _read_inertia(body)
+    law = _read_joint_law(body)
     for k in range(lanes):
-        rj = orientation(rows, k)
+        rj = read_orientation(rows, k)
         v = vec_of(rows, RATES_FREE, k)
         wj = vec_of(rows, RATES_TURNING, k)
         dv = vec_of(rows, EFFORTS_FREE, k)
         alj = vec_of(rows, EFFORTS_TURNING, k)
-        w, al, a = state_of(state, k)
-        a = acceleration_at(w, al, a, vec_of(rows, SHIFT, k))
+        w, al, a = read_state(state, k)
+        a = compute_acceleration_at(w, al, a, vec_of(rows, SHIFT, k))
         c = into(rj, w)
         al = plus_cross(plus(into(rj, al), alj), c, wj)
         a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
-        _leave(state, rows, k, plus(c, wj), al, a, leaving)
+        _write_state_and_wrench(state, rows, k, plus(c, wj), al, a, leaving)
     for j in range(6):
         rate = RATES_FREE + np.uint64(j) * LANES
         effort = EFFORTS_FREE + np.uint64(j) * LANES
@@ -272,7 +274,7 @@ def _add(above, k, p, force, moment):
 @jit_pass
 def _turn_inboard(rows, lanes, body):
     """The effort, and the wrench in the frame before the joint."""
-    ct, st = _tilt(body)
+    ct, st = _read_tilt(body)
     for k in range(lanes):
         c = rows[COS + k]
         s = rows[SIN + k]
@@ -284,7 +286,7 @@ def _turn_inboard(rows, lanes, body):
 @jit_pass
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
-    ct, st = _tilt(body)
+    ct, st = _read_tilt(body)
     p = vec_at(body, BODY_P)
     for k in range(lanes):
         c = rows[COS + k]
@@ -295,7 +297,7 @@ def _turn_on_inboard(rows, above, lanes, body):
 
 
 @jit_pass
-def _advance_inboard(rows, lanes, lead):
+def _add_axial_effort(rows, lanes, lead):
     """Add the force along z to the effort of a slide or a screw, and bring the moment to where it begins."""
     for k in range(lanes):
         force = vec_of(rows, FORCE, k)
@@ -305,12 +307,12 @@ def _advance_inboard(rows, lanes, lead):
 
 
 @jit_pass
-def _float_inboard(rows, lanes):
+def _compute_float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
         force = vec_of(rows, FORCE, k)
         moment = vec_of(rows, MOMENT, k)
-        rj = orientation(rows, k)
+        rj = read_orientation(rows, k)
         put_vec(rows, EFFORTS_FREE, k, plus(vec_of(rows, EFFORTS_FREE, k), force))
         put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
         force = plus_out_of(_NONE, rj, force)
@@ -320,7 +322,7 @@ def _float_inboard(rows, lanes):
 
 
 @jit_pass
-def _branch_inboard(rows, above, lanes, body):
+def _add_wrench_to_parent(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
     r = mat_at(body, BODY_R)
     p = vec_at(body, BODY_P)
@@ -331,10 +333,10 @@ def _branch_inboard(rows, above, lanes, body):
 
 
 @jit_lanes
-def _resist(rows, lanes, kind, body):
+def _add_joint_resistance(rows, lanes, kind, body):
     """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
-    c0, s0 = _zero(body)
-    law = _law(body)
+    c0, s0 = _read_zero(body)
+    law = _read_joint_law(body)
     for k in range(lanes):
         # of zero + q: a joint that turns without end has no other coordinate
         c = rows[COS + k]
@@ -349,7 +351,7 @@ def _turn_state(state, k, r, d, motion):
     w, al, a = motion
     put_vec(state, SPIN, k, into(r, w))
     put_vec(state, SPIN_RATE, k, into(r, al))
-    put_vec(state, ACCELERATION_ROW, k, into(r, acceleration_at(w, al, a, d)))
+    put_vec(state, ACCELERATION_ROW, k, into(r, compute_acceleration_at(w, al, a, d)))
 
 
 @jit_lanes
@@ -369,14 +371,14 @@ def _begin(how, source, state, work, lanes, body, g):
     if how == COPIED:  # a loop of its own: that it reads other rows than it writes is known only here
         parent = work[source:]
         for k in range(lanes):
-            _turn_state(state, k, r, d, state_of(parent, k))
+            _turn_state(state, k, r, d, read_state(parent, k))
         return
     for k in range(lanes):
-        _turn_state(state, k, r, d, state_of(state, k))
+        _turn_state(state, k, r, d, read_state(state, k))
 
 
 @jit_pass
-def outboard(tree, numbers, work, lanes):
+def run_outboard_pass(tree, numbers, work, lanes):
     """Carry the motion from the root to the leaves; leave in every body the force [N] and moment [N m] that it takes.
 
     Returns in how many lanes a joint's cosine and sine are those of no angle.
@@ -394,25 +396,25 @@ def outboard(tree, numbers, work, lanes):
         body = numbers[i]
         _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
-            _slide_outboard(state, rows, lanes, body)
+            _compute_slide_outboard(state, rows, lanes, body)
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             if kind == CONTINUOUS:
                 lost += simd.astray(rows, COS, lanes)
             else:
-                _angles(rows, lanes)
+                _compute_angles(rows, lanes)
             if kind == HELICAL:
-                _advance(state, rows, lanes, body)
+                _apply_screw_advance(state, rows, lanes, body)
             _turn_outboard(state, rows, lanes, body)
         else:
-            _orientations(rows, lanes, kind == FREE)
-            _float_outboard(state, rows, lanes, body)
+            _compute_orientations(rows, lanes, kind == FREE)
+            _compute_float_outboard(state, rows, lanes, body)
         if kind not in (SPHERICAL, FREE) and (body[BODY_LAW + 2] != 0.0 or body[BODY_LAW + 3] != 0.0):
-            _resist(rows, lanes, kind, body)
+            _add_joint_resistance(rows, lanes, kind, body)
     return lost
 
 
 @jit_lanes
-def _spoilt(rows, lanes):
+def _count_non_finite_lanes(rows, lanes):
     """Count the lanes in which a wrench is not finite: 0 x infinity is NaN, and nothing ends one."""
     count = 0
     for k in range(lanes):
@@ -424,7 +426,7 @@ def _spoilt(rows, lanes):
 
 
 @jit_pass
-def inboard(tree, numbers, work, lanes):
+def run_inboard_pass(tree, numbers, work, lanes):
     """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort.
 
     Returns in how many lanes the world takes a wrench that is not finite, as it does of every coordinate, rate and acceleration
@@ -444,15 +446,15 @@ def inboard(tree, numbers, work, lanes):
             _turn_on_inboard(rows, above, lanes, body)
             continue
         if kind == PRISMATIC:
-            _advance_inboard(rows, lanes, 1.0)
+            _add_axial_effort(rows, lanes, 1.0)
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             _turn_inboard(rows, lanes, body)
             if kind == HELICAL:
-                _advance_inboard(rows, lanes, body[BODY_LEAD])
+                _add_axial_effort(rows, lanes, body[BODY_LEAD])
         else:
-            _float_inboard(rows, lanes)
+            _compute_float_inboard(rows, lanes)
         if how == FROM_WORLD:
-            spoilt += _spoilt(rows, lanes)
+            spoilt += _count_non_finite_lanes(rows, lanes)
         else:
-            _branch_inboard(rows, above, lanes, body)
+            _add_wrench_to_parent(rows, above, lanes, body)
     return spoilt

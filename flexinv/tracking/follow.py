@@ -28,7 +28,7 @@ from flexinv.analysis.solve import solve, with_error
 from flexinv.analysis.task import Settings
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import ConvergenceError, InputError, ModelWarning
-from flexinv.inverse.inverse_dynamics import applied_forces
+from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model.by_value import ByValue
@@ -195,7 +195,7 @@ def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     moves = {joint.name for joint in mesh.mechanism.joints if joint.nv}
     qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
-    applied = applied_forces(mesh, trajectory.motion, time)
+    applied = compute_applied_forces(mesh, trajectory.motion, time)
     return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), ends_of(trajectory)
 
 

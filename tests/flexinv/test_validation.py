@@ -15,7 +15,7 @@ from flexinv.analysis.motor_side import motor_side
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.model.motion import Motion
-from flexinv.rigid.torque_regressor import random_states
+from flexinv.rigid.torque_regressor import sample_states
 from flexinv.tracking.frame_path import Path as Line
 from flexinv.tracking.task_file import load_tasks
 from flexinv.validation import floats, number, whole
@@ -216,8 +216,8 @@ MODELLED: list[Case] = [
     (lambda: FREE.torque_regressor(ANY, ZERO, ZERO, ZERO), "mechanism = an object: expected a Mechanism"),
     (lambda: FREE.torque_regressor(ROBOT, ZERO, ZERO, ZERO, "x"), "drives = 'x': expected True or False"),
     (lambda: FREE.base_parameters(ROBOT), "regressor = a Mechanism: expected a Regressor; write flexinv.torque_regressor("),
-    (lambda: random_states(ROBOT, ANY), "samples = an object: expected a whole number: 0 or more"),
-    (lambda: random_states(ROBOT, -1), "samples = -1: expected 0 or more"),
+    (lambda: sample_states(ROBOT, ANY), "samples = an object: expected a whole number: 0 or more"),
+    (lambda: sample_states(ROBOT, -1), "samples = -1: expected 0 or more"),
     (lambda: motor_side(ANY), "solution = an object: expected a Solution; write flexinv.solve("),
     (lambda: RIGID.factors(2.5), "sample = 2.5: expected a whole number: a number from 0 to 2, or from -3 to -1"),
     (lambda: RIGID.factors(3), "sample = 3: expected a number from 0 to 2, or from -3 to -1 counted from the end"),

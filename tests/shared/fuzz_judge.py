@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import flexinv
 from flexinv.elements.joint_law import FRICTION_RATE
-from flexinv.inverse.inverse_dynamics import applied_forces, joint_springs
+from flexinv.inverse.inverse_dynamics import compute_applied_forces, compute_spring_efforts
 
 Array = NDArray[np.float64]
 # Rounding over some hundred steps with forces, over the largest term of a sum.
@@ -205,7 +205,7 @@ def _torques(m: flexinv.Mechanism, task: flexinv.Case, call: dict[str, Any]) -> 
     s = flexinv.solve(m, task.motion, task.step, **_options(task, call))
     if m.is_rigid and not s.marched:
         # a sample that stands for itself knows no whole turns, by which springs of continuous joints are wound
-        alone = s.torque_all - joint_springs(m, s.q) + joint_springs(m, s.q, history=False)
+        alone = s.torque_all - compute_spring_efforts(m, s.q) + compute_spring_efforts(m, s.q, history=False)
         _same("prepare and solve", flexinv.prepare(m).torques(s.q, s.qd, s.qdd), alone)
         _same("joint_torques and solve", flexinv.joint_torques(m, s.q, s.qd, s.qdd), alone)
     return closes(s)
@@ -314,7 +314,7 @@ def account(s: flexinv.Solution) -> tuple[float, float]:
     energy = 0.5 * (np.einsum("n,snc,snc->s", mesh.mass, n.v, n.v) + spin) + s.balance.elastic
     energy = energy - np.einsum("n,snc,c->s", mesh.mass, n.x, m.gravity)
     if m.springs or m.forces:
-        pushed = applied_forces(mesh, n, s.time)
+        pushed = compute_applied_forces(mesh, n, s.time)
         assert pushed is not None
         turned = np.einsum("snij,snj->sni", n.rotation, n.omega)
         power = power + np.einsum("snc,snc->s", pushed.force, n.v) + np.einsum("snc,snc->s", pushed.moment, turned)

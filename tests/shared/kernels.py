@@ -15,7 +15,7 @@ from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.rnea.loop_allocation import six_forces, solve_row
+from flexinv.rnea.loop_allocation import solve_row, solve_six_forces
 
 __all__ = [
     "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
@@ -78,7 +78,7 @@ def all_coefficients(s):
 def six(multipliers, efforts, entries, least):
     """Solve sum lambda_i row_i = efforts for six rows, 128 samples each; return how many are in doubt."""
     few = (least, least, least, least, least, least)
-    return six_forces(multipliers, efforts, entries, LANES, few)
+    return solve_six_forces(multipliers, efforts, entries, LANES, few)
 
 
 @jit

@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 from flexinv.constraints.allocation import ranks
 from flexinv.constraints.closures import Phase, Rows, constraint_rows, measures, phases
 from flexinv.constraints.reactions import closure_wrenches
-from flexinv.inverse.inverse_dynamics import NodalForces, joint_wrenches, own_wrenches, project
+from flexinv.inverse.inverse_dynamics import (
+    NodalForces,
+    compute_joint_wrenches,
+    compute_local_wrenches,
+    compute_projected_efforts,
+)
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.typing import Array
@@ -65,7 +70,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
             if not null.any():
                 continue
             forces, wrenches = closure_wrenches(mesh, some, rows, null / scale)
-            own = own_wrenches(mesh, some, forces)
+            own = compute_local_wrenches(mesh, some, forces)
             _raise(loose, wrenches, arms)
             _raise(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)
     reaction = {c.name: (loose[c.name] < NO_COMPONENT) & (firm[c.name] > NO_COMPONENT) for c in m.closures}
@@ -81,10 +86,10 @@ def _unit(motion: NodalMotion, rows: Rows, row: int) -> Array:
 
 def _felt(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
     """Return all that moves the mechanism of nodal forces, (samples, n) [N m]: efforts of joints, wrenches within beams."""
-    wrenches = joint_wrenches(mesh, motion, forces)
+    wrenches = compute_joint_wrenches(mesh, motion, forces)
     within = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(n[1:] for n in mesh.section_nodes.values())]))
     parts = [
-        project(mesh, motion, forces) * measures(mesh),
+        compute_projected_efforts(mesh, motion, forces) * measures(mesh),
         mesh.length * wrenches.force[:, within].reshape(len(motion.x), -1),
         wrenches.moment[:, within].reshape(len(motion.x), -1),
     ]

@@ -16,7 +16,7 @@ from crosscheck.identification.noise import agreeing
 from crosscheck.identification.parameters import Space
 from crosscheck.identification.readings import Machine, Run, make_run, measured_of, wide_of
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.torque_regressor import link_parameters
+from flexinv.rigid.torque_regressor import compute_link_parameters
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,10 @@ def carried(machine: Machine, mechanism: Mechanism) -> Space:
     if mechanism is machine.mechanism:
         return machine.space
     own = machine.space.factors
-    more = {n: link_parameters(mechanism.link_of[n]) - link_parameters(machine.mechanism.link_of[n]) for n in own}
+    more = {
+        n: compute_link_parameters(mechanism.link_of[n]) - compute_link_parameters(machine.mechanism.link_of[n])
+        for n in own
+    }
     return replace(machine.space, more=more)
 
 

@@ -20,7 +20,7 @@ from flexinv.analysis.controller import Controller
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Force, Mechanism, Placement, Spring
-from flexinv.rigid.torque_regressor import random_states
+from flexinv.rigid.torque_regressor import sample_states
 
 # The same march; what follows it is summed in another order: a few hundred roundings of the largest effort.
 ROUNDING = 1e-12
@@ -99,7 +99,7 @@ def test_another_step_is_seen(root: Path) -> None:
 
 def test_a_rigid_step_is_joint_torques() -> None:
     mechanism = trees.tree()
-    state = random_states(mechanism, 20)
+    state = sample_states(mechanism, 20)
     controller = Controller.of(mechanism)
     found = np.array([controller.step(*row).copy() for row in zip(*state, strict=True)])
     expected = flexinv.joint_torques(mechanism, *state)

@@ -12,7 +12,7 @@ from scipy.integrate import simpson
 
 import flexinv
 from flexinv.files.load_cases import load_cases
-from flexinv.inverse.inverse_dynamics import applied_forces, drive_efforts, inverse_dynamics
+from flexinv.inverse.inverse_dynamics import compute_applied_forces, compute_drive_efforts, compute_inverse_dynamics
 from flexinv.model.mechanism import WORLD, Attachment, Body, Inertia, Limits, Placement, Spring
 
 
@@ -44,7 +44,7 @@ def test_frames_carry_units(tree: flexinv.Solution) -> None:
 
 def test_wrench_along_the_axis_is_the_torque(tree: flexinv.Solution) -> None:
     """The joint's wrench, projected on its axis, is the effort less what the drive itself takes."""
-    drive = drive_efforts(tree.mechanism, tree.qd, tree.qdd)
+    drive = compute_drive_efforts(tree.mechanism, tree.qd, tree.qdd)
     slew = tree.wrench["slew"][:, 3:] @ [0, 0, 1] + drive[:, 0]
     wrist = tree.wrench["wrist"][:, :3] @ [0, 1, 0] + drive[:, 3]
     assert slew == pytest.approx(tree.torque[:, 0], abs=1e-12 * np.ptp(tree.torque[:, 0]))  # rounding
@@ -75,7 +75,7 @@ def test_internal_forces_continue_the_root_wrench() -> None:
 
 
 def test_factors_of_a_flexible_tree(tree: flexinv.Solution) -> None:
-    drive = drive_efforts(tree.mechanism, tree.qd, tree.qdd)
+    drive = compute_drive_efforts(tree.mechanism, tree.qd, tree.qdd)
     for sample in (0, 60, 200):
         f = tree.factors(sample)
         gap = f.L @ f.T @ f.P + drive[sample] - tree.torque_all[sample]
@@ -129,12 +129,14 @@ def test_the_compiled_pass_is_the_second_step(pulled: bool) -> None:
     spring = Spring("line", Attachment(WORLD, Placement(np.array([0.1, -0.4, 0.3]))), tip, stiffness=3.0, damping=0.2)
     m = replace(tree, springs=(spring,)) if pulled else tree
     s = flexinv.solve(m, TREE_MOTION, step=2e-3)
-    pulls = applied_forces(s.mesh, s.nodes, s.time)
+    pulls = compute_applied_forces(s.mesh, s.nodes, s.time)
     assert (pulls is not None) == pulled
-    tau = inverse_dynamics(s.mesh, s.nodes, s.qd, s.qdd, pulls).torque
+    tau = compute_inverse_dynamics(s.mesh, s.nodes, s.qd, s.qdd, pulls).torque
     largest = np.abs(tau).max()
     assert np.abs(s.torque_all - tau).max() < 1e-12 * largest  # rounding of sums over some twenty nodes
-    assert not pulled or np.abs(inverse_dynamics(s.mesh, s.nodes, s.qd, s.qdd).torque - tau).max() > 1e-2 * largest
+    assert (
+        not pulled or np.abs(compute_inverse_dynamics(s.mesh, s.nodes, s.qd, s.qdd).torque - tau).max() > 1e-2 * largest
+    )
 
 
 def test_unactuated_base_takes_a_wrench(root: Path) -> None:

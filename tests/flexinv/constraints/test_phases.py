@@ -24,7 +24,7 @@ from crosscheck.engines.pinocchio import adapter as pinocchio
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows, phases
 from flexinv.constraints.continuation import closed_motion, closed_near, mobility
 from flexinv.files.load_cases import load_cases
-from flexinv.inverse.inverse_dynamics import nodal_forces, project
+from flexinv.inverse.inverse_dynamics import compute_nodal_forces, compute_projected_efforts
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -66,7 +66,7 @@ def test_the_closed_phase_equals_the_closed_mechanism_and_least_squares(carried:
     q, qd, qdd = closed_motion(mesh, lambda t: move.evaluate(closed, t), time, unknown, rows, carried.q[span.start])
     assert abs(q - carried.q[span]).max() < 1e-12
     nodes = rigid_motion(mesh, q, qd, qdd)
-    tree = project(mesh, nodes, nodal_forces(mesh, nodes))
+    tree = compute_projected_efforts(mesh, nodes, compute_nodal_forces(mesh, nodes))
     g = constraint_jacobian(mesh, nodes, rows)
     for k in range(0, len(time), 20):
         allowed = np.linalg.svd(g[k])[2][np.linalg.matrix_rank(g[k], tol=1e-9) :]

@@ -18,7 +18,7 @@ from flexinv.kinematics.nodal_motion import difference, moved, nearest_differenc
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, motion_subspace
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.rigid.torque_regressor import random_states
+from flexinv.rigid.torque_regressor import sample_states
 from flexinv.rnea.loop_layout import BodyKind
 
 Array = NDArray[np.float64]
@@ -179,7 +179,7 @@ def test_screws_of_a_loop_run_in_lanes(kind: str, seed: int, bodies: tuple[str, 
 def test_screws_are_revolute_and_prismatic_joints_that_a_coupling_ties() -> None:
     m = screws()
     parts = taken_apart(m)
-    state = random_states(m, 20)
+    state = sample_states(m, 20)
     expected = flexinv.prepare(parts).torques(*apart(m, parts, *state))
     found = flexinv.prepare(m).torques(*state)
     # the parts' efforts come out of a least-squares problem for the multipliers
@@ -189,7 +189,7 @@ def test_screws_are_revolute_and_prismatic_joints_that_a_coupling_ties() -> None
 
 def test_the_regressor_knows_screws() -> None:
     m = screws()
-    state = random_states(m, 5)
+    state = sample_states(m, 5)
     y = flexinv.torque_regressor(m, *state, drives=True)
     tau = flexinv.joint_torques(m, *state)
     np.testing.assert_allclose(y.matrix @ y.values, tau, rtol=0, atol=ROUNDING * np.abs(tau).max())
@@ -199,7 +199,7 @@ def test_derivatives_are_those_of_the_parts() -> None:
     """Central differences of the torque by q; those by qd and qdd are exact for a function of second degree."""
     m = screws()
     m = replace(m, joints=tuple(replace(j, friction=0.0) for j in m.joints))
-    q, qd, qdd = (part[0] for part in random_states(m, 1))
+    q, qd, qdd = (part[0] for part in sample_states(m, 1))
     found = flexinv.torque_derivatives(m, q, qd, qdd)
     h = 1e-5
     for k in range(m.nv):

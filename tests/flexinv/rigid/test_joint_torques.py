@@ -10,7 +10,7 @@ from flexible_examples import spatial_tree
 from loop_examples import loaded_tree
 
 import flexinv
-from flexinv.inverse.inverse_dynamics import inverse_dynamics, joint_wrenches, nodal_forces
+from flexinv.inverse.inverse_dynamics import compute_inverse_dynamics, compute_joint_wrenches, compute_nodal_forces
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import differenced, rigid_motion
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
@@ -79,7 +79,7 @@ def test_the_tree_sum_equals_the_sum_over_nodes() -> None:
     rng = np.random.default_rng(2)
     q, qd, qdd = rng.normal(size=(3, 1, mesh.mechanism.nv))
     motion = rigid_motion(mesh, q, qd, qdd)
-    tau = inverse_dynamics(mesh, motion, qd, qdd, passive=False).torque
+    tau = compute_inverse_dynamics(mesh, motion, qd, qdd, passive=False).torque
     base = mesh.joint_node["slew"]
     force = mesh.mass[:, None] * (motion.a[0] - mesh.mechanism.gravity)
     body = np.einsum("nij,nj->ni", mesh.inertia, motion.alpha[0]) + np.cross(
@@ -124,10 +124,10 @@ def test_nodal_forces_and_their_sums_are_those_of_the_definition() -> None:
     moment = np.einsum("snij,snj->sni", motion.rotation, body)
     motion.a.flags.writeable = False
     odd = replace(motion, x=np.asfortranarray(motion.x), omega=np.asfortranarray(motion.omega))
-    forces = nodal_forces(mesh, odd)
+    forces = compute_nodal_forces(mesh, odd)
     assert abs(forces.force - force).max() < 1e-14 * abs(force).max()  # rounding of a product
     assert abs(forces.moment - moment).max() < 1e-14 * abs(moment).max()  # and of sums of nine
-    summed = joint_wrenches(mesh, odd, forces)
+    summed = compute_joint_wrenches(mesh, odd, forces)
     beyond = [[n] for n in range(mesh.size)]
     for n in range(mesh.size - 1, 0, -1):
         if mesh.parent[n] >= 0:

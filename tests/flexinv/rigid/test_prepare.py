@@ -16,13 +16,13 @@ from rigid_trees import KINDS, chain, tree, without_drives
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.inverse.inverse_dynamics import applied_forces, inverse_dynamics, joint_springs
+from flexinv.inverse.inverse_dynamics import compute_applied_forces, compute_inverse_dynamics, compute_spring_efforts
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import TorqueFunction, prepare
-from flexinv.rnea.body_table import bodies
+from flexinv.rnea.body_table import build_bodies
 from flexinv.typing import Array
 
 State = tuple[Array, Array, Array]
@@ -38,8 +38,10 @@ def by_nodes(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, passive: boo
     """tau = L T P with every node on its own."""
     mesh = build(mechanism)
     motion = rigid_motion(mesh, q, qd, qdd)
-    tau = inverse_dynamics(mesh, motion, qd, qdd, applied_forces(mesh, motion, np.zeros(len(q))), passive).torque
-    return tau + joint_springs(mechanism, q, history=False) if passive else tau
+    tau = compute_inverse_dynamics(
+        mesh, motion, qd, qdd, compute_applied_forces(mesh, motion, np.zeros(len(q))), passive
+    ).torque
+    return tau + compute_spring_efforts(mechanism, q, history=False) if passive else tau
 
 
 def error(found: Array, expected: Array) -> float:
@@ -83,7 +85,7 @@ def test_lumped_nodes_of_an_undeformed_beam_collapse_exactly() -> None:
     """The bodies of a mesh with beams, moved as rigid ones, against the sum over all its nodes."""
     mesh = build(spatial_tree())
     mechanism = mesh.mechanism
-    table = bodies(mesh)
+    table = build_bodies(mesh)
     rigid = TorqueFunction(mechanism, True, 1, mesh, table, prepare(tree())._own.__class__(1, table.size))
     state = states(mechanism, 20)
     assert error(rigid.torques(*state), by_nodes(mechanism, *state)) < ROUNDING

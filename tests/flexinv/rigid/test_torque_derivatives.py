@@ -20,7 +20,7 @@ from flexinv.model.mechanism import Attachment, Mechanism, Spring
 from flexinv.rigid import torque_derivatives as module
 from flexinv.rigid.derivative_kernel import CarriedBodies
 from flexinv.rigid.torque_derivatives import torque_derivatives
-from flexinv.rigid.torque_regressor import random_states
+from flexinv.rigid.torque_regressor import sample_states
 
 # Sums of some hundred products, each of the size of the largest.
 ROUNDING = 1e-13
@@ -77,7 +77,7 @@ def test_differences_of_torques(kinds: tuple[tuple[str, str, str], ...]) -> None
     mechanism = smooth(trees.tree(rooted))
     sprung = tuple(replace(j, stiffness=2.5) if j.kind in ("revolute", "prismatic") else j for j in mechanism.joints)
     mechanism = replace(mechanism, joints=sprung)
-    state = random_states(mechanism, 3, seed=5)
+    state = sample_states(mechanism, 3, seed=5)
     found = torque_derivatives(mechanism, *state)
     for k, row in enumerate(zip(*state, strict=True)):
         for ours, theirs in zip((found.q, found.qd, found.qdd), differences(mechanism, *row), strict=True):
@@ -90,7 +90,7 @@ def test_pinocchio_has_the_same_derivatives() -> None:
     mechanism = trees.without_drives(trees.tree(kinds))
     model = pinocchio.build(mechanism).model
     data = model.createData()
-    state = random_states(mechanism, 5, seed=6)
+    state = sample_states(mechanism, 5, seed=6)
     found = torque_derivatives(mechanism, *state, passive=False)
     for k, row in enumerate(zip(*state, strict=True)):
         by_q, by_qd, mass = pin.computeRNEADerivatives(model, data, *row)
@@ -102,7 +102,7 @@ def test_pinocchio_has_the_same_derivatives() -> None:
 def test_a_far_base_loses_nothing() -> None:
     """A body a kilometre away: moments are taken about a point of it, not about the world's origin."""
     mechanism = smooth(trees.chain("free"))
-    q, qd, qdd = random_states(mechanism, 1, seed=7)
+    q, qd, qdd = sample_states(mechanism, 1, seed=7)
     far = q.copy()
     far[:, :3] += 1000.0
     near, there = torque_derivatives(mechanism, q, qd, qdd), torque_derivatives(mechanism, far, qd, qdd)
@@ -113,7 +113,7 @@ def test_a_far_base_loses_nothing() -> None:
 def test_a_missing_term_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Masses about a point that is off by a millimetre show in the comparison with differences."""
     mechanism = smooth(trees.tree())
-    state = random_states(mechanism, 1, seed=5)
+    state = sample_states(mechanism, 1, seed=5)
 
     def shifted(*given: Any) -> CarriedBodies:
         carried = CarriedBodies(*given)
@@ -127,7 +127,7 @@ def test_a_missing_term_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_one_sample_may_be_a_vector_and_blocks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism = trees.tree()
-    state = random_states(mechanism, 5, seed=8)
+    state = sample_states(mechanism, 5, seed=8)
     whole = torque_derivatives(mechanism, *state)
     monkeypatch.setattr(module, "NODAL_SAMPLES", 2)
     one = torque_derivatives(mechanism, *(part[3] for part in state))
@@ -139,7 +139,7 @@ def test_what_cannot_be_is_said() -> None:
     mechanism = trees.tree()
     tied = replace(mechanism, springs=(Spring("s", Attachment("base"), Attachment("wheel"), 3.0),))
     with pytest.raises(InputError, match=r"has springs between points.*take differences"):
-        torque_derivatives(tied, *random_states(tied, 1))
+        torque_derivatives(tied, *sample_states(tied, 1))
     arm = spatial_tree()
     with pytest.raises(InputError, match="beam links"):
-        torque_derivatives(arm, *random_states(arm, 1))
+        torque_derivatives(arm, *sample_states(arm, 1))

@@ -18,7 +18,7 @@ from flexinv import joint_torques
 from flexinv.cli.commands import main
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Inertia, Mechanism
-from flexinv.rigid.torque_regressor import base_parameters, link_parameters, random_states, torque_regressor
+from flexinv.rigid.torque_regressor import base_parameters, compute_link_parameters, sample_states, torque_regressor
 
 # A few hundred roundings of the largest torque: ten terms for every link, through seven joints.
 ROUNDING = 1e-13
@@ -27,7 +27,7 @@ SIMPLE = (*trees.TREE[:4], ("hip", "spherical", "shoulder"))
 
 
 def states(mechanism: Mechanism, samples: int = 7) -> tuple[Array, Array, Array]:
-    return random_states(mechanism, samples, seed=4)
+    return sample_states(mechanism, samples, seed=4)
 
 
 def test_torque_is_the_regressor_times_the_parameters() -> None:
@@ -76,13 +76,13 @@ def test_parameters_of_a_link_are_about_its_origin() -> None:
     mechanism, p = trees.double_pendulum()
     about = p["i1"] + p["m1"] * p["c1"] ** 2
     expected = [p["m1"], p["m1"] * p["c1"], 0, 0, 0, 0, about, 0, 0, about]
-    np.testing.assert_allclose(link_parameters(mechanism.links[0]), expected, rtol=1e-15)
+    np.testing.assert_allclose(compute_link_parameters(mechanism.links[0]), expected, rtol=1e-15)
 
 
 def test_the_double_pendulum_has_four_base_parameters() -> None:
     """Textbook: I1 + m2 l1^2, m1 c1 + m2 l1, m2 c2, I2 (about the joints; here the pendulum swings in x-z)."""
     mechanism, p = trees.double_pendulum()
-    found = base_parameters(torque_regressor(mechanism, *random_states(mechanism, 40)))
+    found = base_parameters(torque_regressor(mechanism, *sample_states(mechanism, 40)))
     assert [found.names[k] for k in found.columns] == [
         "link1.hx", "link1.hz", "link1.Iyy", "link2.hx", "link2.hz", "link2.Iyy",
     ]  # fmt: skip
@@ -98,14 +98,14 @@ def test_the_double_pendulum_has_four_base_parameters() -> None:
 def test_without_gravity_fewer_are_seen() -> None:
     mechanism, _ = trees.double_pendulum()
     weightless = replace(mechanism, gravity=np.zeros(3))
-    found = base_parameters(torque_regressor(weightless, *random_states(weightless, 40)))
+    found = base_parameters(torque_regressor(weightless, *sample_states(weightless, 40)))
     assert len(found.columns) == 4
     assert "link1.hx" in found.unseen
 
 
 def test_base_parameters_give_the_torques_of_all() -> None:
     mechanism = trees.tree()
-    full = torque_regressor(mechanism, *random_states(mechanism, 60), drives=True)
+    full = torque_regressor(mechanism, *sample_states(mechanism, 60), drives=True)
     found = base_parameters(full)
     tau = full.stacked() @ full.values
     # columns that depend on others to DEPENDENT = 1e-9 were put to them
@@ -119,7 +119,7 @@ def test_three_joints_in_general_position_have_the_known_number() -> None:
     mechanism = trees.without_drives(
         trees.tree((("a", "revolute", "world"), ("b", "revolute", "a"), ("c", "revolute", "b")))
     )
-    full = torque_regressor(mechanism, *random_states(mechanism, 60))
+    full = torque_regressor(mechanism, *sample_states(mechanism, 60))
     assert len(base_parameters(full).columns) == np.linalg.matrix_rank(full.stacked(), tol=1e-9)
     # Gautier: of each revolute link three go to others (m, h along the axis, one of I); of the first, on a fixed axis that is
     # not along gravity, only I about the axis and two of h are left
@@ -132,7 +132,7 @@ def test_a_payload_is_identified_from_torques() -> None:
     last = mechanism.links[-1]
     loaded = replace(last, bodies=(replace(last.bodies[0], inertia=heavier),))
     other = replace(mechanism, links=(*mechanism.links[:-1], loaded))
-    state = random_states(mechanism, 30)
+    state = sample_states(mechanism, 30)
     full = torque_regressor(mechanism, *state)
     change = (joint_torques(other, *state) - joint_torques(mechanism, *state)).ravel()
     found = np.linalg.lstsq(full.stacked(), change, rcond=1e-10)[0]

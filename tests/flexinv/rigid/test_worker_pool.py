@@ -19,7 +19,7 @@ from rigid_trees import tree
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
 from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, EMPTY, OFFERED, OWNER, STATE, TAKEN, Helpers
-from flexinv.rigid.blocks import HELPERS, collect, torque_blocks
+from flexinv.rigid.blocks import HELPERS, collect, compute_torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.loop_plan import NO_LOOPS
 from flexinv.typing import Array
@@ -42,7 +42,7 @@ def call(f: TorqueFunction, state: list[Array], mails: np.ndarray) -> tuple[Arra
     strides = np.array([(a.shape[1], 1) for a in (*state, tau)], dtype=np.uint64)
     flat = [a.reshape(-1) for a in (*state, tau)]
     motion = (*flat, strides, np.uint64(SAMPLES))
-    assert torque_blocks(b.tree, b.numbers, b.columns, *NONE, *motion, own.work, own.counter, mails)
+    assert compute_torque_blocks(b.tree, b.numbers, b.columns, *NONE, *motion, own.work, own.counter, mails)
     return tau, own.counter
 
 

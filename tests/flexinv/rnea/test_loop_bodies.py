@@ -16,7 +16,7 @@ import flexinv
 from flexinv.constraints.allocation import GivenLoops
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
-from flexinv.rigid.prepare import _prepared, prepare
+from flexinv.rigid.prepare import _build_torque_function, prepare
 from flexinv.rnea import loop_plan
 from flexinv.rnea.loop_allocation import LEAST_PIVOT
 from flexinv.rnea.loop_layout import PLANE
@@ -148,7 +148,7 @@ def test_slides_in_the_plane_are_those_of_space(case: str, monkeypatch: pytest.M
     assert np.abs(tau - reference(f, state)).max() < ROUNDING * size
     assert doubts(f, 200) == []
     monkeypatch.setattr(loop_plan, "_is_plane", lambda plan, most: False)
-    g = _prepared.__wrapped__(mechanism, True, 1)
+    g = _build_torque_function.__wrapped__(mechanism, True, 1)
     assert not g.plan.plan[PLANE]
     assert np.abs(g.torques(*state) - tau).max() < ROUNDING * size
     assert not f._own.counter[3]

@@ -96,7 +96,7 @@ def test_rows_that_have_nothing_in_the_sample_are_combined_without_a_word() -> N
         lambda _: next(places),
     )
     with warnings.catch_warnings(action="error"):
-        assert e.eliminate(0, [0, 1, 2]) == 0
+        assert e.plan_elimination(0, [0, 1, 2]) == 0
     assert np.array_equal(e.numbers[0], [2.0, 1.0, 1.0])
     assert not e.numbers[1:, 0].any()
 

@@ -14,7 +14,7 @@ from loop_examples import Example, at, loaded, platform, spatial
 import flexinv
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Spring
-from flexinv.rigid.prepare import _prepared, prepare
+from flexinv.rigid.prepare import _build_torque_function, prepare
 from flexinv.rnea import loop_plan, loop_tables
 from flexinv.rnea.loop_layout import A_STANDS, B_STANDS, LIMITS, NO_GROUND, SIX_ROWS
 
@@ -41,8 +41,8 @@ def test_universal_joints_taken_from_a_closure(example: Callable[[], Example], m
     """The same efforts with the force that leaves them without effort, and with all rows combined."""
     mechanism, state = solved(example(), 200)
     f = prepare(mechanism, threads=1)
-    monkeypatch.setattr(loop_plan, "_pairs", lambda *_: {})
-    g = _prepared.__wrapped__(mechanism, True, 1)
+    monkeypatch.setattr(loop_plan, "_find_universal_pairs", lambda *_: {})
+    g = _build_torque_function.__wrapped__(mechanism, True, 1)
     assert all(closure.reduced for closure in f.plan.closures)
     assert not any(closure.reduced for closure in g.plan.closures)
     assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)
@@ -60,8 +60,8 @@ def test_closures_to_the_ground(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     swapped = replace(mechanism, closures=(replace(closure, first=closure.second, second=closure.first),))
     functions = [prepare(m, threads=1) for m in (mechanism, swapped)]
     assert {f.plan.closures[0].ground for f in functions} == {A_STANDS, B_STANDS}
-    monkeypatch.setattr(loop_tables, "_from_ground", lambda *given: (NO_GROUND, given[-1]))
-    functions += [_prepared.__wrapped__(m, True, 1) for m in (mechanism, swapped)]
+    monkeypatch.setattr(loop_tables, "_resolve_ground_end", lambda *given: (NO_GROUND, given[-1]))
+    functions += [_build_torque_function.__wrapped__(m, True, 1) for m in (mechanism, swapped)]
     assert not any(f.plan.closures[0].ground for f in functions[2:])
     moved = [state[0] + 1e-8, state[1] * (1.0 + 1e-6 * np.arange(mechanism.nv)), state[2] * (1.0 + 1e-5)]
     squares = []
@@ -135,8 +135,8 @@ def test_six_legs_are_solved_at_once(name: str, monkeypatch: pytest.MonkeyPatch)
         mechanism, state = solved((mechanism, next(iter(load_cases(MODELS / name, mechanism).values()))), 200)
     f = prepare(mechanism, threads=1)
     asked: list[bool] = []
-    monkeypatch.setattr(loop_plan, "_are_six", lambda *_: asked.append(True))
-    g = _prepared.__wrapped__(mechanism, True, 1)
+    monkeypatch.setattr(loop_plan, "_is_six_by_six", lambda *_: asked.append(True))
+    g = _build_torque_function.__wrapped__(mechanism, True, 1)
     assert asked
     assert len(g.plan.plan) > len(f.plan.plan)
     assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)

@@ -27,15 +27,15 @@ LOOPS: dict[str, tuple[Any, ...]] = {
 }
 CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_bodies._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_bodies._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_bodies._chain: (ROWS, ROWS, LANES, ROWS),
-    loop_bodies._two_turns: (ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_space.moving(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
-    loop_space.moving(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
-    loop_space._moved: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS, types.float64),
-    loop_space.to_ground(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_space.to_ground(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_allocation.six_forces: (ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 6)),
+    loop_bodies._fill_revolute: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_bodies._fill_chain_revolute: (ROWS, ROWS, LANES, ROWS),
+    loop_bodies._fill_universal: (ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_space.make_column_kernel(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
+    loop_space.make_column_kernel(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS),
+    loop_space._write_column_size: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, SIGNS, types.float64),
+    loop_space.make_ground_kernel(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_space.make_ground_kernel(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_allocation.solve_six_forces: (ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 6)),
     loop_allocation.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }
 
