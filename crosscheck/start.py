@@ -54,7 +54,7 @@ def run_commands() -> None:
     try:
         from flexinv.kernels.compile_lock import (
             NOTE,
-            telling,
+            add_compile_listener,
         )  # first of all that takes its time: an interrupt is heard here
 
         command = importlib.import_module("crosscheck.cli").main
@@ -62,7 +62,7 @@ def run_commands() -> None:
         say(f"Error: {needed(error)}")
         sys.exit(2)
     try:
-        with telling(lambda: say(f"crosscheck: {NOTE}")):
+        with add_compile_listener(lambda: say(f"crosscheck: {NOTE}")):
             command()
     except OSError as error:  # of the terminal itself: what it was sent to is full
         say(f"Error: what crosscheck says cannot be written: {error}")

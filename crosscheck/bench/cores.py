@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flexinv.kernels.threads.affinity import leave, processor_now
-from flexinv.kernels.threads.atomics import look, pause, store
+from flexinv.kernels.threads.affinity import move_from_processor, processor_now
+from flexinv.kernels.threads.atomics import pause, read_cell, write_cell
 
 Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1
@@ -46,15 +46,15 @@ def _multiply(x: Array, rounds: int) -> None:
 
 @njit(nogil=True)
 def _accompany(cells: NDArray[np.uint64], x: Array) -> None:
-    store(cells, _HERE, 1)
-    while look(cells, _ENOUGH) == 0:
+    write_cell(cells, _HERE, 1)
+    while read_cell(cells, _ENOUGH) == 0:
         _multiply(x, 10)
 
 
 @njit(nogil=True)
 def _begun(cells: NDArray[np.uint64]) -> bool:
     for _ in range(_PATIENCE):
-        if look(cells, _HERE) == 1:
+        if read_cell(cells, _HERE) == 1:
             return True
         pause()
     return False
@@ -79,7 +79,7 @@ class _Companion:
     def _serve(self) -> None:
         x = _numbers()
         while (caller := self.bell.get()) is not None:
-            leave(caller)
+            move_from_processor(caller)
             _accompany(self.cells, x)
             self.cells[:] = 0
 

@@ -16,7 +16,7 @@ from flexinv.analysis.solve import solve
 from flexinv.analysis.solve_many import solve_many
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels.threads.affinity import processors
+from flexinv.kernels.threads.affinity import count_processors
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.rigid.prepare import prepare
@@ -199,7 +199,7 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
     ):
         mechanism = load_mechanism(folder / model)
         motion = load_cases(folder / model, mechanism)[case].motion
-        counts = (1, 2) if processors() > 1 else (1,)
+        counts = (1, 2) if count_processors() > 1 else (1,)
         scenarios = SCENARIOS[model]
         calls = {str(n): _many(mechanism, [motion] * scenarios, step, n) for n in counts}
         times = in_turns(calls, 2 * seconds)  # long calls, of which a busy host spoils many

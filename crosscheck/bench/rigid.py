@@ -14,7 +14,7 @@ from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ra
 from crosscheck.engines import calls
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, random_states, undamped
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels.threads.affinity import processors
+from flexinv.kernels.threads.affinity import count_processors
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
 
@@ -141,7 +141,7 @@ def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Meth
     mujoco = calls("mujoco")
     few: State = (state[0][:IN_A_LOOP], state[1][:IN_A_LOOP], state[2][:IN_A_LOOP])
     found: dict[tuple[str, int], Method] = {}
-    counts = sorted({1, min(2, processors())})
+    counts = sorted({1, min(2, count_processors())})
     for threads in counts:
         for order in ORDERS:
             found[f"flexinv by {order[:-1]}", threads] = _flexinv(mechanism, state, order, threads)

@@ -13,15 +13,15 @@ from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
 from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import at, by_address
+from flexinv.kernels.records import send_by_address, take_record
 from flexinv.kernels.threads.atomics import take
 from flexinv.kinematics.tree import Frames
-from flexinv.planar.stepper import Embedding, PlanarSystem, planar_march
-from flexinv.planar.tree import PlanarTree, accept
+from flexinv.planar.stepper import Embedding, PlanarSystem, integrate_planar_motion
+from flexinv.planar.tree import PlanarTree, begin_from_state
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class Designs(NamedTuple):
     """Mechanisms of one structure, stacked; over : (designs, single, 3) of `planar.index1.BlockMasses`."""
 
@@ -32,7 +32,7 @@ class Designs(NamedTuple):
     over: Array
 
 
-@by_address
+@send_by_address
 class Tasks(NamedTuple):
     """Scenarios as the kernel reads them: designs, motions and the time grid.
 
@@ -60,7 +60,7 @@ class Tasks(NamedTuple):
     first_scheme: Scheme
 
 
-@by_address
+@send_by_address
 class Results(NamedTuple):
     """Results of all scenarios, stacked: histories, second steps, and what the march returns, (scenarios, 3) and (scenarios,)."""
 
@@ -84,12 +84,12 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
             return done
         d = tasks.design[n]
         m = tasks.motion[n]
-        h = at(results.histories, n)
+        h = take_record(results.histories, n)
         for i in range(room.masses.over.shape[0]):
             for j in range(3):
                 room.masses.over[i, j] = designs.over[d, i, j]
         system = PlanarSystem(
-            at(designs.tree, d), at(designs.elements, d), room.ties, room.masses, at(designs.space, d),
+            take_record(designs.tree, d), take_record(designs.elements, d), room.ties, room.masses, take_record(designs.space, d),
             room.state, room.frames, room.factors, room.work,
         )  # fmt: skip
         ended = results.ended[n]
@@ -98,7 +98,7 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
         given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
-        fill_second_step(at(designs.skeleton, d), moving, given, line, at(results.found, n))
+        fill_second_step(take_record(designs.skeleton, d), moving, given, line, take_record(results.found, n))
     return len(mine)
 
 
@@ -111,13 +111,15 @@ def _march_one(system, tasks, motion, out):
     joint = tasks.joint[motion]
     given = tasks.given[motion]
     early = tasks.early[motion]
-    status, instant, count, size = planar_march(system, tasks.scheme, joint, True, given, tasks.row, out)
+    status, instant, count, size = integrate_planar_motion(system, tasks.scheme, joint, True, given, tasks.row, out)
     if status != SUDDEN_START:
         return status, instant, count, size
     nowhere = joint[:0]
     first = 1 + early.shape[0] // SUBSTEPS
-    status, instant, count, size = planar_march(system, tasks.first_scheme, nowhere, False, early, tasks.early_row, out)
+    status, instant, count, size = integrate_planar_motion(
+        system, tasks.first_scheme, nowhere, False, early, tasks.early_row, out
+    )
     if status != CONVERGED:
         return status, -1 - instant, count, size
-    accept(system.state)
-    return planar_march(system, tasks.scheme, nowhere, False, given[first:], tasks.row[first:], out)
+    begin_from_state(system.state)
+    return integrate_planar_motion(system, tasks.scheme, nowhere, False, given[first:], tasks.row[first:], out)

@@ -42,7 +42,7 @@ from flexinv.inverse.inverse_dynamics import (
     compute_winding_efforts,
 )
 from flexinv.inverse.nodal_sums import Drives, Masses, fill_instant_torques
-from flexinv.kernels.code_cache import compiled
+from flexinv.kernels.code_cache import resolve_compiled
 from flexinv.kinematics.configuration import fill_given, fill_relative, nodes_of
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import between
@@ -51,7 +51,7 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
-from flexinv.planar.stepper import PlanarSystem, planar_march
+from flexinv.planar.stepper import PlanarSystem, integrate_planar_motion
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
 from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, of_kind, seconds
@@ -123,15 +123,15 @@ class Flexible:
             loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
             self.arguments: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
         else:
-            march_in = planar_march
+            march_in = integrate_planar_motion
             self.system = self.flat.system
             row = np.zeros(1, dtype=np.int64)
             self.given = np.zeros((1, int(moves.sum()), 3))
             self.arguments = np.zeros((0, 3)), False, self.given, row, out
-        self.march = compiled(march_in, self.system, scheme, *self.arguments)
+        self.march = resolve_compiled(march_in, self.system, scheme, *self.arguments)
         self.parts = (self.nodes, drives, masses, self.frames)
         now = (mechanism.neutral.copy(), driven, driven)
-        self.torques = compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
+        self.torques = resolve_compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
         self.early_steps = 0
         self.previous = list[Array]()
         self.wound = dict[str, float]()
@@ -165,7 +165,7 @@ class Flexible:
         self.early_steps = EARLY * begin_step(self.solver, joints, self.scheme, "at the start")
         self.previous = now
         if self.flat is not None:
-            self.flat.load_from_space(self.solver.state, self.solver.border.ties)
+            self.flat.copy_from_space(self.solver.state, self.solver.border.ties)
         return self.tau
 
     def advance(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:

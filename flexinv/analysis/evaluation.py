@@ -12,7 +12,7 @@ from flexinv.analysis.solution import LoopForces, Solution
 from flexinv.analysis.task import Settings
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.dynamics.system import Trajectory
-from flexinv.elements.joint_law import smooth_direction
+from flexinv.elements.joint_law import compute_smooth_direction
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import (
     NodalForces,
@@ -23,7 +23,7 @@ from flexinv.inverse.inverse_dynamics import (
 )
 from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
-from flexinv.kernels.memory import for_kernels, together
+from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -118,11 +118,11 @@ def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     trajectory = first.trajectory
     applied = first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
-    found = SecondStepArrays(*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
+    found = SecondStepArrays(*make_adjacent_arrays(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    given = Given(*map(for_kernels, series))
+    given = Given(*map(make_contiguous, series))
     line = np.empty((mesh.size, 6))
     fill_second_step(skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
@@ -193,7 +193,7 @@ def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> A
     """
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
-    return np.where(stated_of(mechanism, smooth_of), smooth_direction(qd), np.sign(qd))
+    return np.where(stated_of(mechanism, smooth_of), compute_smooth_direction(qd), np.sign(qd))
 
 
 @kept_with_owner()

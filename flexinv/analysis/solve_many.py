@@ -29,16 +29,16 @@ from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, early_row
 from flexinv.dynamics.system import Trajectory, has_padding, history_shapes
 from flexinv.errors import FlexinvError, InputError
 from flexinv.inverse.nodal_sums import SecondStepArrays
-from flexinv.kernels.memory import shared_pieces, together
-from flexinv.kernels.records import stacked
-from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
+from flexinv.kernels.memory import begin_shared_memory, make_adjacent_arrays
+from flexinv.kernels.records import join_records
+from flexinv.kernels.threads.affinity import count_processors, move_to_processor, processor_now, read_thread_limit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_at
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import Plane, find_plane
-from flexinv.planar.model import planar_model
+from flexinv.planar.model import build_planar_model
 from flexinv.planar.solver import PlanarMarch
 from flexinv.rigid.prepare import THREADS
 from flexinv.typing import Array, Triple
@@ -87,7 +87,7 @@ def solve_many(
     scenarios = _scenarios(mechanisms, motions, each)
     _check_options(options, "")
     function("progress", progress, "a function that is called with 1 after every scenario")
-    count = processors() if threads is None else min(whole("threads", threads, 1, THREADS), limit())
+    count = count_processors() if threads is None else min(whole("threads", threads, 1, THREADS), read_thread_limit())
     lock = Lock()
     results = list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
@@ -96,7 +96,7 @@ def solve_many(
     ahead = deque(k for k in range(len(scenarios)) if k not in joined)
 
     def work() -> None:
-        with shared_pieces():
+        with begin_shared_memory():
             while ahead:
                 try:
                     mechanism, motion, own = scenarios[k := ahead.popleft()]
@@ -131,7 +131,7 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
     def kept(number: int) -> None:
         try:
             if number:
-                go_to(number, here)
+                move_to_processor(number, here)
             work()
         except BaseException as error:
             stop()
@@ -252,7 +252,7 @@ def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
 @kept_with_owner()
 def _structure(mesh: Mesh) -> tuple[Any, ...]:
     """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
-    m = planar_model(mesh, frozenset())
+    m = build_planar_model(mesh, frozenset())
     k = skeleton(mesh)
     parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
     parts += [m.masses.single, m.masses.block, m.masses.member, m.joints.given, m.joints.turns_on]
@@ -262,10 +262,10 @@ def _structure(mesh: Mesh) -> tuple[Any, ...]:
 @kept_with_owner(most=8)
 def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
     """The meshes, of which the ``first`` keeps this."""
-    models = [planar_model(mesh, frozenset()) for mesh in meshes]
-    tree, elements, space = (stacked([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
+    models = [build_planar_model(mesh, frozenset()) for mesh in meshes]
+    tree, elements, space = (join_records([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
     over = np.stack([m.masses.over for m in models])
-    return Designs(tree, elements, space, stacked([skeleton(mesh) for mesh in meshes]), over)
+    return Designs(tree, elements, space, join_records([skeleton(mesh) for mesh in meshes]), over)
 
 
 def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
@@ -317,7 +317,7 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
 
 def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
     first = scenarios[0]
-    model = planar_model(scenarios[0].mesh, frozenset())
+    model = build_planar_model(scenarios[0].mesh, frozenset())
     meshes = {mesh: k for k, mesh in enumerate(dict.fromkeys(one.mesh for one in scenarios))}
     firsts = {id(one.table[0]): one for one in scenarios}
     number = {key: k for k, key in enumerate(firsts)}
@@ -347,7 +347,7 @@ def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
     stacks = [(scenarios, *shape) for shape in shapes]
     large = len(shapes) - len(SecondStepArrays._fields) + 2  # of the second step two are of all nodes
-    *motion, wrench, internal, energy = (made := together(*stacks[:large]))[:9]
+    *motion, wrench, internal, energy = (made := make_adjacent_arrays(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
     none = np.empty((scenarios, samples, 0))

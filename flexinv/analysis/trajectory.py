@@ -26,7 +26,7 @@ from flexinv.kinematics.nodal_motion import fill_passive, relative_motion, rigid
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
-from flexinv.planar.stepper import planar_march
+from flexinv.planar.stepper import integrate_planar_motion
 from flexinv.typing import Array, Indices
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
@@ -175,7 +175,7 @@ class _March:
         record_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
-            flat.load_from_space(solver.state, solver.border.ties)
+            flat.copy_from_space(solver.state, solver.border.ties)
         return 1
 
     def leg(self, first: int, last: int) -> tuple[Callable[..., Status], tuple[Any, ...], Callable[[Status], int]]:
@@ -198,7 +198,7 @@ class _March:
             row = early_rows(self.rows(first, last))
         given = self.task.before(time[1:] if begins else time)
         whole: Trajectory | None = None  # a trajectory of all instants, of which those that are kept are taken
-        kernel: Callable[..., Status] = march if self.flat is None else planar_march
+        kernel: Callable[..., Status] = march if self.flat is None else integrate_planar_motion
         if self.flat is not None:
             start = self.task.after(time[:1]) if begins else None
             arguments = self.flat.arguments(scheme, start, given, row, self.out)
@@ -269,7 +269,7 @@ class _March:
         s = solver.state
         joints = instant(self.task.mesh, q, qd, qdd)
         if flat is not None:
-            flat.store_to_space(s, solver.border.ties)
+            flat.copy_to_space(s, solver.border.ties)
         solver.load_at(now, q, qd, qdd)
         if phase is not None:
             self.switching.switch(solver, phase, joints, qd, now, self.out)
@@ -280,7 +280,7 @@ class _March:
                 record_instant(solver, int(row[0]), self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
-            flat.load_from_space(s, solver.border.ties)
+            flat.copy_from_space(s, solver.border.ties)
 
 
 def failure(

@@ -25,7 +25,7 @@ from flexinv.constraints.open_loops import advising
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels.compile_lock import NOTE, telling
+from flexinv.kernels.compile_lock import NOTE, add_compile_listener
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
@@ -304,7 +304,7 @@ def main(arguments: list[str] | None = None) -> None:
             if issubclass(category, ModelWarning)
             else others(message, category, *place)
         )
-        with telling(lambda: click.echo(f"flexinv: {NOTE}", err=True)):
+        with add_compile_listener(lambda: click.echo(f"flexinv: {NOTE}", err=True)):
             complaint = _run(arguments)
     if complaint:
         click.echo(f"flexinv: {complaint}", err=True)

@@ -63,7 +63,7 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     if failed:
         raise InputError("; ".join(failed))
     if ship is not None:  # what was kept of all kernels that Python calls
-        for module in code_cache.sources(code_cache.PACKAGE):
+        for module in code_cache.list_sources(code_cache.PACKAGE):
             import_module(f"flexinv.{module}")
         click.echo(f"{ship}: {write_shipped(ship, code_cache.KERNELS)} kernels")
 

@@ -25,8 +25,8 @@ from flexinv.constraints.allocation_kernel import Shares, places, share
 from flexinv.constraints.closures import Rows, constraint_rows, without_rounding
 from flexinv.constraints.continuation_kernel import Chain, jacobian_and_residuals
 from flexinv.errors import InputError
-from flexinv.kernels.fronts import fronts_of
-from flexinv.kernels.memory import for_kernels
+from flexinv.kernels.fronts import build_fronts
+from flexinv.kernels.memory import make_contiguous
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -73,7 +73,7 @@ def share_out(
     root = np.sqrt(np.ones(len(drives)) if weight is None else weight)
     if constraints is None:
         scale = np.ones(rows)
-        fronts = fronts_of(np.ones((rows, nv), dtype=bool), driven)
+        fronts = build_fronts(np.ones((rows, nv), dtype=bool), driven)
     else:
         scale = constraints.scale
         fronts = constraints.fronts(last=driven)
@@ -84,7 +84,7 @@ def share_out(
     g = g / scale[:, None]
     width = np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
-        share(places(fronts, rows, drives, root), for_kernels(g), for_kernels(tau_tree), made, width)
+        share(places(fronts, rows, drives, root), make_contiguous(g), make_contiguous(tau_tree), made, width)
     doubtful = np.flatnonzero(width < 0)
     if len(doubtful) == samples:
         made = by_singular_values(g, tau_tree, driven, root)
@@ -183,7 +183,7 @@ class GivenLoops:
         at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
         chain = Chain.of(nodes_of(self.mesh), self.rows)
-        given = (for_kernels(q), for_kernels(qd), for_kernels(qdd))
+        given = (make_contiguous(q), make_contiguous(qd), make_contiguous(qdd))
         jacobian_and_residuals(chain, self.rows.scale, frames, given, g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels import sparse_qr
-from flexinv.kernels.fronts import Fronts, fronts_of
+from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.sparse_qr import SURE_PIVOT, FrontFactors
 from flexinv.typing import Array
 
@@ -28,7 +28,7 @@ SAMPLES_OF_BLOCK = 16
 _TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
 
 
-@by_address
+@send_by_address
 class Shares(NamedTuple):
     """Torques of a closed mechanism.
 
@@ -45,7 +45,7 @@ class Shares(NamedTuple):
     condition: Array
 
 
-@by_address
+@send_by_address
 class Place(NamedTuple):
     """Data and work space of the effort allocation kernel.
 
@@ -72,7 +72,7 @@ def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) ->
     motions = np.zeros((most, nv, SAMPLES_OF_BLOCK))
     h = np.zeros((most, most, SAMPLES_OF_BLOCK))
     y, x, turn = (np.zeros((size, SAMPLES_OF_BLOCK)) for size in (rows + nv, nv, 2))
-    whole = fronts_of(np.ones((most, most), dtype=bool))
+    whole = build_fronts(np.ones((most, most), dtype=bool))
     closing, driving = (FrontFactors.of(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
     return Place(drives, root, fronts, closing, whole, driving, motions, h, y, x, turn)
 
@@ -90,13 +90,13 @@ def _driving(place, freedoms):
                 place.motions[free, fronts.column[at]] = 1.0
                 sparse_qr.solve_upper(fronts, place.closing, place.motions[free])
                 free += 1
-    sparse_qr.clear(place.driving)
+    sparse_qr.fill_zeros(place.driving)
     for e in range(place.whole.entry.shape[0]):
         i = place.whole.entry[e, 0]
         n = place.whole.entry[e, 1]
         for k in range(SAMPLES_OF_BLOCK if n < freedoms else 0):
             value = place.motions[n, place.drives[i], k] / place.root[i]
-            sparse_qr.set_entry(place.whole, place.driving, e, k, value)
+            sparse_qr.write_entry(place.whole, place.driving, e, k, value)
     return sparse_qr.factorise_qr(place.whole, place.driving) == freedoms
 
 
@@ -185,7 +185,7 @@ def _drive(place, freedoms, s, tree, tau, preload):
         for i in range(tree.shape[1]):
             for k in range(SAMPLES_OF_BLOCK):
                 x[n, k] += place.motions[n, i, k] * tree[min(s + k, tree.shape[0] - 1), i]
-    sparse_qr.least_norm(place.whole, place.driving, x, y)
+    sparse_qr.solve_least_norm(place.whole, place.driving, x, y)
     for i in range(drives):
         for k in range(min(SAMPLES_OF_BLOCK, tree.shape[0] - s)):
             tau[s + k, place.drives[i]] = y[i, k] / place.root[i]
@@ -206,7 +206,7 @@ def _close(place, s, g, left, multipliers):
         for k in range(SAMPLES_OF_BLOCK):
             x[i, k] = left[min(s + k, g.shape[0] - 1), i]
     y[:] = 0.0
-    sparse_qr.least_norm(place.fronts, place.closing, x, y)
+    sparse_qr.solve_least_norm(place.fronts, place.closing, x, y)
     for k in range(min(SAMPLES_OF_BLOCK, g.shape[0] - s)):
         for r in range(g.shape[1]):
             multipliers[s + k, r] = y[r, k]
@@ -227,12 +227,12 @@ def share(place, g, tree, out, width):
     for s in range(0, samples, SAMPLES_OF_BLOCK):
         end = min(s + SAMPLES_OF_BLOCK, samples)
         width[s:end] = -1
-        sparse_qr.clear(place.closing)
+        sparse_qr.fill_zeros(place.closing)
         for e in range(place.fronts.entry.shape[0]):
             r = place.fronts.entry[e, 0]
             i = place.fronts.entry[e, 1]
             for k in range(SAMPLES_OF_BLOCK):
-                sparse_qr.set_entry(place.fronts, place.closing, e, k, g[min(s + k, samples - 1), r, i])
+                sparse_qr.write_entry(place.fronts, place.closing, e, k, g[min(s + k, samples - 1), r, i])
         rank = sparse_qr.factorise_qr(place.fronts, place.closing)
         freedoms = nv - rank
         if rank < 0 or freedoms == 0 or freedoms > drives or not _driving(place, freedoms):

@@ -20,7 +20,7 @@ from flexinv.constraints.continuation_kernel import Chain, Continuation, continu
 from flexinv.constraints.open_loops import explain_open
 from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular, find_within
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kernels.memory import for_kernels
+from flexinv.kernels.memory import make_contiguous
 from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import Mesh
@@ -301,7 +301,7 @@ class Follower:
         scale = self.rows.scale
         rest = np.zeros(self.mesh.mechanism.nv)
         g = np.zeros((1, len(scale), len(rest)))
-        kernel.closure_equations(self._chain, for_kernels(q), rest, g[0])
+        kernel.closure_equations(self._chain, make_contiguous(q), rest, g[0])
         g = closures.without_rounding(self.mesh, self.rows.direction, g)
         return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
 

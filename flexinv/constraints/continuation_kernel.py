@@ -17,8 +17,15 @@ from numpy.typing import NDArray
 from flexinv.constraints.equations import Rows, closure_residuals, closure_rows, geared
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
-from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, factorise_qr, least_squares, set_entry
+from flexinv.kernels.records import send_by_address
+from flexinv.kernels.sparse_qr import (
+    FrontFactors,
+    compute_condition_estimate,
+    factorise_qr,
+    fill_zeros,
+    solve_least_squares,
+    write_entry,
+)
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
 from flexinv.kinematics.tree import Frames, Joints, frames_at
 from flexinv.typing import Array
@@ -34,7 +41,7 @@ MOST_ITERATIONS = 30
 LARGEST_SURPRISE = 0.05  # [rad] or of the mechanism's length
 
 
-@by_address
+@send_by_address
 class Chain(NamedTuple):
     """Closed chain of a mechanism: its nodes, the equations of its closures, and room for its motion at one instant."""
 
@@ -55,7 +62,7 @@ class Chain(NamedTuple):
         return cls(nodes, rows, joints, frames, np.zeros((len(rows.a), 3)))
 
 
-@by_address
+@send_by_address
 class Continuation(NamedTuple):
     """Data and work space of the continuation kernel.
 
@@ -95,7 +102,7 @@ def solve_factored(problem, step):
 
     Only unknown coordinates of ``step`` are set.
     """
-    least_squares(problem.fronts, problem.qr, problem.y, problem.x)
+    solve_least_squares(problem.fronts, problem.qr, problem.y, problem.x)
     for i in range(problem.unknown.shape[0]):
         step[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
 
@@ -120,12 +127,12 @@ def _equations(chain, problem, q):
 
 @jit_inner
 def _set_matrix(problem):
-    clear(problem.qr)
+    fill_zeros(problem.qr)
     for e in range(problem.fronts.entry.shape[0]):
         k = problem.fronts.entry[e, 0]
         i = problem.fronts.entry[e, 1]
         value = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
-        set_entry(problem.fronts, problem.qr, e, 0, value)
+        write_entry(problem.fronts, problem.qr, e, 0, value)
 
 
 @jit_inner
@@ -231,7 +238,7 @@ def _set_rates(chain, problem, q, qd, qdd):
         for k in range(problem.scale.shape[0]):
             problem.y[k, 0] = (chain.phi[k, order] + geared(k, chain.rows, q, qd, qdd)[order]) / problem.scale[k]
         solve_factored(problem, qd if order == 1 else qdd)
-    return condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
+    return compute_condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
 
 
 @jit_inner

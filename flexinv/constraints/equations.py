@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.fronts import Fronts, fronts_of
+from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
 from flexinv.kinematics.tree import frames_at
 from flexinv.typing import Array, Mask
 
 
-@by_address
+@send_by_address
 class Rows(NamedTuple):
     """Constraints of all closures, one row each.
 
@@ -64,7 +64,7 @@ class Rows(NamedTuple):
     def fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
         """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
         own = np.ones(len(self.place), dtype=bool) if columns is None else columns
-        return fronts_of(self.pattern[:, own], None if last is None else last[own])
+        return build_fronts(self.pattern[:, own], None if last is None else last[own])
 
 
 @jit_inner
@@ -228,7 +228,7 @@ def closure_samples(nodes, rows, frames, phi, g):
         closure_rows(nodes, rows, frames_at(frames, s), phi[s], g[s])
 
 
-@by_address
+@send_by_address
 class Ends(NamedTuple):
     """Frames in which closures report their wrenches (closures,): the second, or the first where the second is in the world.
 

@@ -15,7 +15,7 @@ from flexinv.constraints.closures import Rows, Stretch, closed_rows
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, compute_projected_efforts
-from flexinv.kernels.memory import for_kernels
+from flexinv.kernels.memory import make_contiguous
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
@@ -60,7 +60,7 @@ def closure_wrenches(
     closures = mesh.mechanism.closures
     force, moment = np.zeros((2, *motion.x.shape))
     wrench = np.zeros((len(closures), len(motion.x), 6))
-    closing_samples(rows, _ends(mesh), motion.frames, for_kernels(multipliers), force, moment, wrench)
+    closing_samples(rows, _ends(mesh), motion.frames, make_contiguous(multipliers), force, moment, wrench)
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 

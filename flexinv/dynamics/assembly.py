@@ -7,9 +7,20 @@ accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`ge
 
 from __future__ import annotations
 
-from flexinv.elements.beam import relative, relative_rates
-from flexinv.elements.beam_element import damped_tangent, element_forces, element_gradient, element_tangent
-from flexinv.elements.joint_law import JointLaw, law_at, own_effort, own_slope, smooth_direction
+from flexinv.elements.beam import fill_relative_poses, fill_relative_rates
+from flexinv.elements.beam_element import (
+    fill_damped_tangent,
+    fill_element_forces,
+    fill_element_gradient,
+    fill_element_tangent,
+)
+from flexinv.elements.joint_law import (
+    JointLaw,
+    compute_effort_slope,
+    compute_joint_effort,
+    compute_smooth_direction,
+    take_joint_law,
+)
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
@@ -153,19 +164,19 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
         for i in range(count):
             put(z.x[i], 0, vec(frames.x[nodes[i]]))
             vec3.put_block(z.r[i], 0, 0, mat(frames.r[nodes[i]]))
-        if not relative(count, z) <= LARGEST_TURN:
+        if not fill_relative_poses(count, z) <= LARGEST_TURN:
             return k
         if damped:
             for i in range(count):
                 put(work.rates.v[i], 0, vec(frames.v[nodes[i]]))
                 put(work.rates.w[i], 0, vec(frames.w[nodes[i]]))
-            relative_rates(count, z, work.rates)
-            stored, gone = element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
+            fill_relative_rates(count, z, work.rates)
+            stored, gone = fill_element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
         else:
-            stored, gone = element_gradient(k, count, elements, z, None, work.internal[k], want_tangent)
+            stored, gone = fill_element_gradient(k, count, elements, z, None, work.internal[k], want_tangent)
         energy = energy + stored
         lost = lost + gone
-        element_forces(count, z)
+        fill_element_forces(count, z)
         for i in range(count):
             n = nodes[i]
             force = vec(z.forces[i])
@@ -175,9 +186,9 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
         if want_tangent:
             if damped:
-                damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
+                fill_damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
             else:
-                element_tangent(count, z, work.tangent[k])
+                fill_element_tangent(count, z, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
     work.energy[0] = energy
@@ -273,15 +284,17 @@ def _passive_rows(n, columns, system, cv, ca):
     moment = vec_at(work.wrench[n], 3)
     inverse = inverse_tangent(passive_psi(n, topology, state, first))
     level = loads.level[0]
-    whole = law_at(topology.drives, n)
+    whole = take_joint_law(topology.drives, n)
     law = JointLaw(whole.rotor, whole.damping, whole.friction, level * whole.stiffness, whole.rest)
     for i in range(topology.freedoms[n]):
         row = topology.column[n] + i
         slide = vec(topology.slide[n, i])
         turn = vec(topology.turn[n, i])
         rate = state.u[first + i]
-        direction = smooth_direction(state.u[first + i])
-        own = own_effort(law, state.place[first + i] + state.d[first + i], rate, state.du[first + i], direction)
+        direction = compute_smooth_direction(state.u[first + i])
+        own = compute_joint_effort(
+            law, state.place[first + i] + state.d[first + i], rate, state.du[first + i], direction
+        )
         work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own - level * loads.effort[first + i]
         if columns == 0:
             continue
@@ -290,7 +303,7 @@ def _passive_rows(n, columns, system, cv, ca):
             if m >= 0:
                 dforce = vec3.sub(dforce, cross(vec(system.variation.t[m, k]), force))
             diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
-        slope = own_slope(law, direction, cv, ca)
+        slope = compute_effort_slope(law, direction, cv, ca)
         if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
             add_to(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
         else:

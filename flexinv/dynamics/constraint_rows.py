@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.constraints.equations import fixed, gap
 from flexinv.dynamics.dofs import Topology
-from flexinv.kernels.dense import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
+from flexinv.kernels.dense import Blocks, Pivots, build_blocks, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.typing import Array, Indices
@@ -46,7 +46,7 @@ SECOND_RATES = 2
 MOVES_NOTHING = 1e-13
 
 
-@by_address
+@send_by_address
 class Layout(NamedTuple):
     """Parts of the mechanism that the rows of the border have to do with.
 
@@ -67,7 +67,7 @@ class Layout(NamedTuple):
     whole: Blocks
 
 
-@by_address
+@send_by_address
 class Ties(NamedTuple):
     """Rows of the border: first the constraints of all closures (see `equations.Rows`), then three for each spring.
 
@@ -130,8 +130,8 @@ def layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indices) -> 
     return Layout(
         tree.span, first_part, part, first_unknown, unknown,
         first_side=_ends([len(side) for side in sides]), side=np.concatenate(sides).astype(np.int64),
-        blocks=blocks_of(lengths.tolist(), coupled.reshape(-1, parts).T),
-        whole=blocks_of([count], np.ones((1, 1), dtype=bool)),
+        blocks=build_blocks(lengths.tolist(), coupled.reshape(-1, parts).T),
+        whole=build_blocks([count], np.ones((1, 1), dtype=bool)),
     )  # fmt: skip
 
 

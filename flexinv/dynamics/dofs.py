@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Indices
 
 
-@by_address
+@send_by_address
 class Topology(NamedTuple):
     """Nodes, blocks and passive freedoms as the march needs them.
 

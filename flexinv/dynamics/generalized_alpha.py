@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from flexinv.dynamics.assembly import passive_psi
 from flexinv.errors import InputError
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add_to, apply, mat, mul, put_block, scale, vec, vec_at
 from flexinv.typing import Array
@@ -54,7 +54,7 @@ SQUARED = 1e3
 LARGEST_TOLERANCE = 1e-6
 
 
-@by_address
+@send_by_address
 class Scheme(NamedTuple):
     """Equations to solve and their coefficients.
 

@@ -25,7 +25,7 @@ from flexinv.constraints.equations import gap
 from flexinv.dynamics.constraint_rows import Ties, set_gradient
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
@@ -37,7 +37,7 @@ GAS = 1
 TABLE = 2
 
 
-@by_address
+@send_by_address
 class Loads(NamedTuple):
     """Loads on points of nodes, one row each.
 
@@ -110,7 +110,7 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
 # -------------------------------------------------------------------------------------- springs
 
 
-@by_address
+@send_by_address
 class Pulls(NamedTuple):
     """Springs, one row each.
 

@@ -12,15 +12,15 @@ from flexinv.dynamics.dofs import Topology
 from flexinv.dynamics.loads import Loads, Pulls
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
-from flexinv.kernels.memory import cleared, together
-from flexinv.kernels.records import by_address
+from flexinv.kernels.memory import make_adjacent_arrays, make_aligned_zeros
+from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class State(NamedTuple):
     """Unknowns of a step.
 
@@ -51,11 +51,13 @@ class State(NamedTuple):
     @classmethod
     def of(cls, nodes: int, unknowns: int) -> State:
         """Return unknowns that are zero [m, rad, s], those of a plane with no nodes."""
-        series = [cleared(unknowns) for _ in range(10)]
-        return cls._make([cleared(nodes, 3), cleared(nodes, 3, 3), *series, np.zeros(1, dtype=np.int64)])
+        series = [make_aligned_zeros(unknowns) for _ in range(10)]
+        return cls._make(
+            [make_aligned_zeros(nodes, 3), make_aligned_zeros(nodes, 3, 3), *series, np.zeros(1, dtype=np.int64)]
+        )
 
 
-@by_address
+@send_by_address
 class Work(NamedTuple):
     """Wrenches, residual and linearisation, allocated once.
 
@@ -83,7 +85,7 @@ class Work(NamedTuple):
     projection: Array
 
 
-@by_address
+@send_by_address
 class Border(NamedTuple):
     """Bordered system beside the tree: closures and springs between points [m], [N]."""
 
@@ -91,7 +93,7 @@ class Border(NamedTuple):
     pulls: Pulls
 
 
-@by_address
+@send_by_address
 class System(NamedTuple):
     """A mesh under time integration: what stays constant, the present state, and what kernels fill."""
 
@@ -105,7 +107,7 @@ class System(NamedTuple):
     work: Work
 
 
-@by_address
+@send_by_address
 class Instants(NamedTuple):
     """Prescribed quantities at the instants of a chunk of steps.
 
@@ -120,7 +122,7 @@ class Instants(NamedTuple):
     given: Array
 
 
-@by_address
+@send_by_address
 class Trajectory(NamedTuple):
     """The flexible trajectory and what holds it together: histories with a leading axis of samples.
 
@@ -162,7 +164,7 @@ class Trajectory(NamedTuple):
     @classmethod
     def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return the arrays of `empty`, large histories uncleared: every sample will be written [m, rad, s, N, J]."""
-        *motion, wrench, internal = together(*history_shapes(mesh, samples))
+        *motion, wrench, internal = make_adjacent_arrays(*history_shapes(mesh, samples))
         if has_padding(mesh):
             internal[:] = 0.0
         series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)

@@ -28,7 +28,7 @@ import numpy as np
 
 from flexinv.kernels import so3, vec3
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import coefficients, exp_with, inverse_tangent, log, quadratic, tangent_with
 from flexinv.kernels.vec3 import (
     EYE,
@@ -53,7 +53,7 @@ Vector3 = tuple[float, float, float]
 Matrix = tuple[Vector3, Vector3, Vector3]
 
 
-@by_address
+@send_by_address
 class Scratch(NamedTuple):
     """One element under evaluation, count = order + 1 nodes; allocated once.
 
@@ -84,7 +84,7 @@ class Scratch(NamedTuple):
 
 
 @jit_inner
-def tangent_slope(psi, b, q, sign):
+def compute_tangent_slope(psi, b, q, sign):
     """Return d/dpsi of H(psi) b (sign +1) or of H(psi)^T b (sign -1) [unit of b]; q from `coefficients`.
 
     H b = (1 - s B) b - A psi x b + B psi (psi . b), s = psi . psi; the transpose turns the sign of A.
@@ -98,7 +98,7 @@ def tangent_slope(psi, b, q, sign):
 
 
 @jit_inner
-def tangent_curvature(psi, a, b, q):
+def compute_tangent_curvature(psi, a, b, q):
     """Return the second derivative of h = a . H(psi) b with respect to psi, symmetric [unit of a b].
 
     h = (a.b)(1 - s B) - A psi.(b x a) + B (a.psi)(b.psi), s = psi . psi; q from `coefficients`
@@ -118,7 +118,7 @@ def tangent_curvature(psi, a, b, q):
 
 
 @jit_inner
-def inverse_tangent_slope(psi, g, sign):
+def compute_inverse_slope(psi, g, sign):
     """Return d/dpsi of H(psi)^-1 g (sign +1) or of H(psi)^-T g (sign -1) [unit of g].
 
     H^-1 g = (1 - s c) g + psi x g / 2 + c psi (psi . g), s = psi . psi; the transpose turns the sign of the middle term.
@@ -131,7 +131,7 @@ def inverse_tangent_slope(psi, g, sign):
 
 
 @jit_inner
-def relative(count, scratch):
+def fill_relative_poses(count, scratch):
     """Fill u_i = x_i - x_0 [m] and psi_i = log(R_0^T R_i) [rad] of scratch z; return the largest |psi_i| [rad]."""
     largest = 0.0
     first = mat(scratch.r[0])
@@ -146,7 +146,7 @@ def relative(count, scratch):
 
 
 @jit_inner
-def interpolate(count, shape, slope, moved, turned):
+def evaluate_pose_at_point(count, shape, slope, moved, turned):
     """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point, or their rates; node 0 contributes nothing: u_0 = psi_0 = 0."""
     du = vec3.ZERO
     psi = vec3.ZERO
@@ -172,16 +172,16 @@ class Point(NamedTuple):
 
 
 @jit_inner
-def point_of(count, shape, slope, scratch):
+def make_point(count, shape, slope, scratch):
     """Return the `Point` [rad], [1/m] of the relative poses at one Gauss point."""
-    du, psi, dpsi = interpolate(count, shape, slope, scratch.u, scratch.psi)
+    du, psi, dpsi = evaluate_pose_at_point(count, shape, slope, scratch.u, scratch.psi)
     q = coefficients(dot(psi, psi))
     s = mul(mat(scratch.r[0]), exp_with(psi, q))
-    return Point(psi, dpsi, q, s, tangent_with(psi, q), vec3.tapply(s, du), tangent_slope(psi, dpsi, q, 1.0))
+    return Point(psi, dpsi, q, s, tangent_with(psi, q), vec3.tapply(s, du), compute_tangent_slope(psi, dpsi, q, 1.0))
 
 
 @jit_inner
-def point_hessian(point, stress, stiffness, w, parts):
+def fill_point_hessian(point, stress, stiffness, w, parts):
     """Fill the parts of `Scratch` with second derivatives at one Gauss point, w d2E by (u', psi, psi') [N], [N m].
 
     stress : n [N], m [N m] and n x S^T u'; stiffness : C_N [N], C_M [N m^2]
@@ -195,20 +195,20 @@ def point_hessian(point, stress, stiffness, w, parts):
     turned = mul(skew(n), spin)
     by_u_u = mul(s, rows(c_n, transpose(s)))
     by_u_psi = mul(s, vec3.msub(c_spin, mul(skew(n), h)))
-    stretching = madd(madd(tmul(spin, c_spin), tmul(h, turned)), tangent_slope(psi, couple, q, -1.0))
-    bending = madd(tmul(bend, c_bend), tangent_curvature(psi, m, dpsi, q))
-    by_slope_psi = madd(tmul(h, c_bend), tangent_slope(psi, m, q, -1.0))
-    put_part(parts[0], 0, 0, mscale(w, by_u_u))
-    put_part(parts[0], 3, 3, mscale(w, tmul(h, rows(c_m, h))))
-    put_part(parts[1], 0, 3, mscale(w, by_u_psi))
-    put_part(parts[1], 3, 3, mscale(w, by_slope_psi))
-    put_part(parts[2], 3, 0, mscale(w, transpose(by_u_psi)))
-    put_part(parts[2], 3, 3, mscale(w, transpose(by_slope_psi)))
-    put_part(parts[3], 3, 3, mscale(w, madd(stretching, bending)))
+    stretching = madd(madd(tmul(spin, c_spin), tmul(h, turned)), compute_tangent_slope(psi, couple, q, -1.0))
+    bending = madd(tmul(bend, c_bend), compute_tangent_curvature(psi, m, dpsi, q))
+    by_slope_psi = madd(tmul(h, c_bend), compute_tangent_slope(psi, m, q, -1.0))
+    write_part(parts[0], 0, 0, mscale(w, by_u_u))
+    write_part(parts[0], 3, 3, mscale(w, tmul(h, rows(c_m, h))))
+    write_part(parts[1], 0, 3, mscale(w, by_u_psi))
+    write_part(parts[1], 3, 3, mscale(w, by_slope_psi))
+    write_part(parts[2], 3, 0, mscale(w, transpose(by_u_psi)))
+    write_part(parts[2], 3, 3, mscale(w, transpose(by_slope_psi)))
+    write_part(parts[3], 3, 3, mscale(w, madd(stretching, bending)))
 
 
 @jit_inner
-def put_part(numbers, row, column, m):
+def write_part(numbers, row, column, m):
     """Write a matrix into a (6, 6) block that is stored as 36 numbers [any unit]."""
     put(numbers, 6 * row + column, m[0])
     put(numbers, 6 * row + 6 + column, m[1])
@@ -216,14 +216,14 @@ def put_part(numbers, row, column, m):
 
 
 @jit_inner
-def part(numbers, row, column):
+def read_part(numbers, row, column):
     """Return a matrix of a (6, 6) block that is stored as 36 numbers [any unit]."""
     first = 6 * row + column
     return vec3.vec_at(numbers, first), vec3.vec_at(numbers, first + 6), vec3.vec_at(numbers, first + 12)
 
 
 @jit_inner
-def spread(count, shape, slope, parts, out, whole):
+def add_to_node_pairs(count, shape, slope, parts, out, whole):
     """Add one Gauss point's derivatives to those of the pairs of nodes i, j (j >= i unless ``whole``) [N/m], [N], [N m]."""
     for i in range(1, count):
         for j in range(1 if whole else i, count):
@@ -235,7 +235,7 @@ def spread(count, shape, slope, parts, out, whole):
                 out[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
 
 
-@by_address
+@send_by_address
 class Rates(NamedTuple):
     """Work space of damping beside `Scratch` for one element, count = order + 1 nodes; empty where no beam is damped.
 
@@ -274,8 +274,8 @@ class Rate(NamedTuple):
 
 
 @jit_inner
-def relative_rates(count, scratch, rates):
-    """Fill du [m/s], dpsi [rad/s] and how they vary with the nodes' poses; `relative` came before."""
+def fill_relative_rates(count, scratch, rates):
+    """Fill du [m/s], dpsi [rad/s] and how they vary with the nodes' poses; `fill_relative_poses` came before."""
     first = mat(scratch.r[0])
     v0 = vec(rates.v[0])
     w0 = vec(rates.w[0])
@@ -287,14 +287,14 @@ def relative_rates(count, scratch, rates):
         g = vec3.sub(vec(rates.w[i]), carried)
         put(rates.du[i], 0, vec3.sub(vec3.sub(vec(rates.v[i]), v0), vec3.cross(world, vec(scratch.u[i]))))
         put(rates.dpsi[i], 0, apply(inverse, g))
-        by_psi = mul(inverse_tangent_slope(vec(scratch.psi[i]), g, 1.0), inverse)
+        by_psi = mul(compute_inverse_slope(vec(scratch.psi[i]), g, 1.0), inverse)
         vec3.put_block(rates.turned[i], 0, 0, vec3.msub(by_psi, mul(inverse, skew(carried))))
 
 
 @jit_inner
-def rate_of(count, shape, slope, point, rates):
+def make_rate(count, shape, slope, point, rates):
     """Return the `Rate` [1/s], [rad/s] of the relative motion at one Gauss point."""
-    du, psi, dpsi = interpolate(count, shape, slope, rates.du, rates.dpsi)
+    du, psi, dpsi = evaluate_pose_at_point(count, shape, slope, rates.du, rates.dpsi)
     slid = vec3.tapply(point.s, du)
     turn = apply(point.h, psi)
     gamma = vec3.add(slid, vec3.cross(point.stretch, turn))
@@ -302,7 +302,7 @@ def rate_of(count, shape, slope, point, rates):
 
 
 @jit_inner
-def rates_by_pose(point, rate, damping, w, parts):
+def add_rate_derivatives(point, rate, damping, w, parts):
     """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses; damping D [N s], [N m^2 s]."""
     psi, dpsi, q, s, h, stretch, bend = point
     slid, turn, psi_rate, dpsi_rate, _, _ = rate
@@ -311,18 +311,18 @@ def rates_by_pose(point, rate, damping, w, parts):
     whirl = skew(turn)
     by_u = rows(d_n, mscale(-1.0, mul(whirl, transpose(s))))
     slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
-    by_psi = rows(d_n, madd(slides, mul(skew(stretch), tangent_slope(psi, psi_rate, q, 1.0))))
+    by_psi = rows(d_n, madd(slides, mul(skew(stretch), compute_tangent_slope(psi, psi_rate, q, 1.0))))
     x, y, z = EYE
-    a = tangent_slope(psi, x, q, 1.0)
-    b = tangent_slope(psi, y, q, 1.0)
-    c = tangent_slope(psi, z, q, 1.0)
+    a = compute_tangent_slope(psi, x, q, 1.0)
+    b = compute_tangent_slope(psi, y, q, 1.0)
+    c = compute_tangent_slope(psi, z, q, 1.0)
     grown = transpose((apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)))
-    a = tangent_curvature(psi, x, dpsi, q)
-    b = tangent_curvature(psi, y, dpsi, q)
-    c = tangent_curvature(psi, z, dpsi, q)
+    a = compute_tangent_curvature(psi, x, dpsi, q)
+    b = compute_tangent_curvature(psi, y, dpsi, q)
+    c = compute_tangent_curvature(psi, z, dpsi, q)
     twice = apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)
     by_slope = rows(d_m, grown)
-    by_bend = rows(d_m, madd(tangent_slope(psi, dpsi_rate, q, 1.0), twice))
+    by_bend = rows(d_m, madd(compute_tangent_slope(psi, dpsi_rate, q, 1.0), twice))
     _add_part(parts[0], 0, 0, mscale(w, mul(s, by_u)))
     _add_part(parts[0], 3, 3, mscale(w, tmul(h, by_slope)))
     _add_part(parts[1], 0, 3, mscale(w, mul(s, by_psi)))
@@ -334,4 +334,4 @@ def rates_by_pose(point, rate, damping, w, parts):
 
 @jit_inner
 def _add_part(numbers, row, column, m):
-    put_part(numbers, row, column, madd(part(numbers, row, column), m))
+    write_part(numbers, row, column, madd(read_part(numbers, row, column), m))

@@ -13,15 +13,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, rate_of, rates_by_pose, spread
+from flexinv.elements.beam import (
+    add_rate_derivatives,
+    add_to_node_pairs,
+    compute_inverse_slope,
+    fill_point_hessian,
+    make_point,
+    make_rate,
+    read_part,
+)
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, block, dot, madd, mat, msub, mul, put, put_block, scale, skew, sub, vec, vec_at
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class Elements(NamedTuple):
     """Beam elements, padded to the highest order in use.
 
@@ -54,7 +62,7 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     slope = elements.slope[k, g]
     w = elements.weight[k, g]
     stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
-    point = point_of(count, shape, slope, scratch)
+    point = make_point(count, shape, slope, scratch)
     gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
     kappa = sub(vec3.apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
     n = vec3.times(stiffness[0], gamma)
@@ -63,7 +71,7 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
     if rates is not None:
         damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
-        rate = rate_of(count, shape, slope, point, rates)
+        rate = make_rate(count, shape, slope, point, rates)
         n_lost = vec3.times(damping[0], rate.gamma)
         m_lost = vec3.times(damping[1], rate.kappa)
         n = add(n, n_lost)
@@ -80,17 +88,17 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
         vec3.add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
         vec3.add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
     if want_tangent:
-        point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
+        fill_point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
         if rates is not None:
-            point_hessian(point, (vec3.ZERO, vec3.ZERO, vec3.ZERO), damping, w, rates.parts)
-            rates_by_pose(point, rate, damping, w, scratch.parts)
-            spread(count, shape, slope, rates.parts, rates.drag, True)
-        spread(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
+            fill_point_hessian(point, (vec3.ZERO, vec3.ZERO, vec3.ZERO), damping, w, rates.parts)
+            add_rate_derivatives(point, rate, damping, w, scratch.parts)
+            add_to_node_pairs(count, shape, slope, rates.parts, rates.drag, True)
+        add_to_node_pairs(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
     return stored, lost
 
 
 @jit_inner
-def element_gradient(k, count, elements, scratch, rates, internal, want_tangent):
+def fill_element_gradient(k, count, elements, scratch, rates, internal, want_tangent):
     """Fill dE/d(u_i, psi_i) of element k, scratch.gradient [N], [N m] and, if wanted, its derivatives.
 
     elements : `Elements`; internal : (points, 6) stress resultants in the section frame [N], [N m]
@@ -99,9 +107,9 @@ def element_gradient(k, count, elements, scratch, rates, internal, want_tangent)
     """
     energy = 0.0
     lost = 0.0
-    _clear(count, scratch.gradient, scratch.hessian, want_tangent)
+    _fill_zeros(count, scratch.gradient, scratch.hessian, want_tangent)
     if rates is not None:
-        _clear(count, scratch.gradient, rates.drag, want_tangent)
+        _fill_zeros(count, scratch.gradient, rates.drag, want_tangent)
     for g in range(count - 1):
         stored, gone = _add_point(k, g, count, elements, scratch, rates, internal[g], want_tangent)
         energy = energy + stored
@@ -110,7 +118,7 @@ def element_gradient(k, count, elements, scratch, rates, internal, want_tangent)
 
 
 @jit_inner
-def _clear(count, gradient, pairs, want_tangent):
+def _fill_zeros(count, gradient, pairs, want_tangent):
     for i in range(count):
         for k in range(6):
             gradient[i, k] = 0.0
@@ -120,7 +128,7 @@ def _clear(count, gradient, pairs, want_tangent):
 
 
 @jit_inner
-def element_forces(count, scratch):
+def fill_element_forces(count, scratch):
     """Fill scratch.forces, (count, 6) [N] (world) and [N m] (node frame), from dE/d(u_i, psi_i).
 
     F_i = dE/du_i, M_i = H_i^-T dE/dpsi_i; the sums of forces and moments vanish, and R_0^T R_i H_i^-T = H_i^-1:
@@ -142,7 +150,7 @@ def element_forces(count, scratch):
 
 
 @jit_inner
-def _pair(i, j, scratch, rates, tangent):
+def _fill_pair(i, j, scratch, rates, tangent):
     """Set how the forces on node i vary with the motion of node j, both beyond the first.
 
     By poses K = B^T (d2E) B + (dB^T) g with B = diag(1, H_i^-1), symmetric but for (theta_i, theta_i): translations and rotations
@@ -153,34 +161,36 @@ def _pair(i, j, scratch, rates, tangent):
     stiff = scratch.hessian[i, j]
     row = 6 * i
     column = 6 * j
-    x_x = part(stiff, 0, 0)
-    x_t = mul(part(stiff, 0, 3), other)
-    t_x = part(stiff, 3, 0)
-    t_t = mul(part(stiff, 3, 3), other)
+    x_x = read_part(stiff, 0, 0)
+    x_t = mul(read_part(stiff, 0, 3), other)
+    t_x = read_part(stiff, 3, 0)
+    t_t = mul(read_part(stiff, 3, 3), other)
     if rates is not None:
         drag = rates.drag[i, j]
         spin = mat(rates.spin)
         turned = mat(rates.turned[j])
-        x_x = msub(x_x, mul(part(drag, 0, 0), spin))
-        x_t = madd(x_t, mul(part(drag, 0, 3), turned))
-        t_x = msub(t_x, mul(part(drag, 3, 0), spin))
-        t_t = madd(t_t, mul(part(drag, 3, 3), turned))
+        x_x = msub(x_x, mul(read_part(drag, 0, 0), spin))
+        x_t = madd(x_t, mul(read_part(drag, 0, 3), turned))
+        t_x = msub(t_x, mul(read_part(drag, 3, 0), spin))
+        t_t = madd(t_t, mul(read_part(drag, 3, 3), turned))
     t_x = vec3.tmul(own, t_x)
     t_t = vec3.tmul(own, t_t)
     if i == j:
-        geometric = inverse_tangent_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
+        geometric = compute_inverse_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
         t_t = madd(t_t, mul(geometric, own))
-    _put_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
+    _write_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
     if rates is not None:
-        t_x = vec3.tmul(own, part(drag, 3, 0))
-        t_t = vec3.tmul(own, mul(part(drag, 3, 3), other))
-        _put_pair(rates.by_velocity, row, column, ((part(drag, 0, 0), mul(part(drag, 0, 3), other)), (t_x, t_t)))
+        t_x = vec3.tmul(own, read_part(drag, 3, 0))
+        t_t = vec3.tmul(own, mul(read_part(drag, 3, 3), other))
+        _write_pair(
+            rates.by_velocity, row, column, ((read_part(drag, 0, 0), mul(read_part(drag, 0, 3), other)), (t_x, t_t))
+        )
     elif j > i:
-        _mirror(tangent, row, column)
+        _write_transpose(tangent, row, column)
 
 
 @jit_inner
-def _put_pair(a, row, column, blocks):
+def _write_pair(a, row, column, blocks):
     """Write a (6, 6) block from its four (3, 3) blocks."""
     put_block(a, row, column, blocks[0][0])
     put_block(a, row, column + 3, blocks[0][1])
@@ -189,7 +199,7 @@ def _put_pair(a, row, column, blocks):
 
 
 @jit_inner
-def _mirror(a, row, column):
+def _write_transpose(a, row, column):
     """Write the transpose of a (6, 6) block where symmetry has it."""
     for i in range(6):
         for j in range(6):
@@ -197,19 +207,19 @@ def _mirror(a, row, column):
 
 
 @jit_inner
-def element_tangent(count, scratch, tangent):
+def fill_element_tangent(count, scratch, tangent):
     """Fill the exact derivative of the nodal forces by (dx, theta) of all nodes, (6 count, 6 count) [N/m], [N], [N m]."""
     for i in range(1, count):
         for j in range(i, count):
-            _pair(i, j, scratch, None, tangent)
+            _fill_pair(i, j, scratch, None, tangent)
     for i in range(count - 1, -1, -1):  # node 0 last: its row is the transpose of its column
-        _by_objectivity(i, count, scratch, None, tangent)
+        _fill_root_column(i, count, scratch, None, tangent)
         if i > 0:
-            _mirror(tangent, 6 * i, 0)
+            _write_transpose(tangent, 6 * i, 0)
 
 
 @jit_inner
-def damped_tangent(count, scratch, rates, nodes, variation, tangent):
+def fill_damped_tangent(count, scratch, rates, nodes, variation, tangent):
     """Fill how nodal forces vary with the motion of the element's nodes [N/m], [N], [N m].
 
     Columns of nodes beyond the first are by their own unknowns, whose velocities follow as ``variation``
@@ -217,11 +227,11 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
     """
     for i in range(1, count):
         for j in range(1, count):
-            _pair(i, j, scratch, rates, tangent)
+            _fill_pair(i, j, scratch, rates, tangent)
     for j in range(1, count):
-        _first_row(j, count, scratch, rates, tangent)
+        _fill_first_row(j, count, scratch, rates, tangent)
     for i in range(count):
-        _by_objectivity(i, count, scratch, rates, tangent)
+        _fill_root_column(i, count, scratch, rates, tangent)
     last = tangent.shape[1] - 6
     for row in range(6 * count):
         by = rates.by_velocity[row]
@@ -237,17 +247,17 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
 
 
 @jit_inner
-def _first_row(j, count, scratch, rates, tangent):
+def _fill_first_row(j, count, scratch, rates, tangent):
     """Forces on the first node by pose and velocity of node j: F_0 = - sum F_i,  M_0 = - R_0^T sum (u_i x F_i + R_i M_i)."""
     force = vec(scratch.forces[j])
     moment = vec_at(scratch.forces[j], 3)
     carried = mul(mat(scratch.r[j]), skew(moment))  # R_j (theta x M) = - R_j skew(M) theta
-    _sum_row(j, count, scratch, vec3.mscale(-1.0, skew(force)), vec3.mscale(-1.0, carried), tangent)
-    _sum_row(j, count, scratch, vec3.diagonal(0.0), vec3.diagonal(0.0), rates.by_velocity)
+    _fill_row_sum(j, count, scratch, vec3.mscale(-1.0, skew(force)), vec3.mscale(-1.0, carried), tangent)
+    _fill_row_sum(j, count, scratch, vec3.diagonal(0.0), vec3.diagonal(0.0), rates.by_velocity)
 
 
 @jit_inner
-def _sum_row(j, count, scratch, by_x, by_t, a):
+def _fill_row_sum(j, count, scratch, by_x, by_t, a):
     """Balance of one column of (6, 6) blocks; by_x, by_t : how arm and frame of node j itself change the moment."""
     none = vec3.diagonal(0.0)
     r0 = mat(scratch.r[0])
@@ -267,11 +277,11 @@ def _sum_row(j, count, scratch, by_x, by_t, a):
         t_x = madd(t_x, madd(mul(arm, f_x), mul(turn, block(a, row + 3, column))))
         t_t = madd(t_t, madd(mul(arm, f_t), mul(turn, block(a, row + 3, column + 3))))
     back = vec3.mscale(-1.0, vec3.transpose(r0))
-    _put_pair(a, 0, 6 * j, ((x_x, x_t), (mul(back, t_x), mul(back, t_t))))
+    _write_pair(a, 0, 6 * j, ((x_x, x_t), (mul(back, t_x), mul(back, t_t))))
 
 
 @jit_inner
-def _by_objectivity(i, count, scratch, rates, tangent):
+def _fill_root_column(i, count, scratch, rates, tangent):
     """Set how forces on node i vary with the motion of the first node, from that with all others.
 
     Moved along with the element they do not change, K_(i,x0) = - sum_j K_(i,xj), nor by rigid velocities; turned about

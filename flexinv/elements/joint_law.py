@@ -36,44 +36,46 @@ class JointLaw(NamedTuple):
     rest: Numbers
 
 
-def laws_of(mechanism: Mechanism) -> JointLaw:
+def build_joint_laws(mechanism: Mechanism) -> JointLaw:
     """Return the laws of all velocity coordinates, (nv,) each [kg m^2], [N m s], [N m], [N m/rad], [rad]."""
     return JointLaw(*mechanism.drive_table)
 
 
 @jit_inner
-def law_at(drives: Array, n: int) -> JointLaw:
+def take_joint_law(drives: Array, n: int) -> JointLaw:
     """Return the law of one joint [kg m^2], [N m s], [N m], [N m/rad], [rad] from ``drives``, (5, nodes)."""
     return JointLaw(drives[0, n], drives[1, n], drives[2, n], drives[3, n], drives[4, n])
 
 
 @jit_formula
-def moving_effort(law: JointLaw, rate: Numbers, acceleration: Numbers) -> Numbers:
+def compute_moving_effort(law: JointLaw, rate: Numbers, acceleration: Numbers) -> Numbers:
     """Return the effort of rotor and damper [N m], [N]."""
     return law.rotor * acceleration + law.damping * rate
 
 
 @jit_formula
-def resisting_effort(law: JointLaw, place: Numbers, direction: Numbers) -> Numbers:
+def compute_resisting_effort(law: JointLaw, place: Numbers, direction: Numbers) -> Numbers:
     """Return the effort of dry friction and of the spring [N m], [N]; direction : of the rate, -1 .. 1 [-]."""
     return law.friction * direction + law.stiffness * (place - law.rest)
 
 
 @jit_formula
-def own_effort(law: JointLaw, place: Numbers, rate: Numbers, acceleration: Numbers, direction: Numbers) -> Numbers:
+def compute_joint_effort(
+    law: JointLaw, place: Numbers, rate: Numbers, acceleration: Numbers, direction: Numbers
+) -> Numbers:
     """Return all that the joint itself takes from its actuator [N m], [N]."""
-    return moving_effort(law, rate, acceleration) + resisting_effort(law, place, direction)
+    return compute_moving_effort(law, rate, acceleration) + compute_resisting_effort(law, place, direction)
 
 
 @jit_formula
-def smooth_direction(rate: Numbers) -> Numbers:
+def compute_smooth_direction(rate: Numbers) -> Numbers:
     """Return the direction of a rate [rad/s], [m/s] with a slope at rest, -1 .. 1 [-]."""
     return np.tanh(rate / FRICTION_RATE)
 
 
 @jit_formula
-def own_slope(law: JointLaw, direction: Numbers, by_rate: Numbers, by_acceleration: Numbers) -> Numbers:
-    """Return the slope of `own_effort` by the coordinate [N m/rad], [N/m], with `smooth_direction`.
+def compute_effort_slope(law: JointLaw, direction: Numbers, by_rate: Numbers, by_acceleration: Numbers) -> Numbers:
+    """Return the slope of `compute_joint_effort` by the coordinate [N m/rad], [N/m], with `compute_smooth_direction`.
 
     by_rate, by_acceleration : derivatives of rate and acceleration by the coordinate, as the integrator gives them [1/s], [1/s^2]
     """
@@ -81,6 +83,6 @@ def own_slope(law: JointLaw, direction: Numbers, by_rate: Numbers, by_accelerati
     return law.stiffness + by_rate * damping + by_acceleration * law.rotor
 
 
-def law_columns(place: Array, rate: Array, acceleration: Array, direction: Array) -> list[Array]:
-    """Return the derivatives of `own_effort` by rotor, damping, friction, stiffness and stiffness rest [any unit]."""
+def compute_law_derivatives(place: Array, rate: Array, acceleration: Array, direction: Array) -> list[Array]:
+    """Return the derivatives of `compute_joint_effort` by rotor, damping, friction, stiffness and stiffness rest [any unit]."""
     return [acceleration, rate, direction, place, -np.ones_like(place)]

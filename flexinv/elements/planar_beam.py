@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
 
@@ -46,7 +46,7 @@ COEFFICIENTS = np.uint64(3 * POINTS_AT_ONCE)
 FULL_TURN = 2.0 * np.pi  # an element that turns more between its first and any other node is refused, as in `assembly`
 
 
-@by_address
+@send_by_address
 class PlanarElements(NamedTuple):
     """Elements in a plane.
 
@@ -70,14 +70,14 @@ class PlanarElements(NamedTuple):
 
 
 @jit_inner
-def point_offset(k, g, points):
+def compute_point_offset(k, g, points):
     """Return the offset of point g of element k in the first row of its block [-]."""
     n = np.uint64(k * points + g)
     return n // _LANES * POINT_BLOCK + n % _LANES
 
 
 @jit_inner
-def interpolate(elements, pose, u, p):
+def fill_point_strains(elements, pose, u, p):
     """Fill u', phi, psi' of all points from the nodes' poses (nodes, 3); return the largest |psi_i| [rad] and its element.
 
     u : (count, 3) scratch, u_i [m] and psi_i [rad] of one element
@@ -109,7 +109,7 @@ def interpolate(elements, pose, u, p):
                 u2 = u2 + slope * u[i, 1]
                 psi = psi + elements.shape[k, g, i] * u[i, 2]
                 bend = bend + slope * u[i, 2]
-            at = point_offset(k, g, points)
+            at = compute_point_offset(k, g, points)
             p[at + U1] = u1
             p[at + U2] = u2
             p[at + PHI] = phi0 + psi
@@ -118,7 +118,7 @@ def interpolate(elements, pose, u, p):
 
 
 @jit_inner
-def relax(elements, p):
+def remove_stress(elements, p):
     """Leave all points without stress [N], [N m], exactly."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
         at = block * POINT_BLOCK
@@ -132,7 +132,7 @@ def relax(elements, p):
 
 
 @jit_inner
-def interpolate_rates(elements, rate, r):
+def fill_point_rates(elements, rate, r):
     """Fill v' [1/s], phi' [rad/s] and the rate of curvature of all points from the nodes' velocities, (nodes, 3)."""
     points = elements.shape.shape[1]
     for k in range(len(elements.order)):
@@ -159,17 +159,17 @@ def interpolate_rates(elements, rate, r):
 
 
 @jit_inner
-def point_gradients(elements, p, r):
+def fill_point_gradients(elements, p, r):
     """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]; r : their rates, interpolated."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
         if len(elements.damping) > 0:
-            _gradients(elements.lanes, block, elements, p, r)
+            _fill_block_gradients(elements.lanes, block, elements, p, r)
         else:
-            _gradients(elements.lanes, block, elements, p, None)
+            _fill_block_gradients(elements.lanes, block, elements, p, None)
 
 
 @jit_inner
-def _gradients(lanes, block, elements, p, r):
+def _fill_block_gradients(lanes, block, elements, p, r):
     """First derivatives at the points of a block; r : None where no beam is damped, and nothing of damping is compiled."""
     at = block * POINT_BLOCK
     own = block * CONSTANTS
@@ -211,20 +211,20 @@ def _gradients(lanes, block, elements, p, r):
 
 
 @jit_inner
-def point_hessians(elements, cv, p):
+def fill_point_hessians(elements, cv, p):
     """Fill the second derivatives of the energy at all points [N], [N m]; velocities are cv of a change of pose [1/s].
 
     d2E/du'du' = S C S^T,  d2E/du'dpsi = S (J n - C J y),  d2E/dpsi2 = J y . C J y - n . y       with C + cv D for C
     """
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
         if len(elements.damping) > 0:
-            _hessians(elements.lanes, block, elements, cv, p)
+            _fill_block_hessians(elements.lanes, block, elements, cv, p)
         else:
-            _hessians(elements.lanes, block, elements, None, p)
+            _fill_block_hessians(elements.lanes, block, elements, None, p)
 
 
 @jit_inner
-def _hessians(lanes, block, elements, cv, p):
+def _fill_block_hessians(lanes, block, elements, cv, p):
     """Second derivatives at the points of a block; cv : None where no beam is damped."""
     at = block * POINT_BLOCK
     own = block * CONSTANTS
@@ -275,7 +275,7 @@ def add_forces(elements, pose, p, wrench, felt):
             f2 = 0.0
             m = 0.0
             for g in range(count - 1):
-                at = point_offset(k, g, points)
+                at = compute_point_offset(k, g, points)
                 slope = elements.slope[k, g, i]
                 f1 = f1 + slope * p[at + BY_U1]
                 f2 = f2 + slope * p[at + BY_U2]
@@ -298,10 +298,10 @@ def add_forces(elements, pose, p, wrench, felt):
 
 
 @jit_inner
-def pair_stiffness(k, i, j, elements, p):
+def compute_pair_stiffness(k, i, j, elements, p):
     """Return the exact stiffness of element k between nodes i and j: force on i by pose of j, (3, 3) [N/m], [N], [N m].
 
-    K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `point_hessians`
+    K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `fill_point_hessians`
     """
     a11 = 0.0
     a12 = 0.0
@@ -312,7 +312,7 @@ def pair_stiffness(k, i, j, elements, p):
     c2 = 0.0
     d = 0.0
     for g in range(elements.order[k]):
-        at = point_offset(k, g, elements.shape.shape[1])
+        at = compute_point_offset(k, g, elements.shape.shape[1])
         slope_i = elements.slope[k, g, i]
         slope_j = elements.slope[k, g, j]
         shape_i = elements.shape[k, g, i]
@@ -330,7 +330,7 @@ def pair_stiffness(k, i, j, elements, p):
 
 
 @jit_inner
-def energy(elements, p):
+def compute_energy(elements, p):
     """Return the elastic energy of all elements [J]."""
     total = 0.0
     c = elements.constants
@@ -348,7 +348,7 @@ def energy(elements, p):
 
 
 @jit_inner
-def dissipated(elements, r):
+def compute_dissipated_power(elements, r):
     """Return the power that all elements dissipate [W]."""
     total = 0.0
     damping = elements.damping

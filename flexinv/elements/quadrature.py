@@ -44,7 +44,7 @@ class Reference:
         assert np.allclose(self.slope @ self.nodes**p, p * self.points ** (p - 1), rtol=0, atol=1e-13 * p**3)
 
 
-def gauss_lobatto(order: int) -> tuple[Array, Array]:
+def compute_gauss_lobatto(order: int) -> tuple[Array, Array]:
     """Return the order + 1 Gauss-Lobatto-Legendre nodes and weights [-] on [-1, 1].
 
     Nodes are the ends and the roots of P_p'; w_i = 2 / (p (p+1) P_p(x_i)^2): Canuto et al., *Spectral Methods*, 2006, (2.3.12).
@@ -59,7 +59,7 @@ def gauss_lobatto(order: int) -> tuple[Array, Array]:
     return x, 2.0 / (order * (order + 1) * basis(x) ** 2)
 
 
-def lagrange(nodes: Array, x: Array) -> tuple[Array, Array]:
+def evaluate_lagrange(nodes: Array, x: Array) -> tuple[Array, Array]:
     """Return Lagrange polynomials on ``nodes`` and their derivatives at ``x``, each (len(x), len(nodes)) [-].
 
     By products, not through monomials: no cancellation at high order.
@@ -76,10 +76,10 @@ def lagrange(nodes: Array, x: Array) -> tuple[Array, Array]:
 
 
 @cache
-def reference(order: int) -> Reference:
+def build_reference(order: int) -> Reference:
     """Return the reference element of polynomial ``order`` [-], 1 to 40.  Raises InputError for any other order."""
     if not 1 <= order <= MAXIMAL_ORDER:
         raise InputError(f"order = {order}: expected 1 to {MAXIMAL_ORDER}; for more resolution write more elements")
-    nodes, weights = gauss_lobatto(order)
+    nodes, weights = compute_gauss_lobatto(order)
     points, point_weights = legendre.leggauss(order)
-    return freeze(Reference(order, nodes, weights, points, point_weights, *lagrange(nodes, points)))
+    return freeze(Reference(order, nodes, weights, points, point_weights, *evaluate_lagrange(nodes, points)))

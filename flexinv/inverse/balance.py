@@ -10,7 +10,7 @@ import numpy as np
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.nodal_sums import fill_instant_torques
 from flexinv.kernels.jit import jit
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.mesh import Mesh
 from flexinv.typing import Array
@@ -82,7 +82,7 @@ def find_excessive_energies(mesh: Mesh, from_nowhere: Array | float, most: Array
     return np.asarray(from_nowhere > REASON * np.asarray(most) + ENERGY_ROUNDING * stiffness)
 
 
-@by_address
+@send_by_address
 class Instant(NamedTuple):
     """Arrays of one instant of a controller beside the motion, read and written in place.
 

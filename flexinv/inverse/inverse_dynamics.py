@@ -10,10 +10,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
+from flexinv.elements.joint_law import build_joint_laws, compute_moving_effort, compute_resisting_effort
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Masses, fill_nodal_forces, fill_outboard_sums, fill_sums_in_frames
-from flexinv.kernels.memory import for_kernels
+from flexinv.kernels.memory import make_contiguous
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
@@ -66,7 +66,7 @@ def compute_nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces |
     force = np.empty(motion.a.shape)
     moment = np.empty(motion.a.shape)
     fill_nodal_forces(
-        Masses(mesh.mass, mesh.inertia, for_kernels(mesh.mechanism.gravity)), motion.frames, force, moment
+        Masses(mesh.mass, mesh.inertia, make_contiguous(mesh.mechanism.gravity)), motion.frames, force, moment
     )
     return (
         NodalForces(force, moment) if applied is None else NodalForces(force - applied.force, moment - applied.moment)
@@ -79,7 +79,9 @@ def compute_joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces)
     F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
     """
     out = np.empty((*forces.force.shape[:2], 6))
-    fill_outboard_sums(mesh.parent, for_kernels(motion.x), for_kernels(forces.force), for_kernels(forces.moment), out)
+    fill_outboard_sums(
+        mesh.parent, make_contiguous(motion.x), make_contiguous(forces.force), make_contiguous(forces.moment), out
+    )
     return NodalForces(out[..., :3], out[..., 3:])
 
 
@@ -89,7 +91,7 @@ def compute_local_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
     own = np.empty((len(nodes), len(motion.x), 6))
     line = np.empty((mesh.size, 6))
-    parts = (for_kernels(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
+    parts = (make_contiguous(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
     fill_sums_in_frames(mesh.parent, nodes, *parts, line, own)
     return dict(zip(nodes.tolist(), own, strict=True))
 
@@ -117,12 +119,14 @@ def compute_drive_efforts(
     mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True, direction: Array | None = None
 ) -> Array:
     """Return rotor_inertia qdd, if ``passive`` + damping qd + friction direction (sign(qd) or given), (samples, nv) [N m, N]."""
-    law = laws_of(mechanism)
+    law = build_joint_laws(mechanism)
     if not passive:
         return np.asarray(law.rotor * qdd)
-    effort = np.asarray(moving_effort(law, qd, qdd))
+    effort = np.asarray(compute_moving_effort(law, qd, qdd))
     if np.any(law.friction):
-        effort += resisting_effort(law._replace(stiffness=0.0), 0.0, np.sign(qd) if direction is None else direction)
+        effort += compute_resisting_effort(
+            law._replace(stiffness=0.0), 0.0, np.sign(qd) if direction is None else direction
+        )
     return effort
 
 
@@ -189,13 +193,13 @@ def compute_spring_efforts(mechanism: Mechanism, q: Array, history: bool = True)
         else each sample stands for itself, with its angle in -pi .. pi
     """
     out = np.zeros((len(q), mechanism.nv))
-    laws = laws_of(mechanism)._replace(friction=0.0)
+    laws = build_joint_laws(mechanism)._replace(friction=0.0)
     for joint in mechanism.joints:
         if joint.stiffness:
             own = q[:, mechanism.q_slices[joint.name]]
             v = mechanism.v_slices[joint.name].start
             place = scalar_coordinate(joint, own, history)
-            out[:, v] = resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
+            out[:, v] = compute_resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
     return out
 
 

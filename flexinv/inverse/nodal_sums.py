@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.joint_law import law_at, own_effort
+from flexinv.elements.joint_law import compute_joint_effort, take_joint_law
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.configuration import coordinate
 from flexinv.typing import Array
@@ -28,7 +28,7 @@ def compute_nodal_force(mass, inertia, gravity, rotation, omega, a, alpha):
     return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
 
 
-@by_address
+@send_by_address
 class Masses(NamedTuple):
     """Inertia of the nodes, mass (nodes,) [kg] and tensor (nodes, 3, 3) [kg m^2] in their frames; gravity (3,) [m/s^2]."""
 
@@ -90,7 +90,7 @@ def fill_sums_in_frames(parent, nodes, x, rotation, force, moment, line, out):
             put(out[k, s], 3, tapply(turn, vec_at(line[nodes[k]], 3)))
 
 
-@by_address
+@send_by_address
 class Drives(NamedTuple):
     """Joints by node, and what their drives take besides.
 
@@ -127,15 +127,15 @@ def fill_instant_torques(nodes, drives, masses, frames, line, motion, tau):
             turned = mat(frames.r[n])
             force = tapply(turned, vec_at(line[n], 0))
             moment = tapply(turned, vec_at(line[n], 3))
-            law = law_at(drives.law, n)
+            law = take_joint_law(drives.law, n)
             place = coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
             for i in range(drives.freedoms[n]):
                 v = nodes.v_index[n] + i
                 effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
-                tau[v] = effort + own_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
+                tau[v] = effort + compute_joint_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
 
 
-@by_address
+@send_by_address
 class Skeleton(NamedTuple):
     """Data of a mesh that the second step reads.
 
@@ -162,7 +162,7 @@ class Skeleton(NamedTuple):
     straight: Array
 
 
-@by_address
+@send_by_address
 class Given(NamedTuple):
     """Inputs of the second step: results of the time integration and data of the task.
 
@@ -181,7 +181,7 @@ class Given(NamedTuple):
     time: Array
 
 
-@by_address
+@send_by_address
 class SecondStepArrays(NamedTuple):
     """Results of the second step.
 

@@ -28,8 +28,8 @@ from numba.core.runtime.nrt import rtsys
 
 from flexinv.kernels.compile_lock import CompileLock
 from flexinv.kernels.kernel_compiler import InnerCompiler, OuterCompiler
-from flexinv.kernels.records import argument_type
-from flexinv.kernels.shipped_code import shipped
+from flexinv.kernels.records import resolve_argument_type
+from flexinv.kernels.shipped_code import find_shipped_code
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
 UNREADABLE = AttributeError, ImportError, EOFError, UnpicklingError
@@ -42,33 +42,33 @@ ALSO = "kernels.jit", "kernels.kernel_compiler", "kernels.records", "kernels.thr
 _IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (.*)", re.MULTILINE)
 
 
-def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def make_jit_decorator(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return Numba's decorator with these options [-]; machine code is kept until a source of its family changes."""
     inner = bool(options.get("no_cpython_wrapper"))
     # Loops over lanes are optimised one by one before they are linked: that they become vectors is tested of each.
     text = inner and "fastmath" not in options
     options = {"error_model": "numpy", "pipeline_class": InnerCompiler if text else OuterCompiler, **options}
 
-    def decorate(function: Callable[..., Any]) -> Any:
+    def make_kernel(function: Callable[..., Any]) -> Any:
         kernel: Any
         try:
             kernel = njit(**options)(function)
         except RuntimeError as error:
             if "cannot cache" not in str(error):
                 raise
-            _tell()
+            _warn_unwritable()
             kernel = njit(**{**options, "cache": False})(function)
         if not hasattr(kernel, "_cache"):  # with NUMBA_DISABLE_JIT it is the function itself
             return kernel
         kernel.__class__ = InnerKernel if inner else Kernel
         if hasattr(kernel._cache, "_cache_file"):
-            _keep(kernel)
+            _prepare_cache(kernel)
         return kernel
 
-    return decorate
+    return make_kernel
 
 
-def compiled(kernel: Any, *arguments: Any) -> Callable[..., Any]:
+def resolve_compiled(kernel: Any, *arguments: Any) -> Callable[..., Any]:
     """Return the compiled function of a kernel [-] for arguments of just these types, for callers with always the same arrays.
 
     A kernel looks at the types of all its arguments, at those of the ninety arrays of a record for a hundredth of a millisecond;
@@ -81,7 +81,7 @@ def compiled(kernel: Any, *arguments: Any) -> Callable[..., Any]:
     return kernel.overloads[kinds].entry_point  # type: ignore[no-any-return]
 
 
-def start_runtime() -> None:
+def begin_runtime() -> None:
     """Start what kernels take the memory of arrays from [-], which the first of them does otherwise (a twentieth of a second)."""
     rtsys.initialize(cpu_target.target_context)
 
@@ -93,8 +93,8 @@ class Kernel(CPUDispatcher):
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the template of a call by the types [-] of its arguments, not by the numbers in it; records by address."""
-        by_name = {name: argument_type(types.unliteral(one)) for name, one in kws.items()}
-        return super().get_call_template(tuple(argument_type(types.unliteral(one)) for one in args), by_name)
+        by_name = {name: resolve_argument_type(types.unliteral(one)) for name, one in kws.items()}
+        return super().get_call_template(tuple(resolve_argument_type(types.unliteral(one)) for one in args), by_name)
 
     def compile(self, signature: Any) -> Any:
         """Compile for arguments of these types [-], or take what is kept."""
@@ -106,7 +106,7 @@ class Kernel(CPUDispatcher):
             if collects:
                 gc.enable()
             if self.lock is not None:
-                self.lock.give_back()
+                self.lock.drop_lock()
 
 
 class InnerKernel(Kernel):
@@ -120,7 +120,7 @@ class InnerKernel(Kernel):
         )
 
 
-def _tell() -> None:
+def _warn_unwritable() -> None:
     warnings.warn(
         f"flexinv's machine code cannot be kept: neither {PACKAGE} nor a folder of the user can be written to, and every process "
         "compiles for half a minute; set NUMBA_CACHE_DIR to a folder that can",
@@ -129,73 +129,73 @@ def _tell() -> None:
     )
 
 
-def _keep(kernel: Any) -> None:
+def _prepare_cache(kernel: Any) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
     kept = kernel._cache
     module = kernel.py_func.__module__
     file = kept._cache_file
     save = kept.save_overload
-    stamp = source_stamp(PACKAGE, module.removeprefix("flexinv."))
+    stamp = compute_source_stamp(PACKAGE, module.removeprefix("flexinv."))
     file._source_stamp = (file._source_stamp, stamp)
-    file._load_index = forgiving(file._load_index, {})
-    file.load = forgiving(file.load, None)
+    file._load_index = make_forgiving(file._load_index, {})
+    file.load = make_forgiving(file.load, None)
     lock = CompileLock(Path(file._index_path).with_suffix(".lock"))
     kernel.lock = lock
     KERNELS.append(kernel)
 
-    def load(signature: Any, target: Any) -> Any:
+    def read_overload(signature: Any, target: Any) -> Any:
         with kept._guard_against_spurious_io_errors():
             return kept._load_overload(signature, target)
 
-    def loaded(signature: Any, target: Any) -> Any:
+    def read_or_take_shipped(signature: Any, target: Any) -> Any:
         # Machine code needs the memory for arrays and no more: Numba's own load reads all tables of its compiler (half a second).
         rtsys.initialize(target)
-        brought = shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
+        brought = find_shipped_code(module, kernel.py_func.__qualname__, str(signature), stamp)
         if brought is not None:
             return kept._impl.rebuild(target, brought)
-        found = load(signature, target)
+        found = read_overload(signature, target)
         if found is None:
             lock.take()
-            found = load(signature, target)  # what others have compiled meanwhile
+            found = read_overload(signature, target)  # what others have compiled meanwhile
         return found
 
-    def saved(*result: Any) -> None:
+    def write_overload(*result: Any) -> None:
         with suppress(OSError):  # a disk that is full: the next process compiles again
             save(*result)
 
-    kept.load_overload = loaded
-    kept.save_overload = saved
+    kept.load_overload = read_or_take_shipped
+    kept.save_overload = write_overload
 
 
-def forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]:
+def make_forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]:
     """Return ``load`` of kept machine code [-], which returns ``nothing`` where that cannot be read."""
 
-    def loaded(*key: Any) -> Any:
+    def read_or_skip(*key: Any) -> Any:
         try:
             return load(*key)
         except UNREADABLE:
             return nothing
 
-    return loaded
+    return read_or_skip
 
 
 # ------------------------------------------------------------------------------------------------- stamps of sources
 
 
-def sources(folder: Path) -> tuple[str, ...]:
+def list_sources(folder: Path) -> tuple[str, ...]:
     """Return the modules [-], as they are called in the package, whose text or constants are in machine code."""
     every = (path.relative_to(folder).with_suffix("").parts for path in sorted(folder.rglob("*.py")))
     return tuple(module for module in map(".".join, every) if _is_source(folder, module))
 
 
-def family(module: str, folder: Path) -> tuple[str, ...]:
+def list_family(module: str, folder: Path) -> tuple[str, ...]:
     """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
     if not _is_source(folder, module):
-        return sources(folder)
+        return list_sources(folder)
     found = {module}
     ahead = [module]
     while ahead:
-        imports = _IMPORT.findall(_text(folder, ahead.pop()))
+        imports = _IMPORT.findall(_read_text(folder, ahead.pop()))
         names = {f"{package}.{one}".rstrip(".") for package, line in imports for one in ("", *re.findall(r"\w+", line))}
         ahead += [name for name in names - found if _is_source(folder, name)]
         found.update(ahead)
@@ -203,17 +203,17 @@ def family(module: str, folder: Path) -> tuple[str, ...]:
 
 
 @cache
-def source_stamp(folder: Path, module: str) -> str:
+def compute_source_stamp(folder: Path, module: str) -> str:
     """Return a digest [-] of the sources in the package's ``folder`` that are in the kernels of a module."""
-    return sha256("".join(_text(folder, name) for name in family(module, folder)).encode()).hexdigest()
+    return sha256("".join(_read_text(folder, name) for name in list_family(module, folder)).encode()).hexdigest()
 
 
 def _is_source(folder: Path, module: str) -> bool:
-    return module in ALSO or _HAS_KERNELS.search(_text(folder, module)) is not None
+    return module in ALSO or _HAS_KERNELS.search(_read_text(folder, module)) is not None
 
 
 @cache
-def _text(folder: Path, module: str) -> str:
+def _read_text(folder: Path, module: str) -> str:
     """The text of a module, nothing where there is none."""
     path = folder.joinpath(*module.split(".")).with_suffix(".py")
     return path.read_text(encoding="utf-8") if path.is_file() else ""

@@ -29,7 +29,7 @@ _LISTENERS: list[Callable[[], None]] = []
 
 
 @contextmanager
-def telling(say: Callable[[], None]) -> Iterator[None]:
+def add_compile_listener(say: Callable[[], None]) -> Iterator[None]:
     """Call ``say`` when the first kernel of this block is compiled [-]; never where all are read from the disk."""
     _LISTENERS.append(say)
     try:
@@ -38,7 +38,7 @@ def telling(say: Callable[[], None]) -> Iterator[None]:
         _LISTENERS.clear()
 
 
-def say_if_slow(now: float) -> None:
+def warn_if_slow(now: float) -> None:
     """Say once in a process that kernels are compiled, where that has taken longer than `SLOW_COMPILING` [s]; now : [s].
 
     A program that waits for its first answer shall know why.  The words go through `logging`, so that they can be switched off.
@@ -63,7 +63,7 @@ class CompileLock:
         while _LISTENERS:
             _SAID.append(NOTE)
             _LISTENERS.pop()()
-        say_if_slow(time.monotonic())
+        warn_if_slow(time.monotonic())
         if fcntl is None or self._held is not None:
             return False
         try:
@@ -73,7 +73,7 @@ class CompileLock:
             return False
         until = time.monotonic() + patience
         waited = False
-        while not _locked(file):
+        while not _is_locked(file):
             waited = True
             if time.monotonic() > until:
                 os.close(file)
@@ -82,14 +82,14 @@ class CompileLock:
         self._held = file
         return waited
 
-    def give_back(self) -> None:
+    def drop_lock(self) -> None:
         """Let the next process go on [-]; nothing where the lock is not held."""
         if self._held is not None:
             os.close(self._held)
             self._held = None
 
 
-def _locked(file: int) -> bool:
+def _is_locked(file: int) -> bool:
     """Return True if the file is ours now, or cannot be locked at all."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

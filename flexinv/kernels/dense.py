@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.fronts import least_degree_order
+from flexinv.kernels.fronts import find_least_degree_order
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, put, scale, transpose, vec_at
 from flexinv.typing import Array, Indices
 
@@ -247,7 +247,7 @@ def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> A
 INVERTED = -2  # for the first pivot's row where two rows, of one closure in a plane, have been inverted as they are
 
 
-@by_address
+@send_by_address
 class Blocks(NamedTuple):
     """Blocks of rows, in the order in which they are eliminated.
 
@@ -263,7 +263,7 @@ class Blocks(NamedTuple):
     entry: Indices
 
 
-@by_address
+@send_by_address
 class Pivots(NamedTuple):
     """Scratch: row and column (rows,) of the pivots, row -1 where none is left; over : (rows,) scales."""
 
@@ -278,12 +278,12 @@ class Pivots(NamedTuple):
         return cls(row, column, np.zeros(rows))
 
 
-def blocks_of(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
+def build_blocks(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
     """Return the blocks of rows [-] with these numbers of rows, one behind the other.
 
     coupled : (what they share, blocks) which blocks have a part in it; those that do are coupled to each other
     """
-    order, further = least_degree_order(coupled)
+    order, further = find_least_degree_order(coupled)
     turn = {block: k for k, block in enumerate(order)}
     ends = np.cumsum([0, *lengths]).astype(np.int64)
     beside = [sorted(turn[other] for other in others) for others in further]

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.typing import Indices
 
 SMALL = 6  # a front of no more columns takes its child in: one loop of a chain, and no more zeros than that
 
 
-@by_address
+@send_by_address
 class Fronts(NamedTuple):
     """Fronts of a sparse QR, each before the one that takes what it leaves.
 
@@ -39,24 +39,24 @@ class Fronts(NamedTuple):
     entry: Indices
 
 
-def fronts_of(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None) -> Fronts:
+def build_fronts(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None) -> Fronts:
     """Return the fronts of a matrix [-] whose entries may stand where ``pattern`` (rows, columns) says.
 
     last : (columns,) that are eliminated after all others, and so are free where columns depend on each other
     """
     after = np.zeros(pattern.shape[1], dtype=bool) if last is None else last
-    return _fronts_of(pattern.shape, pattern.tobytes(), after.tobytes())
+    return _build_fronts(pattern.shape, pattern.tobytes(), after.tobytes())
 
 
 @lru_cache(maxsize=256)
-def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
+def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
     """The fronts of a pattern: the same closures are asked for again and again."""
     pattern = np.frombuffer(entries, dtype=bool).reshape(shape)
     count = shape[1]
-    order, further = least_degree_order(pattern, np.frombuffer(last, dtype=bool))
+    order, further = find_least_degree_order(pattern, np.frombuffer(last, dtype=bool))
     turn = np.empty(count, dtype=np.int64)
     turn[order] = np.arange(count)
-    groups = _merged([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
+    groups = _join_fronts([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
     rows: list[list[int]] = [[] for _ in groups]
     front = np.empty(count, dtype=np.int64)
     for f, (own, _) in enumerate(groups):
@@ -76,7 +76,7 @@ def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
             source[parent[f]] += [-1] * min(len(source[f]), len(others))
     place = [[-1] * len(own) + [local[parent[f]][c] for c in others] for f, (own, others) in enumerate(groups)]
     tall, wide = (np.array([len(part) for part in parts], dtype=np.int64) for parts in (source, local))
-    start = _sums(tall * wide)
+    start = _compute_offsets(tall * wide)
     entry = [
         (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
         for f in range(len(groups))
@@ -84,13 +84,13 @@ def _fronts_of(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts:
         for c in np.flatnonzero(pattern[r])
     ]
     return Fronts(
-        columns=count, first=_sums(wide), own=np.array([len(own) for own, _ in groups], dtype=np.int64),
-        column=_flat([list(columns) for columns in local]), place=_flat(place), begin=_sums(tall), source=_flat(source),
+        columns=count, first=_compute_offsets(wide), own=np.array([len(own) for own, _ in groups], dtype=np.int64),
+        column=_join_parts([list(columns) for columns in local]), place=_join_parts(place), begin=_compute_offsets(tall), source=_join_parts(source),
         start=start, parent=parent, base=base, entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
     )  # fmt: skip
 
 
-def least_degree_order(
+def find_least_degree_order(
     pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None
 ) -> tuple[list[int], list[set[int]]]:
     """Return columns of a pattern (rows, columns) in an order of least degree [-], and with each what is coupled to it later.
@@ -117,7 +117,7 @@ def least_degree_order(
     return order, further
 
 
-def _merged(own: list[list[int]], further: list[list[int]]) -> list[tuple[list[int], list[int]]]:
+def _join_fronts(own: list[list[int]], further: list[list[int]]) -> list[tuple[list[int], list[int]]]:
     """Own and other columns of fronts: a child whose columns are its parent's, or few with them, is one front with it."""
     holder = {column: f for f, columns in enumerate(own) for column in columns}
     gone = set()
@@ -134,9 +134,9 @@ def _merged(own: list[list[int]], further: list[list[int]]) -> list[tuple[list[i
     return [(own[f], further[f]) for f in range(len(own)) if f not in gone]
 
 
-def _sums(counts: Indices) -> Indices:
+def _compute_offsets(counts: Indices) -> Indices:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def _flat(parts: list[list[int]]) -> Indices:
+def _join_parts(parts: list[list[int]]) -> Indices:
     return np.array([item for part in parts for item in part], dtype=np.int64)

@@ -15,19 +15,19 @@ from typing import TypeVar
 
 from numba.extending import register_jitable
 
-from flexinv.kernels.code_cache import compiler
+from flexinv.kernels.code_cache import make_jit_decorator
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 # For kernels that Python calls: other threads of Python run beside them.
-jit = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
+jit = make_jit_decorator(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 # For kernels that only other kernels call.  The machine's compiler decides whether it takes one into its callers.
-jit_inner = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_inner = make_jit_decorator(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # The same for vectors and matrices in registers, which every caller takes in: handing them over in memory would cost more.
-jit_vector = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_vector = make_jit_decorator(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # The same as `jit` for loops over lanes, whose products and sums may fuse.
-jit_blocks = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
-jit_lanes = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
+jit_blocks = make_jit_decorator(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+jit_lanes = make_jit_decorator(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
 
 
 def jit_pass(function: _Function) -> _Function:
@@ -41,7 +41,9 @@ def jit_pass(function: _Function) -> _Function:
 
 
 # What every lane does, where it is too long for the machine's compiler to take it into the loop by itself.
-jit_lane = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
+jit_lane = make_jit_decorator(
+    forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"}
+)
 
 
 def jit_formula(function: _Function) -> _Function:

@@ -55,11 +55,11 @@ class KernelLibrary(JITCodeLibrary):
                     set.add(function.attributes, WIDE)  # llvmlite knows no attributes with values
                 for argument in function.args:
                     if argument.name in self.records:
-                        _promise(argument)
+                        _add_promises(argument)
         super().add_ir_module(ir_module)
 
 
-def _promise(argument: Any) -> None:
+def _add_promises(argument: Any) -> None:
     """Promise that nobody writes into a record meanwhile or keeps its address."""
     argument.add_attribute(NOT_WRITTEN)
     try:
@@ -152,7 +152,7 @@ class RememberedTypes:
         return made
 
 
-def _compiler(library: type[KernelLibrary]) -> type[Compiler]:
+def _make_compiler_class(library: type[KernelLibrary]) -> type[Compiler]:
     """Numba's compiler with a library of another kind."""
 
     class KernelCompiler(Compiler):
@@ -177,5 +177,5 @@ def _compiler(library: type[KernelLibrary]) -> type[Compiler]:
     return KernelCompiler
 
 
-InnerCompiler = _compiler(InnerLibrary)
-OuterCompiler = _compiler(OuterLibrary)
+InnerCompiler = _make_compiler_class(InnerLibrary)
+OuterCompiler = _make_compiler_class(OuterLibrary)

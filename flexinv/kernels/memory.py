@@ -1,7 +1,7 @@
 """Memory for many arrays at once: a fresh page costs more time than the computation that fills it.
 
 Arrays of one piece are one allocation, which the system's allocator keeps for the next call where it would give many small ones
-back.  Within `shared_pieces` the calls of a thread take their pieces of larger ones: they last as long as any of their arrays.
+back.  Within `begin_shared_memory` the calls of a thread take their pieces of larger ones: they last as long as any of their arrays.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ np.empty(FREED_PIECE)
 _PIECE = local()
 
 
-def together(*shapes: tuple[int, ...]) -> list[Array]:
+def make_adjacent_arrays(*shapes: tuple[int, ...]) -> list[Array]:
     """Return arrays [any unit] of these shapes that stand one behind the other in memory, to be filled: nothing is in them."""
-    size, places = _places(shapes)
+    size, places = _compute_places(shapes)
     left: Array | None = getattr(_PIECE, "left", None)
     if left is None or size > PIECE // 2:
         block = np.empty(size)
@@ -41,7 +41,7 @@ def together(*shapes: tuple[int, ...]) -> list[Array]:
     return [np.ndarray(shape, float, block, place) for shape, place in zip(shapes, places, strict=True)]
 
 
-def cleared(*shape: int) -> Array:
+def make_aligned_zeros(*shape: int) -> Array:
     """Return zeros [any unit] that begin with a line of the cache: vectors of eight numbers then lie in one line, not in two."""
     size = math.prod(shape)
     block = np.zeros(size + LINE)
@@ -49,20 +49,20 @@ def cleared(*shape: int) -> Array:
     return block[first : first + size].reshape(shape)
 
 
-def on_lines(values: Array) -> Array:
+def copy_aligned(values: Array) -> Array:
     """Return a copy [any unit] that begins with a line of the cache."""
-    out = cleared(*values.shape)
+    out = make_aligned_zeros(*values.shape)
     out[...] = values
     return out
 
 
-def for_kernels(a: Array) -> Array:
+def make_contiguous(a: Array) -> Array:
     """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
     return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
 
 
 @contextmanager
-def shared_pieces() -> Iterator[None]:
+def begin_shared_memory() -> Iterator[None]:
     """Let the arrays of all calls that follow in this thread [any unit] stand in large pieces of memory, as far as they fit."""
     _PIECE.left = np.empty(0)
     try:
@@ -72,7 +72,7 @@ def shared_pieces() -> Iterator[None]:
 
 
 @lru_cache(maxsize=64)
-def _places(shapes: tuple[tuple[int, ...], ...]) -> tuple[int, list[int]]:
+def _compute_places(shapes: tuple[tuple[int, ...], ...]) -> tuple[int, list[int]]:
     """Numbers in all, and the bytes at which each array begins."""
     ends = list(accumulate(-(-math.prod(shape) // LINE) * LINE for shape in shapes))
     return ends[-1], [8 * first for first in (0, *ends[:-1])]

@@ -34,26 +34,26 @@ LEVELS = {
 }
 
 
-def levels(features: Mapping[str, bool] | None = None) -> list[str]:
+def list_processor_levels(features: Mapping[str, bool] | None = None) -> list[str]:
     """Return the levels [-] that a processor with these features has, this one's by default, best first."""
     have = llvm.get_host_cpu_features() if features is None else features
     return [level for level, needed in LEVELS.items() if all(have.get(name) for name in needed)]
 
 
-def maker() -> dict[str, str]:
+def collect_compiler_versions() -> dict[str, str]:
     """Return the makers of machine code and their versions [-]."""
     made = {"python": sys.implementation.cache_tag, "numba": numba.__version__, "llvmlite": llvmlite.__version__}
     return made | {"system": f"{platform.system()} {platform.machine()}"}
 
 
-def shipped(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ...] | None:
+def find_shipped_code(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ...] | None:
     """Return the result of compiling a kernel for these types [-] from the disk, None where there is none that serves."""
-    folder, kernels = _chosen(MACHINE_CODE)
-    entry = kernels.get(_key(module, name, signature))
+    folder, kernels = _choose_folder(MACHINE_CODE)
+    entry = kernels.get(_compute_key(module, name, signature))
     if entry is None:
         return None
     if entry["stamp"] != stamp:
-        _tell("the sources of flexinv have been changed since it was made")
+        _warn_unusable("the sources of flexinv have been changed since it was made")
         return None
     try:
         data = (folder / entry["file"]).read_bytes()
@@ -61,37 +61,37 @@ def shipped(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ..
             return tuple(pickle.loads(data))
     except OSError:
         pass
-    _tell(f"{folder / entry['file']} is damaged: install flexinv again")
+    _warn_unusable(f"{folder / entry['file']} is damaged: install flexinv again")
     return None
 
 
 @cache
-def _chosen(folder: Path) -> tuple[Path, dict[str, Any]]:
+def _choose_folder(folder: Path) -> tuple[Path, dict[str, Any]]:
     """Folder and kernels for this processor; none where there is no folder, or none that serves."""
     nothing: tuple[Path, dict[str, Any]] = (folder, {})
     now: Any = config
     asked = now.CPU_NAME, now.CPU_FEATURES, now.OPT, now.ENABLE_AVX, now.BOUNDSCHECK, now.DEBUGINFO_DEFAULT
     if not folder.is_dir() or asked != (None, None, 3, True, None, 0):  # a user who sets these wants code of his own
         return nothing
-    found = [folder / level for level in levels() if (folder / level / INDEX).is_file()]
+    found = [folder / level for level in list_processor_levels() if (folder / level / INDEX).is_file()]
     if not found:
-        _tell(f"it is for {', '.join(sorted(p.name for p in folder.glob('*/')))}, which this processor is not")
+        _warn_unusable(f"it is for {', '.join(sorted(p.name for p in folder.glob('*/')))}, which this processor is not")
         return nothing
     try:
         index = json.loads((found[0] / INDEX).read_text(encoding="utf-8"))
         made = dict(index["maker"])
         kernels = dict(index["kernels"])
     except (OSError, ValueError, KeyError, TypeError):
-        _tell(f"{found[0] / INDEX} is damaged: install flexinv again")
+        _warn_unusable(f"{found[0] / INDEX} is damaged: install flexinv again")
         return nothing
-    for what, is_ in maker().items():
+    for what, is_ in collect_compiler_versions().items():
         if made.get(what) != is_:
-            _tell(f"it was made by {what} {made.get(what)}, and this is {is_}")
+            _warn_unusable(f"it was made by {what} {made.get(what)}, and this is {is_}")
             return nothing
     return found[0], kernels
 
 
-def _tell(reason: str) -> None:
+def _warn_unusable(reason: str) -> None:
     """Say once why kernels are compiled although machine code came along."""
     if not _told:
         _told.append(reason)
@@ -102,7 +102,7 @@ def _tell(reason: str) -> None:
 _told: list[str] = []
 
 
-def _key(module: str, name: str, signature: str) -> str:
+def _compute_key(module: str, name: str, signature: str) -> str:
     return sha256(f"{module}.{name}{signature}".encode()).hexdigest()
 
 
@@ -122,9 +122,9 @@ def write_shipped(folder: Path, kernels: Iterable[Any]) -> int:
             data = dumps(tuple(kept))
             file = f"{function.__module__}.{function.__qualname__}.{len(entries)}"
             (folder / file).write_bytes(data)
-            key = _key(function.__module__, function.__qualname__, str(signature))
+            key = _compute_key(function.__module__, function.__qualname__, str(signature))
             stamp = cache_._cache_file._source_stamp[1]
             entries[key] = {"file": file, "digest": sha256(data).hexdigest(), "stamp": stamp}
-    text = json.dumps({"maker": maker(), "kernels": entries}, indent=1)
+    text = json.dumps({"maker": collect_compiler_versions(), "kernels": entries}, indent=1)
     (folder / INDEX).write_text(text, encoding="utf-8")
     return len(entries)

@@ -60,13 +60,13 @@ def plus_out_of(a, m, v):
 
 
 @jit_lanes
-def turned(c, s, v):
+def apply_rotation_z(c, s, v):
     """Return R_z v of a turn about z with cosine c and sine s [any unit]; with -s back, R_z^T v."""
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 
 @jit_lanes
-def tilted(c, s, v):
+def apply_rotation_x(c, s, v):
     """Return R_x v of a turn about x with cosine c and sine s [any unit]; with -s back, R_x^T v."""
     return v[0], c * v[1] - s * v[2], s * v[1] + c * v[2]
 
@@ -109,7 +109,7 @@ ASTRAY = 1e-5  # how far the squares of a cosine and a sine may be from 1: as th
 
 
 @jit_lanes
-def astray(rows, first, lanes):
+def count_non_unit_lanes(rows, first, lanes):
     """Return the number of lanes in which two rows [-] are not the cosine and sine of one angle."""
     count = 0
     for k in range(lanes):

@@ -109,7 +109,7 @@ class Pieces:
                 continue
             if first == 0 or over[first] <= bar:
                 return float(times[first])
-            return self._crossing(piece, column, level, float(times[first - 1]), float(times[first]))
+            return self._find_crossing_between(piece, column, level, float(times[first - 1]), float(times[first]))
         return None
 
     def zero(self, least: float) -> float | None:
@@ -121,48 +121,51 @@ class Pieces:
         near = lengths[:, 0] - lengths[:, 1:].sum(axis=1) <= least
         for piece in np.flatnonzero(near).tolist():
             times = np.unique(
-                np.concatenate([self._zeros(piece, column) for column in range(self.coefficients.shape[2])])
+                np.concatenate([self._find_zeros(piece, column) for column in range(self.coefficients.shape[2])])
             )
-            size = self._length(piece, times)
+            size = self._evaluate_length(piece, times)
             first = int(np.argmax(size <= least))
             if size[first] > least:
                 continue
             last = first
-            while last + 1 < len(times) and self._length(piece, times[last : last + 2].mean()) <= least:
+            while last + 1 < len(times) and self._evaluate_length(piece, times[last : last + 2].mean()) <= least:
                 last += 1
-            return self._known_best(piece, times[first : last + 1])
+            return self._choose_best_zero(piece, times[first : last + 1])
         return None
 
-    def _known_best(self, piece: int, near: Array) -> float:
+    def _choose_best_zero(self, piece: int, near: Array) -> float:
         """Of times [s] at which all columns are nearly zero where the column that moves most touches or crosses it."""
         column = int(np.argmax(np.abs(self.coefficients[piece, 1:]).sum(axis=0)))
         bar = SAME_VALUE * float(self.scale[column])
-        own = self._zeros(piece, column)
+        own = self._find_zeros(piece, column)
         own = own[(own >= near[0]) & (own <= near[-1])]
         turns = self.turning(piece, column)[1:-1]
         touching = turns[(turns >= near[0]) & (turns <= near[-1]) & (np.abs(self.value(piece, column, turns)) <= bar)]
         for some in (touching, own, near):
             if len(some):
-                return float(some[int(np.argmin(self._length(piece, some)))])
+                return float(some[int(np.argmin(self._evaluate_length(piece, some)))])
         return float(near[0])
 
-    def _length(self, piece: int, time: ArrayLike) -> Array:
+    def _evaluate_length(self, piece: int, time: ArrayLike) -> Array:
         """Length of the vector of all columns at times [s] of a piece."""
         columns = range(self.coefficients.shape[2])
         return np.asarray(np.linalg.norm([self.value(piece, column, time) for column in columns], axis=0))
 
-    def _zeros(self, piece: int, column: int) -> Array:
+    def _find_zeros(self, piece: int, column: int) -> Array:
         """The times [s] of a piece at which a column turns or is zero, and the ends."""
         times = self.turning(piece, column)
         values = self.value(piece, column, times)
         crossed = np.flatnonzero(values[:-1] * values[1:] < 0.0).tolist()
         signs = [1.0 if values[k + 1] > 0.0 else -1.0 for k in crossed]
         found = [
-            self._crossing(piece, column, 0.0, times[k], times[k + 1], s) for k, s in zip(crossed, signs, strict=True)
+            self._find_crossing_between(piece, column, 0.0, times[k], times[k + 1], s)
+            for k, s in zip(crossed, signs, strict=True)
         ]
         return np.concatenate([times, np.array(found)])
 
-    def _crossing(self, piece: int, column: int, level: float, low: float, high: float, sign: float = 1.0) -> float:
+    def _find_crossing_between(
+        self, piece: int, column: int, level: float, low: float, high: float, sign: float = 1.0
+    ) -> float:
         """The time between two at which ``sign`` times a column, which rises there, is at a level, by halving to rounding."""
         while low < (middle := 0.5 * (low + high)) < high:
             if sign * self.value(piece, column, middle) >= level:
@@ -194,7 +197,7 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
         is_rounding = (tail < SMALL_TAIL) & (tail > SMALLER * before)
         smooth = (tail <= TAIL_ROUNDING) | is_rounding
         jumps = ~smooth & (end - begin <= SHORTEST_PIECE)
-        coefficients[jumps] = _lines(values[jumps])
+        coefficients[jumps] = _compute_lines(values[jumps])
         smooth |= jumps
         done.append((begin[smooth], end[smooth], coefficients[smooth]))
         left = begin[~smooth]
@@ -208,7 +211,7 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
     return Pieces(first[order], last[order], fitted[order], scale)
 
 
-def _lines(values: Array) -> Array:
+def _compute_lines(values: Array) -> Array:
     """Coefficients (n, degree + 1, columns) of straight lines between the outer two of values (n, degree + 1, columns).
 
     A polynomial through a jump would overshoot it.

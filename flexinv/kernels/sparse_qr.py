@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.typing import Array
 
 # What is left of a column over the longest column: above SURE_PIVOT it counts, below NO_PIVOT it repeats others (rounding of
@@ -27,7 +27,7 @@ SURE_PIVOT = 1e-7
 NO_PIVOT = 1e-13
 
 
-@by_address
+@send_by_address
 class FrontFactors(NamedTuple):
     """Q R of one sparse matrix in each lane; lanes share which columns are free.
 
@@ -61,15 +61,15 @@ class FrontFactors(NamedTuple):
 
 
 @jit_inner
-def clear(qr):
+def fill_zeros(qr):
     """Make the matrix zero [any unit]."""
     qr.values[:] = 0.0
     qr.sizes[:] = 0.0
 
 
 @jit_inner
-def set_entry(fronts, qr, e, lane, value):
-    """Set entry number ``e`` of `Fronts.entry` [any unit], once after `clear`."""
+def write_entry(fronts, qr, e, lane, value):
+    """Set entry number ``e`` of `Fronts.entry` [any unit], once after `fill_zeros`."""
     qr.values[fronts.entry[e, 2], lane] = value
     qr.sizes[fronts.entry[e, 1], lane] += value * value
 
@@ -88,7 +88,7 @@ def factorise_qr(fronts, qr):
             return -1
         rank += qr.top[f]
         if fronts.parent[f] >= 0:
-            _pass_on(fronts, qr, f)
+            _copy_to_parent(fronts, qr, f)
     return rank
 
 
@@ -109,19 +109,19 @@ def _factorise_front(fronts, qr, f):
             tall = rows - top > width - own
         if not tall:
             continue
-        place = _value(fronts, f, c)
+        place = _find_first_value(fronts, f, c)
         column = qr.values[place : place + rows]
-        _measure(column, top, qr.sums)
+        _compute_squares(column, top, qr.sums)
         if c < own:
-            found = _counts(qr.sums, qr.scale)
+            found = _judge_independence(qr.sums, qr.scale)
             if found < 0:
                 return False
             if found == 0:
                 continue
-        _set_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
+        _compute_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
         qr.pivot[at] = top
         for d in range(c + 1, width):
-            place = _value(fronts, f, d)
+            place = _find_first_value(fronts, f, d)
             _reflect(qr.values[place : place + rows], column, qr.beta[at], top, qr.sums)
         top += 1
     if width == own:
@@ -130,7 +130,7 @@ def _factorise_front(fronts, qr, f):
 
 
 @jit_inner
-def _measure(column, top, squares):
+def _compute_squares(column, top, squares):
     """Set the squares of a column (rows, lanes) from row ``top`` on."""
     for k in range(squares.shape[0]):
         squares[k] = 0.0
@@ -140,7 +140,7 @@ def _measure(column, top, squares):
 
 
 @jit_inner
-def _counts(squares, scale):
+def _judge_independence(squares, scale):
     """1 where a column is independent in all lanes, 0 where it is in none, -1 in doubt; from the squares of what is left."""
     least = np.inf
     most = 0.0
@@ -156,7 +156,7 @@ def _counts(squares, scale):
 
 
 @jit_inner
-def _set_reflection(column, top, squares, beta, diagonal):
+def _compute_reflection(column, top, squares, beta, diagonal):
     """Turn a column (rows, lanes) into its reflection from row ``top`` on; a lane that is zero stays as it is."""
     for k in range(squares.shape[0]):
         norm = math.sqrt(squares[k])
@@ -167,7 +167,7 @@ def _set_reflection(column, top, squares, beta, diagonal):
 
 
 @jit_inner
-def _value(fronts, f, c):
+def _find_first_value(fronts, f, c):
     """Place of the first value of column c of a front."""
     return fronts.start[f] + c * (fronts.begin[f + 1] - fronts.begin[f])
 
@@ -197,7 +197,7 @@ def _reflect(y, v, beta, top, sums):
 
 
 @jit_inner
-def _left(fronts, qr, f):
+def _count_remaining_rows(fronts, qr, f):
     """Number of rows that a front passes on."""
     width = fronts.first[f + 1] - fronts.first[f]
     rows = fronts.begin[f + 1] - fronts.begin[f]
@@ -205,16 +205,16 @@ def _left(fronts, qr, f):
 
 
 @jit_inner
-def _pass_on(fronts, qr, f):
+def _copy_to_parent(fronts, qr, f):
     """Copy what a front has left to the front that takes it."""
     first = fronts.first[f]
     parent = fronts.parent[f]
     top = qr.top[f]
     for d in range(fronts.own[f], fronts.first[f + 1] - first):
         pivot = qr.pivot[first + d]
-        own = qr.values[_value(fronts, f, d) :]
-        to = qr.values[_value(fronts, parent, fronts.place[first + d]) + fronts.base[f] :]
-        for r in range(_left(fronts, qr, f)):
+        own = qr.values[_find_first_value(fronts, f, d) :]
+        to = qr.values[_find_first_value(fronts, parent, fronts.place[first + d]) + fronts.base[f] :]
+        for r in range(_count_remaining_rows(fronts, qr, f)):
             for k in range(qr.scale.shape[0]):
                 if pivot < 0 or top + r < pivot:
                     to[r, k] = own[top + r, k]
@@ -223,7 +223,7 @@ def _pass_on(fronts, qr, f):
 
 
 @jit_inner
-def least_squares(fronts, qr, y, x):
+def solve_least_squares(fronts, qr, y, x):
     """Set x (columns, lanes) to R^-1 Q^T y of y (rows, lanes), zero at columns that are free [any unit]."""
     lanes = qr.scale.shape[0]
     for i in range(qr.line.shape[0]):
@@ -235,20 +235,20 @@ def least_squares(fronts, qr, y, x):
         for c in range(fronts.first[f + 1] - first):
             pivot = qr.pivot[first + c]
             if pivot >= 0:
-                _reflect(part, qr.values[_value(fronts, f, c) :], qr.beta[first + c], pivot, qr.sums)
+                _reflect(part, qr.values[_find_first_value(fronts, f, c) :], qr.beta[first + c], pivot, qr.sums)
             if c < fronts.own[f]:
                 for k in range(lanes):
                     x[fronts.column[first + c], k] = part[pivot, k] if pivot >= 0 else 0.0
         if fronts.parent[f] >= 0:
             to = qr.line[fronts.begin[fronts.parent[f]] + fronts.base[f] :]
-            for r in range(_left(fronts, qr, f)):
+            for r in range(_count_remaining_rows(fronts, qr, f)):
                 for k in range(lanes):
                     to[r, k] = part[qr.top[f] + r, k]
     solve_upper(fronts, qr, x)
 
 
 @jit_inner
-def least_norm(fronts, qr, x, y):
+def solve_least_norm(fronts, qr, x, y):
     """Set y (rows, lanes) to Q R^-T x of x (columns, lanes), of which free columns do not count [any unit]; x is overwritten."""
     solve_lower(fronts, qr, x)
     lanes = qr.scale.shape[0]
@@ -262,12 +262,14 @@ def least_norm(fronts, qr, x, y):
                     part[qr.pivot[first + c], k] = x[fronts.column[first + c], k]
         if fronts.parent[f] >= 0:
             to = qr.line[fronts.begin[fronts.parent[f]] + fronts.base[f] :]
-            for r in range(_left(fronts, qr, f)):
+            for r in range(_count_remaining_rows(fronts, qr, f)):
                 for k in range(lanes):
                     part[qr.top[f] + r, k] = to[r, k]
         for c in range(fronts.first[f + 1] - first - 1, -1, -1):
             if qr.pivot[first + c] >= 0:
-                _reflect(part, qr.values[_value(fronts, f, c) :], qr.beta[first + c], qr.pivot[first + c], qr.sums)
+                _reflect(
+                    part, qr.values[_find_first_value(fronts, f, c) :], qr.beta[first + c], qr.pivot[first + c], qr.sums
+                )
         for i in range(part.shape[0]):
             source = fronts.source[fronts.begin[f] + i]
             if source >= 0:
@@ -282,7 +284,7 @@ def turn_beside(fronts, qr, number, y):
     y[qr.top[0] + number] = 1.0
     for c in range(fronts.own[0] - 1, -1, -1):
         if qr.pivot[c] >= 0:
-            _reflect(y, qr.values[_value(fronts, 0, c) :], qr.beta[c], qr.pivot[c], qr.sums)
+            _reflect(y, qr.values[_find_first_value(fronts, 0, c) :], qr.beta[c], qr.pivot[c], qr.sums)
 
 
 @jit_inner
@@ -296,7 +298,7 @@ def solve_upper(fronts, qr, x):
             if pivot < 0:
                 continue
             for d in range(c + 1, fronts.first[f + 1] - first):
-                row = qr.values[_value(fronts, f, d) + pivot]
+                row = qr.values[_find_first_value(fronts, f, d) + pivot]
                 other = fronts.column[first + d]
                 for k in range(x.shape[1]):
                     x[own, k] -= row[k] * x[other, k]
@@ -317,7 +319,7 @@ def solve_lower(fronts, qr, x):
             for k in range(x.shape[1]):
                 x[own, k] /= qr.diagonal[first + c, k]
             for d in range(c + 1, fronts.first[f + 1] - first):
-                row = qr.values[_value(fronts, f, d) + pivot]
+                row = qr.values[_find_first_value(fronts, f, d) + pivot]
                 other = fronts.column[first + d]
                 for k in range(x.shape[1]):
                     x[other, k] -= row[k] * x[own, k]
@@ -327,7 +329,7 @@ NORM_STEPS = 5  # of the estimate of a norm: it seldom changes after the second
 
 
 @jit_inner
-def condition_estimate(fronts, qr, x, sign):
+def compute_condition_estimate(fronts, qr, x, sign):
     """Return an estimate of one matrix's condition number [-], full in rank: seldom below it, at most columns^1.5 times it.
 
     sqrt(columns) |R|_F |R^-1|_1, the last by Hager's method (N. J. Higham, ACM Trans. Math. Softw. 14, 1988, 381-396), whose
@@ -343,12 +345,12 @@ def condition_estimate(fronts, qr, x, sign):
         for c in range(fronts.own[f]):
             size += qr.diagonal[first + c, 0] ** 2
             for d in range(c + 1, fronts.first[f + 1] - first):
-                size += qr.values[_value(fronts, f, d) + qr.pivot[first + c], 0] ** 2
+                size += qr.values[_find_first_value(fronts, f, d) + qr.pivot[first + c], 0] ** 2
     x[:] = 1.0 / columns
     last = -1
     for _ in range(NORM_STEPS):
         solve_upper(fronts, qr, x)
-        norm = max(norm, _sum_of_sizes(x))
+        norm = max(norm, _compute_magnitude_sum(x))
         for i in range(columns):
             sign[i, 0] = math.copysign(1.0, x[i, 0])
         solve_lower(fronts, qr, sign)
@@ -364,12 +366,12 @@ def condition_estimate(fronts, qr, x, sign):
     for i in range(columns):  # signs that alternate find what the steps may miss
         x[i, 0] = (1.0 + i / max(columns - 1, 1)) * (1.0 if i % 2 == 0 else -1.0)
     solve_upper(fronts, qr, x)
-    norm = max(norm, 2.0 * _sum_of_sizes(x) / (3.0 * columns))
+    norm = max(norm, 2.0 * _compute_magnitude_sum(x) / (3.0 * columns))
     return math.sqrt(columns * size) * norm
 
 
 @jit_inner
-def _sum_of_sizes(x):
+def _compute_magnitude_sum(x):
     total = 0.0
     for i in range(x.shape[0]):
         total += abs(x[i, 0])

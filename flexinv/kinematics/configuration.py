@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import quadratic
 from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
 from flexinv.kinematics.mesh import Mesh
@@ -22,7 +22,7 @@ from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class Nodes(NamedTuple):
     """The nodes of a mesh: see `mesh.Mesh` [-], [m]."""
 

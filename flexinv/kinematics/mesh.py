@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.beam_element import Elements
-from flexinv.elements.quadrature import reference
+from flexinv.elements.quadrature import build_reference
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, check_expanded
@@ -150,7 +150,7 @@ class _Builder(Places):
 
     def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
         """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
-        ref = reference(beam.order)
+        ref = build_reference(beam.order)
         half = 0.5 * (end - start)
         own = [nodes[-1]]
         jacobian = half * beam.length  # ds/dxi
@@ -182,7 +182,7 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
 
     One cut at a time: it moves the nodes of the element that it cuts, so that another station may need one too.
     """
-    fractions = 0.5 * (1 + reference(beam.order).nodes)
+    fractions = 0.5 * (1 + build_reference(beam.order).nodes)
     bounds = np.linspace(0.0, 1.0, beam.elements + 1)
     for place in section_breaks(beam):
         if np.min(np.abs(bounds - place)) > SAME_STATION:

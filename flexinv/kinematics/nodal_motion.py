@@ -17,7 +17,7 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError
-from flexinv.kernels.memory import for_kernels, together
+from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kernels.so3 import from_quaternion, log_so3
 from flexinv.kinematics.configuration import motion_samples, nodes_of, relative_samples, step_array
 from flexinv.kinematics.mesh import Mesh, build
@@ -51,12 +51,12 @@ class NodalMotion:
     @property
     def frames(self) -> Frames:
         """The motion as kernels take it, all samples [m, rad, s]."""
-        return Frames(*(for_kernels(part) for part in self.parts))
+        return Frames(*(make_contiguous(part) for part in self.parts))
 
     @classmethod
     def unwritten(cls, samples: int, nodes: int) -> NodalMotion:
         """Return arrays to be filled [m, rad, s]; nothing is in them."""
-        return cls(*together((samples, nodes, 3), (samples, nodes, 3, 3), *4 * [(samples, nodes, 3)]))
+        return cls(*make_adjacent_arrays((samples, nodes, 3), (samples, nodes, 3, 3), *4 * [(samples, nodes, 3)]))
 
     def samples(self, span: slice) -> NodalMotion:
         """Return the samples of ``span``, not copied [m, rad, s]."""
@@ -109,12 +109,12 @@ def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     Velocity of a free joint is linear then angular, both in the child's frame: p' = R_j v, p'' = R_j (v' + w x v).
     """
     out = _joints((len(q), mesh.size, 3))
-    relative_samples(nodes_of(mesh), for_kernels(q), for_kernels(qd), for_kernels(qdd), out)
+    relative_samples(nodes_of(mesh), make_contiguous(q), make_contiguous(qd), make_contiguous(qdd), out)
     return out
 
 
 def _joints(vector: tuple[int, ...]) -> Joints:
-    return Joints(*together(*3 * [vector], (*vector, 3), *2 * [vector]))
+    return Joints(*make_adjacent_arrays(*3 * [vector], (*vector, 3), *2 * [vector]))
 
 
 def scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
@@ -135,9 +135,9 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     motion = NodalMotion.unwritten(len(q), mesh.size)
     motion_samples(
         nodes_of(mesh),
-        for_kernels(q),
-        for_kernels(qd),
-        for_kernels(qdd),
+        make_contiguous(q),
+        make_contiguous(qd),
+        make_contiguous(qdd),
         _joints((mesh.size, 3)),
         Frames(*motion.parts),
     )
@@ -147,7 +147,7 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
 def moved(mechanism: Mechanism, q: Array, dv: Array) -> Array:
     """Return q (nq,) [rad], [m] after the increment ``dv`` (nv,) [rad], [m] of its velocity coordinates (body frame)."""
     out = np.array(q, dtype=float)
-    step_array(nodes_of(build(mechanism)), out, for_kernels(dv))
+    step_array(nodes_of(build(mechanism)), out, make_contiguous(dv))
     return out
 
 

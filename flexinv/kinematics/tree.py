@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import (
     add,
     add_scaled,
@@ -36,7 +36,7 @@ from flexinv.kernels.vec3 import (
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class Frames(NamedTuple):
     """Motion of all nodes at one instant: x, v, a [m, s] world; r = R_W,node; w, al [rad, s] own frame."""
 
@@ -48,7 +48,7 @@ class Frames(NamedTuple):
     al: Array
 
 
-@by_address
+@send_by_address
 class Joints(NamedTuple):
     """Motion of all nodes relative to their parents: p, dp, ddp [m, s] and r in the parent's frame; w, al [rad, s] own frame."""
 
@@ -60,7 +60,7 @@ class Joints(NamedTuple):
     al: Array
 
 
-@by_address
+@send_by_address
 class Variation(NamedTuple):
     """First variation of all nodes by the unknowns of their block, (nodes, columns, 3) each, columns first.
 

@@ -13,32 +13,32 @@ from flexinv.dynamics.constraint_rows import DIRECTION, factorise_border
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
-from flexinv.planar.tree import motion_of
+from flexinv.planar.tree import read_motion
 from flexinv.planar.tree_solver import solve_part
 
 
 @jit_inner
-def _angle(frames, n):
+def _read_angle(frames, n):
     """Cosine and sine of how far node n has turned."""
     return cos_sin(frames.pose[n, 2]) if n >= 0 else (1.0, 0.0)
 
 
 @jit_inner
-def _turned(angle, v):
+def _apply_rotation(angle, v):
     """A vector that is fixed in a node, in the plane's axes."""
     c, s = angle
     return c * v[0] - s * v[1], s * v[0] + c * v[1]
 
 
 @jit_inner
-def _rates(r, spin, change):
+def _compute_rates(r, spin, change):
     """A vector that turns, with its two rates: r, w J r, al J r - w^2 r."""
     square = spin * spin
     return r, (-spin * r[1], spin * r[0]), (-change * r[1] - square * r[0], change * r[0] - square * r[1])
 
 
 @jit_inner
-def _gap(x, y, arm_a, arm_b, order):
+def _compute_gap(x, y, arm_a, arm_b, order):
     """d or one of its rates."""
     p = x[order]
     q = y[order]
@@ -51,14 +51,14 @@ def _dot(a, b):
 
 
 @jit_inner
-def tie_rows(constraints, frames, rated):
+def evaluate_ties(constraints, frames, rated):
     """Set value and gradient of every constraint [m], [-]: phi, or where ``rated`` phi'' = u''.w + 2 u'.w' + u.w''."""
     on_a = (1.0, 0.0)
     on_b = (1.0, 0.0)
     for r in range(len(constraints.a)):
         if r == 0 or constraints.a[r] != constraints.a[r - 1] or constraints.b[r] != constraints.b[r - 1]:
-            on_a = _angle(frames, constraints.a[r])
-            on_b = _angle(frames, constraints.b[r])
+            on_a = _read_angle(frames, constraints.a[r])
+            on_b = _read_angle(frames, constraints.b[r])
         if not constraints.acting[r]:
             constraints.value[r] = 0.0
             put(constraints.gradient[r], 0, ZERO)
@@ -66,18 +66,22 @@ def tie_rows(constraints, frames, rated):
             continue
         a = constraints.a[r]
         b = constraints.b[r]
-        x = motion_of(frames, a)
-        y = motion_of(frames, b)
-        u = _rates(_turned(on_a, constraints.u[r]), x[1][2], x[2][2])
+        x = read_motion(frames, a)
+        y = read_motion(frames, b)
+        u = _compute_rates(_apply_rotation(on_a, constraints.u[r]), x[1][2], x[2][2])
         if constraints.kind[r] == DIRECTION:
-            w = _rates(_turned(on_b, constraints.w[r]), y[1][2], y[2][2])
+            w = _compute_rates(_apply_rotation(on_b, constraints.w[r]), y[1][2], y[2][2])
             across = u[0][0] * w[0][1] - u[0][1] * w[0][0]  # J u . w
             put(constraints.gradient[r], 0, (0.0, 0.0, across))
             put(constraints.gradient[r], 3, (0.0, 0.0, -across))
         else:
-            arm_a = _rates(_turned(on_a, constraints.place_a[r]), x[1][2], x[2][2])
-            arm_b = _rates(_turned(on_b, constraints.place_b[r]), y[1][2], y[2][2])
-            w = _gap(x, y, arm_a, arm_b, 0), _gap(x, y, arm_a, arm_b, 1), _gap(x, y, arm_a, arm_b, 2)
+            arm_a = _compute_rates(_apply_rotation(on_a, constraints.place_a[r]), x[1][2], x[2][2])
+            arm_b = _compute_rates(_apply_rotation(on_b, constraints.place_b[r]), y[1][2], y[2][2])
+            w = (
+                _compute_gap(x, y, arm_a, arm_b, 0),
+                _compute_gap(x, y, arm_a, arm_b, 1),
+                _compute_gap(x, y, arm_a, arm_b, 2),
+            )
             u1, u2 = u[0]
             p1, p2 = arm_a[0]
             q1, q2 = arm_b[0]
@@ -88,7 +92,7 @@ def tie_rows(constraints, frames, rated):
 
 
 @jit_inner
-def tie_sides(tree, constraints, frames, residual):
+def fill_right_sides(tree, constraints, frames, residual):
     """Put -A, less the gradients by the unknowns, into ``across`` and the right sides 1.. of the solve [-], [m]."""
     plan = constraints.layout
     for r in range(len(constraints.a)):
@@ -106,12 +110,12 @@ def tie_sides(tree, constraints, frames, residual):
 
 
 @jit_inner
-def factorise_ties(system):
+def compute_tie_factors(system):
     """Find K^-1 C, rows 1.. of work.y, and the factors of the border with a new linearisation [m/N], [rad/N]."""
     ties = system.ties
     plan = system.ties.layout
     work = system.work
-    tie_sides(system.tree, ties, system.frames, work.residual)
+    fill_right_sides(system.tree, ties, system.frames, work.residual)
     for part in range(len(plan.first_side) - 1):
         for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
             solve_part(system.tree, system.elements, system.factors, part, work.residual[side], work.y[side])

@@ -57,38 +57,38 @@ def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     for n, parent in enumerate(mesh.parent):
         rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
     found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
-    for normal in _candidates(mesh, rotation):
+    for normal in _list_normals(mesh, rotation):
         if isinstance(found := _check(mesh, rotation, normal), Plane):
             break
     return found
 
 
-def seen(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:
+def convert_to_plane(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:
     """Return vectors (rows, 3) [any unit] fixed in nodes (rows,), -1 the world, in the plane's axes where those stand at zero."""
     frames = np.where((node >= 0)[:, None, None], plane.frames[node], plane.axes.T)
     return np.asarray(np.einsum("rij,rj->ri", frames, vectors))
 
 
-def tied_in(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
+def find_planar_rows(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
     """Return a mask (rows,) of the constraints that act in the plane [-]; every planar motion satisfies the others."""
-    inside = ~_upright(seen(plane, rows.a, rows.u))
-    return np.asarray(inside & (~rows.direction | ~_upright(seen(plane, rows.b, rows.w))))
+    inside = ~_find_upright(convert_to_plane(plane, rows.a, rows.u))
+    return np.asarray(inside & (~rows.direction | ~_find_upright(convert_to_plane(plane, rows.b, rows.w))))
 
 
-def _upright(vectors: Array) -> NDArray[np.bool_]:
+def _find_upright(vectors: Array) -> NDArray[np.bool_]:
     return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= PLACEMENT_ROUNDING)
 
 
-def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
+def _describe_spatial_closure(mesh: Mesh, plane: Plane) -> str:
     """Return a message on a closure with frames outside the plane or more than planar ties; empty if none has [-]."""
     rows = constraint_rows(mesh)
-    u = seen(plane, rows.a, rows.u)
-    w = seen(plane, rows.b, rows.w)
-    above = [seen(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]
+    u = convert_to_plane(plane, rows.a, rows.u)
+    w = convert_to_plane(plane, rows.b, rows.w)
+    above = [convert_to_plane(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]
     above = [p - np.where(n < 0, plane.height, 0.0) for n, p in zip((rows.a, rows.b), above, strict=True)]
-    skew = ~_upright(u) & (np.abs(u[:, 2]) > PLACEMENT_ROUNDING)
-    skew |= rows.direction & ~_upright(w) & (np.abs(w[:, 2]) > PLACEMENT_ROUNDING)
-    skew |= rows.direction & _upright(u) & _upright(w)
+    skew = ~_find_upright(u) & (np.abs(u[:, 2]) > PLACEMENT_ROUNDING)
+    skew |= rows.direction & ~_find_upright(w) & (np.abs(w[:, 2]) > PLACEMENT_ROUNDING)
+    skew |= rows.direction & _find_upright(u) & _find_upright(w)
     skew |= ~rows.direction & (np.abs(above[0] - above[1]) > PLACEMENT_ROUNDING * mesh.length)
     if skew.any():
         name = mesh.mechanism.closures[int(rows.closure[int(np.argmax(skew))])].name
@@ -96,7 +96,7 @@ def _closure_standing_out(mesh: Mesh, plane: Plane) -> str:
     return ""
 
 
-def _candidates(mesh: Mesh, rotation: Array) -> list[Array]:
+def _list_normals(mesh: Mesh, rotation: Array) -> list[Array]:
     """Normals that are possible: the first axis of rotation, else y or z of the first beam section."""
     for n in range(mesh.size):
         if mesh.freedoms[n] == 1 and mesh.turn[n].any():
@@ -116,14 +116,14 @@ def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
         heights[n] = start + (frame @ mesh.offset[n])[2]
     plane = Plane(axes, float(heights[0]) if mesh.size else 0.0, frames)
     gravity = mesh.mechanism.gravity
-    reason = _standing_out(mesh, frames, heights) or _unsymmetric(mesh, frames)
+    reason = _describe_spatial_node(mesh, frames, heights) or _describe_asymmetry(mesh, frames)
     if not reason and abs(gravity @ normal) > PLACEMENT_ROUNDING * np.linalg.norm(gravity):
         reason = "gravity pulls out of the plane"
-    reason = reason or _closure_standing_out(mesh, plane)
+    reason = reason or _describe_spatial_closure(mesh, plane)
     return NotPlanar(reason) if reason else plane
 
 
-def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:
+def _describe_spatial_node(mesh: Mesh, frames: Array, heights: Array) -> str:
     """Return a message on the first node whose joint or place leaves the plane; empty if none does."""
     for n in range(mesh.size):
         link = mesh.mechanism.links[int(mesh.link[n])].name
@@ -140,7 +140,7 @@ def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:
     return ""
 
 
-def _unsymmetric(mesh: Mesh, frames: Array) -> str:
+def _describe_asymmetry(mesh: Mesh, frames: Array) -> str:
     """Return a message on the first section or body that is not symmetric to the plane; empty if all are."""
     e = mesh.elements
     for k, nodes in enumerate(e.nodes):

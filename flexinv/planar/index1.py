@@ -15,14 +15,14 @@ from flexinv.dynamics.constraint_rows import add_ties, factorise_border, solve_b
 from flexinv.dynamics.index1 import hold_massless
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import ZERO, add_scaled, add_to, put, vec, vec_at
-from flexinv.planar.constraint_rows import tie_rows, tie_sides
-from flexinv.planar.tree import vary_poses
+from flexinv.planar.constraint_rows import evaluate_ties, fill_right_sides
+from flexinv.planar.tree import fill_pose_variations
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class BlockMasses(NamedTuple):
     """Blocks of unknowns whose mass matrices are inverted.
 
@@ -43,7 +43,7 @@ class BlockMasses(NamedTuple):
 
 
 @jit_inner
-def project_accelerations(system):
+def update_accelerations(system):
     """Change multipliers, and the nodes' accelerations and wrenches, into those that belong to the positions and velocities.
 
     What the accelerations of the unknowns change by stays in work.y[0] [m/s^2], [rad/s^2].
@@ -56,9 +56,9 @@ def project_accelerations(system):
     plan = ties.layout
     residual = system.work.residual
     y = system.work.y
-    vary_poses(tree, frames)
-    tie_rows(ties, frames, True)
-    tie_sides(tree, ties, frames, residual)
+    fill_pose_variations(tree, frames)
+    evaluate_ties(ties, frames, True)
+    fill_right_sides(tree, ties, frames, residual)
     for n in range(len(masses.single)):
         block = tree.block[masses.single[n]]
         over = masses.over[n]
@@ -68,7 +68,7 @@ def project_accelerations(system):
             for i in range(3):
                 y[side, first + i] = -residual[side, first + i] * over[i]
     for b in range(len(masses.block)):
-        _accelerate_block(b, tree, plan, masses, frames, residual, y)
+        _solve_block_acceleration(b, tree, plan, masses, frames, residual, y)
     factorise_border(ties, plan.blocks, y)
     solve_border(ties, plan.blocks, 1.0, y)
     # accelerations and wrenches are linear in those of unknowns and in multipliers
@@ -95,7 +95,7 @@ def project_accelerations(system):
 
 
 @jit_inner
-def _accelerate_block(b, tree, plan, masses, frames, residual, y):
+def _solve_block_acceleration(b, tree, plan, masses, frames, residual, y):
     """Set y = -M^-1 residual of one block: its mass matrix from its nodes and the rotors of its passive joints."""
     block = masses.block[b]
     largest = 0.0

@@ -12,12 +12,12 @@ from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties
 from flexinv.dynamics.dofs import Topology, laid_out, topology
 from flexinv.elements.planar_beam import POINTS_AT_ONCE, PlanarElements
-from flexinv.kernels.memory import on_lines
+from flexinv.kernels.memory import copy_aligned
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.planar.detection import Plane, find_plane, seen, tied_in
+from flexinv.planar.detection import Plane, convert_to_plane, find_planar_rows, find_plane
 from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.stepper import Embedding
 from flexinv.planar.tree import PlanarTree
@@ -69,26 +69,28 @@ class PlanarModel:
 
 
 @kept_with_owner()
-def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
+def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
     plane = find_plane(mesh)
     t = topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
     rows = constraint_rows(mesh)
-    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
-    tree = _tree(mesh, t, plane)
-    space = _embedding(mesh, plane, row)
-    elements = _elements(mesh, plane, space)
-    pick = _pick(mesh, t, tree, plane, space)
-    tied = _ties(rows, row, plane, tree)
+    row = np.flatnonzero(find_planar_rows(plane, rows)).astype(np.int64)
+    tree = _build_tree(mesh, t, plane)
+    space = _build_embedding(mesh, plane, row)
+    elements = _build_elements(mesh, plane, space)
+    pick = _build_pick_matrix(mesh, t, tree, plane, space)
+    tied = _build_ties(rows, row, plane, tree)
     node = np.flatnonzero(mesh.v_index >= 0)
     turns_on = mesh.kind[node] == CONTINUOUS
     given = tree.given[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
-    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _masses(tree), joints)
+    return PlanarModel(
+        plane, t, tree, elements, space, pick, _list_places(tree, elements), tied, _build_masses(tree), joints
+    )
 
 
-def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
+def _build_pick_matrix(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
     pick = np.zeros((len(tree.scale), len(topology.scale)))
     for n in range(mesh.size):
         here = int(tree.offset[tree.block[n]])
@@ -101,7 +103,7 @@ def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space:
     return pick
 
 
-def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
+def _build_tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     frames = plane.frames
     passive = topology.freedoms > 0
     hangs = np.arange(len(topology.size)) < len(topology.span) - 1  # on the world, with passive freedoms only
@@ -109,8 +111,8 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     turning = np.any(mesh.turn, axis=(1, 2))
     sliding = np.any(mesh.slide, axis=(1, 2))
     # (node, xyz)
-    offset_p = seen(plane, mesh.parent, mesh.offset)
-    axis = seen(plane, np.arange(mesh.size), mesh.axis)
+    offset_p = convert_to_plane(plane, mesh.parent, mesh.offset)
+    axis = convert_to_plane(plane, np.arange(mesh.size), mesh.axis)
     scale = np.ones(int(size.sum()))
     offset, span = laid_out(size, topology.part)
     column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
@@ -131,7 +133,7 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     )  # fmt: skip
 
 
-def _elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElements:
+def _build_elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElements:
     e = mesh.elements
     side = space.side
     root = e.nodes[:, :1].ravel()
@@ -140,30 +142,42 @@ def _elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElements:
     turned = frames[:, None].transpose(0, 1, 3, 2) @ plane.frames[e.nodes]  # (element, node, 3, 3), R_0^T R_i
     bend = np.einsum("kni,ki->kn", log_so3(turned), axle) * (np.arange(e.nodes.shape[1]) <= e.order[:, None])
     stiffness, damping = (
-        [a[..., 0], *(_along(a[..., own], axes[: len(a)] ** 2) for own, axes in ((np.s_[:3], side), (np.s_[3:], axle)))]
+        [
+            a[..., 0],
+            *(
+                _compute_components(a[..., own], axes[: len(a)] ** 2)
+                for own, axes in ((np.s_[:3], side), (np.s_[3:], axle))
+            ),
+        ]
         for a in (e.stiffness, e.damping)
     )
-    constants = *stiffness, e.weight, e.gamma0[..., 0], _along(e.gamma0, side), _along(e.kappa0, axle)
+    constants = (
+        *stiffness,
+        e.weight,
+        e.gamma0[..., 0],
+        _compute_components(e.gamma0, side),
+        _compute_components(e.kappa0, axle),
+    )
     return PlanarElements(
         e.order, e.nodes, e.shape, e.slope, bend, np.arctan2(frames[:, 1, 0], frames[:, 0, 0]), np.uint64(POINTS_AT_ONCE),
-        _in_blocks(constants), _in_blocks(damping),
+        _convert_to_blocks(constants), _convert_to_blocks(damping),
     )  # fmt: skip
 
 
-def _along(vectors: Array, axes: Array) -> Array:
+def _compute_components(vectors: Array, axes: Array) -> Array:
     """Components of vectors (elements, points, 3) along an axis of each element."""
     return np.asarray(np.einsum("kgi,ki->kg", vectors, axes))
 
 
-def _in_blocks(rows: Sequence[Array]) -> Array:
+def _convert_to_blocks(rows: Sequence[Array]) -> Array:
     """Quantities (elements, points) of all points as the rows of blocks, in the order that `planar_beam` gives them."""
     flat = np.stack(rows).reshape(len(rows), -1)
     flat = np.pad(flat, ((0, 0), (0, -flat.shape[1] % POINTS_AT_ONCE)))
     blocks = flat.reshape(len(rows), flat.shape[1] // POINTS_AT_ONCE, POINTS_AT_ONCE)
-    return on_lines(blocks.swapaxes(0, 1).reshape(-1))
+    return copy_aligned(blocks.swapaxes(0, 1).reshape(-1))
 
 
-def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
+def _build_embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
     axes = plane.axes
     frames = plane.frames
     upright = np.diag([0.0, 0.0, 1.0])
@@ -174,7 +188,7 @@ def _embedding(mesh: Mesh, plane: Plane, row: Indices) -> Embedding:
     return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side, row)
 
 
-def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
+def _list_places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
     """Rows, row and own of `PlanarFactors`: where the own unknowns of every element stand."""
     elements, count = element_arrays.nodes.shape
     widest = max(int(tree.size.max(initial=0)), 1)
@@ -196,17 +210,17 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
 
 
-def _ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree) -> Ties:
+def _build_ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree) -> Ties:
     a = rows.a[row]
     b = rows.b[row]
     pairs = (a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w)
-    vectors = [np.ascontiguousarray(seen(plane, node, v[row])[:, :2]) for node, v in pairs]
+    vectors = [np.ascontiguousarray(convert_to_plane(plane, node, v[row])[:, :2]) for node, v in pairs]
     gear = np.zeros((len(row), len(tree.scale)))
     kind = np.where(rows.direction[row], DIRECTION, POSITION)
     return ties(kind, (a, b), vectors, gear, layout(tree, (a, b), gear, rows.closure[row]))
 
 
-def _masses(tree: PlanarTree) -> BlockMasses:
+def _build_masses(tree: PlanarTree) -> BlockMasses:
     nodes = np.bincount(tree.block, minlength=len(tree.size))
     widest = max(int(tree.size.max(initial=0)), 1)
     alone = (nodes == 1) & (tree.size == 3)

@@ -13,13 +13,13 @@ from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import State, Trajectory
 from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATE_BLOCK
 from flexinv.kernels.dense import ROWS_AT_ONCE
-from flexinv.kernels.memory import cleared, on_lines
+from flexinv.kernels.memory import copy_aligned, make_aligned_zeros
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.planar.detection import seen
-from flexinv.planar.model import PlanarModel, planar_model
-from flexinv.planar.stepper import PlanarSystem, PlanarWork, planar_march
+from flexinv.planar.detection import convert_to_plane
+from flexinv.planar.model import PlanarModel, build_planar_model
+from flexinv.planar.stepper import PlanarSystem, PlanarWork, integrate_planar_motion
 from flexinv.planar.tree import PlanarFrames
 from flexinv.planar.tree_solver import PlanarFactors
 from flexinv.typing import Array, Indices
@@ -40,7 +40,7 @@ class PlanarMarch:
     @classmethod
     def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
-        m = planar_model(mesh, frozenset(passive))
+        m = build_planar_model(mesh, frozenset(passive))
         unknowns = len(m.tree.scale)
         widest = max(int(m.tree.size.max(initial=0)), 1)
         sides = 1 + len(m.ties.a)
@@ -49,21 +49,21 @@ class PlanarMarch:
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
-            points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
-            rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)), u=cleared(max(count, 1), 3),
-            felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
+            points=make_aligned_zeros(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
+            rates=make_aligned_zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)), u=make_aligned_zeros(max(count, 1), 3),
+            felt=make_aligned_zeros(*mesh.elements.nodes.shape, 3), residual=make_aligned_zeros(sides, unknowns), y=make_aligned_zeros(sides, unknowns),
         )  # fmt: skip
-        frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
+        frames = PlanarFrames(*(make_aligned_zeros(*shape) for shape in shapes))
         rows, row, own = m.place
         elements, most, columns = len(own), *(-(-n // ROWS_AT_ONCE) * ROWS_AT_ONCE for n in (own.shape[1], widest))
         factors = PlanarFactors(
-            rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
-            b=cleared(elements, widest, most), x=cleared(elements, widest, most),
-            root=cleared(len(m.tree.span) - 1, columns, columns), diagonal=cleared(len(m.tree.size), widest, widest),
-            line=cleared(2, max(most, columns)), found=cleared(elements, most),
+            rows=rows, row=row, own=own, inverse=make_aligned_zeros(elements, most, most), to_root=make_aligned_zeros(elements, 3, most),
+            b=make_aligned_zeros(elements, widest, most), x=make_aligned_zeros(elements, widest, most),
+            root=make_aligned_zeros(len(m.tree.span) - 1, columns, columns), diagonal=make_aligned_zeros(len(m.tree.size), widest, widest),
+            line=make_aligned_zeros(2, max(most, columns)), found=make_aligned_zeros(elements, most),
         )  # fmt: skip
-        ties = _copied(m.ties)
-        masses = _copied(m.masses)
+        ties = _copy_arrays(m.ties)
+        masses = _copy_arrays(m.masses)
         state = State.of(0, unknowns)
         return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
 
@@ -71,14 +71,14 @@ class PlanarMarch:
     def acquire(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return a march as `of` does, or reuse one of the same that was released; for callers that begin anew."""
         try:
-            return _released(mesh, frozenset(passive)).pop()
+            return _list_reusable(mesh, frozenset(passive)).pop()
         except IndexError:
             return cls.of(mesh, passive)
 
     def release(self, passive: Collection[str]) -> None:
         """Leave the arrays to the next march that begins; a march that failed may leave NaN in them, which is cleared."""
         self.system.ties.multiplier[:], self.system.masses.over[:] = 0.0, self.model.masses.over
-        _released(self.mesh, frozenset(passive)).append(self)
+        _list_reusable(self.mesh, frozenset(passive)).append(self)
 
     def restart(
         self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Trajectory
@@ -88,15 +88,15 @@ class PlanarMarch:
         Return status, instants done, iterations or element, last relative increment [-].
         """
         state = self.system.state
-        given = self._given(q, qd, qdd)
+        given = self._collect_prescribed(q, qd, qdd)
         state.u[:], state.du[:] = state.u0, state.du0
-        status, instant, count, size = planar_march(self.system, scheme, _NOWHERE, True, given, row, out)
+        status, instant, count, size = integrate_planar_motion(self.system, scheme, _NOWHERE, True, given, row, out)
         return int(status), int(instant), int(count), float(size)
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
         e = self.model.elements
-        free, at = self._independent()
+        free, at = self._list_independent_nodes()
         if not 0 <= element < len(e.order):
             return 0.0
         angle = self.system.frames.pose[:, 2].copy()
@@ -105,7 +105,7 @@ class PlanarMarch:
         angle = angle[nodes] + e.bend[element, : len(nodes)]
         return float(np.abs(np.angle(np.exp(1j * (angle - angle[0])))).max())
 
-    def load_from_space(self, state: State, ties: Ties) -> None:
+    def copy_from_space(self, state: State, ties: Ties) -> None:
         """Copy the state of the spatial solver, and which closures act there [m, rad, s, N]."""
         own = self.system.ties
         row = self.model.space.row
@@ -114,10 +114,10 @@ class PlanarMarch:
         if len(row):
             places = (own.place_a, own.a, ties.place_a), (own.place_b, own.b, ties.place_b)
             for seen_here, node, vectors in (*places, (own.u, own.a, ties.u), (own.w, own.b, ties.w)):
-                seen_here[:] = seen(self.model.plane, node, vectors[row])[:, :2]
+                seen_here[:] = convert_to_plane(self.model.plane, node, vectors[row])[:, :2]
         here = self.system.state
         m = self.model
-        free, at = self._independent()
+        free, at = self._list_independent_nodes()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(here, name)[:] = m.pick @ getattr(state, name)
         turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
@@ -128,12 +128,12 @@ class PlanarMarch:
         here.bend[:] = 0.0
         here.order[:] = 0
 
-    def store_to_space(self, state: State, ties: Ties) -> None:
+    def copy_to_space(self, state: State, ties: Ties) -> None:
         """Copy the state of this march to the spatial solver [m, rad, s, N]."""
         ties.multiplier[self.model.space.row] = self.system.ties.multiplier
         here = self.system.state
         m = self.model
-        free, at = self._independent()
+        free, at = self._list_independent_nodes()
         for name in ("u", "du", "pseudo", "u0", "du0", "place"):
             getattr(state, name)[:] = m.pick.T @ getattr(here, name)
         x, y, angle = here.place[at].T[:, :, None, None]
@@ -149,7 +149,7 @@ class PlanarMarch:
         state.bend[:] = 0.0
         state.order[:] = 0
 
-    def _independent(self) -> tuple[Indices, Indices]:
+    def _list_independent_nodes(self) -> tuple[Indices, Indices]:
         """Independent nodes, and where x, y and theta of each stand among the unknowns, (nodes, 3)."""
         tree = self.model.tree
         free = np.flatnonzero(tree.independent)
@@ -158,13 +158,13 @@ class PlanarMarch:
     def arguments(
         self, scheme: Scheme, start: GivenMotion | None, steps: GivenMotion, row: Indices, out: Trajectory
     ) -> tuple[Any, ...]:
-        """Return the arguments of `planar_march` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
+        """Return the arguments of `integrate_planar_motion` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
 
         start : the same at one instant at which the march begins undeformed, all closures acting, with the accelerations that
             belong to it; None where it goes on
         row : of ``out`` to be written at each instant, that of the start included, -1 for none
         """
-        given = self._given(*steps)
+        given = self._collect_prescribed(*steps)
         joint = _NOWHERE
         if start is not None:
             here = self.model.joints.coordinates(*start)
@@ -174,20 +174,20 @@ class PlanarMarch:
             joint[nodes.node] = here[0]
         return self.system, scheme, joint, start is not None, given, row, out
 
-    def _given(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def _collect_prescribed(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
         given = joints.coordinates(q, qd, qdd)
         return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
 
 
 @kept_with_owner()
-def _released(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
+def _list_reusable(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []
 
 
-def _copied(part: Any) -> Any:
+def _copy_arrays(part: Any) -> Any:
     """A copy of an array, floats on lines of the cache; of the records in a record, their arrays'."""
     if isinstance(part, tuple):
-        return type(part)(*map(_copied, part))
-    return on_lines(part) if part.dtype == float else part.copy()
+        return type(part)(*map(_copy_arrays, part))
+    return copy_aligned(part) if part.dtype == float else part.copy()

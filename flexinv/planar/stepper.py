@@ -17,16 +17,35 @@ from flexinv.dynamics.generalized_alpha import ACCELERATION, ACCELERATIONS, DYNA
 from flexinv.dynamics.stepper import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH
 from flexinv.dynamics.system import State
 from flexinv.elements import planar_beam
-from flexinv.elements.planar_beam import N1, N2, M, PlanarElements, add_forces, energy, interpolate, point_offset, relax
+from flexinv.elements.planar_beam import (
+    N1,
+    N2,
+    M,
+    PlanarElements,
+    add_forces,
+    compute_energy,
+    compute_point_offset,
+    fill_point_strains,
+    remove_stress,
+)
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import dot, put, vec
 from flexinv.planar import tree as passes
-from flexinv.planar.constraint_rows import factorise_ties, tie_rows
-from flexinv.planar.index1 import BlockMasses, project_accelerations
-from flexinv.planar.tree import PlanarFrames, PlanarTree, accept, forward_pass, gather, node_wrenches, stand, vary
-from flexinv.planar.tree_solver import PlanarFactors, factorise, put_stiffness, solve_tree
+from flexinv.planar.constraint_rows import compute_tie_factors, evaluate_ties
+from flexinv.planar.index1 import BlockMasses, update_accelerations
+from flexinv.planar.tree import (
+    PlanarFrames,
+    PlanarTree,
+    assemble_residual,
+    begin_from_state,
+    begin_undeformed,
+    compute_node_wrenches,
+    fill_variations,
+    run_forward_pass,
+)
+from flexinv.planar.tree_solver import PlanarFactors, add_element_stiffness, compute_factors, solve_tree
 from flexinv.typing import Array
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
@@ -44,7 +63,7 @@ SLOW = 0.03
 MANY = 12
 
 
-@by_address
+@send_by_address
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3).
 
@@ -60,7 +79,7 @@ class PlanarWork(NamedTuple):
     y: Array
 
 
-@by_address
+@send_by_address
 class Embedding(NamedTuple):
     """Embedding of the plane in space.
 
@@ -80,7 +99,7 @@ class Embedding(NamedTuple):
     row: NDArray[np.int64]
 
 
-@by_address
+@send_by_address
 class PlanarSystem(NamedTuple):
     """A mechanism in a plane under time integration, as `dynamics.system.System` in space."""
 
@@ -106,38 +125,38 @@ def evaluate(system, given, moved):
     work = system.work
     largest = 0.0
     worst = 0
-    forward_pass(system.tree, system.state, given, frames)
-    tie_rows(system.ties, frames, False)
+    run_forward_pass(system.tree, system.state, given, frames)
+    evaluate_ties(system.ties, frames, False)
     if moved:
-        largest, worst = interpolate(elements, frames.pose, work.u, work.points)
+        largest, worst = fill_point_strains(elements, frames.pose, work.u, work.points)
         if len(elements.damping) > 0:
-            planar_beam.interpolate_rates(elements, frames.rate, work.rates)
-        planar_beam.point_gradients(elements, work.points, work.rates)
-    node_wrenches(system.tree, frames)
+            planar_beam.fill_point_rates(elements, frames.rate, work.rates)
+        planar_beam.fill_point_gradients(elements, work.points, work.rates)
+    compute_node_wrenches(system.tree, frames)
     add_ties(system.ties, system.ties.multiplier, frames.wrench)
     add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
-    gather(system.tree, system.state, frames, work.residual[0])
+    assemble_residual(system.tree, system.state, frames, work.residual[0])
     return largest, worst
 
 
 @jit_inner
-def linearise(system, scheme):
+def build_linearization(system, scheme):
     """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
     tree = system.tree
     elements = system.elements
     frames = system.frames
     work = system.work
-    vary(tree, frames, scheme.cv, scheme.ca)
-    passes.node_wrench_variations(tree, frames)
-    planar_beam.point_hessians(elements, scheme.cv, work.points)
-    put_stiffness(tree, elements, work.points, frames, system.factors)
-    passes.gather_variations(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
-    factorise(tree, elements, frames, system.factors)
-    factorise_ties(system)
+    fill_variations(tree, frames, scheme.cv, scheme.ca)
+    passes.fill_wrench_variations(tree, frames)
+    planar_beam.fill_point_hessians(elements, scheme.cv, work.points)
+    add_element_stiffness(tree, elements, work.points, frames, system.factors)
+    passes.assemble_diagonal(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
+    compute_factors(tree, elements, frames, system.factors)
+    compute_tie_factors(system)
 
 
 @jit_inner
-def newton(system, scheme, given, slow, most):
+def run_newton(system, scheme, given, slow, most):
     """Solve one step; return status, iterations (or the bad element), last relative increment [-].
 
     Where only accelerations are asked for, the state stands still.
@@ -157,10 +176,10 @@ def newton(system, scheme, given, slow, most):
         if not turned <= LARGEST_TURN:
             return TURNED_TOO_MUCH, worst, size
         if last or work.y.shape[1] == 0:
-            slipped = slips(tree, elements, scheme, state, system.frames)
+            slipped = find_overturned_element(tree, elements, scheme, state, system.frames)
             return (SLIPPED, slipped, size) if slipped >= 0 else (CONVERGED, iteration, size)
         if fresh:
-            linearise(system, scheme)
+            build_linearization(system, scheme)
         solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
         solve_border(ties, ties.layout.blocks, 1.0, work.y)
         before = size
@@ -196,26 +215,26 @@ def begin_step(system, scheme, given):
     if jump > generalized_alpha.START_ROUNDING:
         copy(ties.multiplier, ties.kept)
         copy(state.du0, state.du)
-        passes.vary_independent(tree, system.frames, scheme.cv, scheme.ca)
+        passes.fill_independent_variations(tree, system.frames, scheme.cv, scheme.ca)
         for _ in range(PASSES):
             evaluate(system, given, True)
-            linearise(system, scheme)
+            build_linearization(system, scheme)
             solve_tree(tree, system.elements, system.factors, work.residual[0], work.y[0])
-            tie_rows(ties, system.frames, True)
+            evaluate_ties(ties, system.frames, True)
             solve_border(ties, ties.layout.blocks, scheme.ca, work.y)
             for i in range(len(state.du)):
                 state.du[i] += scheme.ca * work.y[0, i]
         if generalized_alpha.is_sudden(scheme, tree.scale, state.pseudo, state.du):
-            accept(state)
+            begin_from_state(state)
             return True
         copy(ties.kept, ties.multiplier)
     copy(state.pseudo, state.du)
-    accept(state)
+    begin_from_state(state)
     return False
 
 
 @jit_inner
-def slips(tree, elements, scheme, state, frames):
+def find_overturned_element(tree, elements, scheme, state, frames):
     """Return the element of which a section turns by more than pi [rad] beside what carries it, else -1."""
     for k in range(len(elements.order) if scheme.mode == DYNAMIC else 0):
         root = elements.nodes[k, 0]
@@ -229,7 +248,7 @@ def slips(tree, elements, scheme, state, frames):
 
 
 @jit
-def planar_march(system, step, start_at, still, given, row, out):
+def integrate_planar_motion(system, step, start_at, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
 
     step : the scheme; an instant is the end of a step.  still : the first instant is no step: only its accelerations are
@@ -249,33 +268,33 @@ def planar_march(system, step, start_at, still, given, row, out):
     size = 0.0
     acts = any_acts(ties)
     if start_at.shape[0] > 0:
-        stand(tree, state, start_at, frames)
-        accept(state)
-        relax(system.elements, work.points)  # the elements feel nothing, not even rounding
+        begin_undeformed(tree, state, start_at, frames)
+        begin_from_state(state)
+        remove_stress(system.elements, work.points)  # the elements feel nothing, not even rounding
         for i in range(len(work.rates)):
             work.rates[i] = 0.0
     for n in range(given.shape[0]):
         moves = n > 0 or not still
         scheme = step if moves else ACCELERATIONS
         if n == 0 or (n == 1 and still):
-            passes.vary_independent(tree, frames, scheme.cv, scheme.ca)
+            passes.fill_independent_variations(tree, frames, scheme.cv, scheme.ca)
         if moves:
             predict(step, state)
         copy(ties.multiplier, ties.kept)
-        status, count, size = newton(system, scheme, given[n], SLOW, MANY)
+        status, count, size = run_newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
             predict(step, state)
             copy(ties.kept, ties.multiplier)
-            status, count, size = newton(system, step, given[n], 0.0, MOST_ITERATIONS)
+            status, count, size = run_newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         projects = not moves or (acts and row[n] >= 0)
         if projects:
             copy(ties.multiplier, ties.kept)
-            project_accelerations(system)
+            update_accelerations(system)
         if row[n] >= 0:
-            record(row[n], system, out)
+            write_sample(row[n], system, out)
             out.iterations[row[n]] = count
         if not moves:  # the march goes on from what has been projected
             for i in range(len(state.du)):
@@ -290,7 +309,7 @@ def planar_march(system, step, start_at, still, given, row, out):
 
 
 @jit_inner
-def record(sample, system, out):
+def write_sample(sample, system, out):
     """Write one instant into the histories, in space [m, rad, s, N, J]."""
     tree = system.tree
     elements = system.elements
@@ -299,10 +318,10 @@ def record(sample, system, out):
     frames = system.frames
     work = system.work
     for n in range(len(tree.parent)):
-        _embed(space.axes, frames.pose[n], space.height, out.x[sample, n])
-        _embed(space.axes, frames.rate[n], 0.0, out.v[sample, n])
-        _embed(space.axes, frames.acceleration[n], 0.0, out.a[sample, n])
-        _embed(space.axes, frames.wrench[n], 0.0, out.wrench[sample, n])
+        _convert_to_space(space.axes, frames.pose[n], space.height, out.x[sample, n])
+        _convert_to_space(space.axes, frames.rate[n], 0.0, out.v[sample, n])
+        _convert_to_space(space.axes, frames.acceleration[n], 0.0, out.a[sample, n])
+        _convert_to_space(space.axes, frames.wrench[n], 0.0, out.wrench[sample, n])
         c, s = cos_sin(frames.pose[n, 2])
         for i in range(3):
             out.w[sample, n, i] = frames.rate[n, 2] * space.axle[n, i]
@@ -320,19 +339,19 @@ def record(sample, system, out):
         side = space.side[n]
         axle = space.axle[elements.nodes[n, 0]]
         for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal
-            at = point_offset(n, g, elements.shape.shape[1])
+            at = compute_point_offset(n, g, elements.shape.shape[1])
             internal = out.internal[sample, n, g]
             for i in range(3):
                 internal[i] = work.points[at + N2] * side[i]
                 internal[3 + i] = work.points[at + M] * axle[i]
             internal[0] = work.points[at + N1]
-    stored = energy(elements, work.points)
-    lost = planar_beam.dissipated(elements, work.rates)
+    stored = compute_energy(elements, work.points)
+    lost = planar_beam.compute_dissipated_power(elements, work.rates)
     put(out.energy[sample], 0, (stored, power, lost))
 
 
 @jit_inner
-def _embed(axes, vector, height, out):
+def _convert_to_space(axes, vector, height, out):
     """A vector of the plane, and a height above it, in the world."""
     for i in range(3):
         out[i] = axes[i, 0] * vector[0] + axes[i, 1] * vector[1] + axes[i, 2] * height

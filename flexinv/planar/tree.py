@@ -16,15 +16,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.joint_law import law_at, own_effort, own_slope, smooth_direction
+from flexinv.elements.joint_law import (
+    compute_effort_slope,
+    compute_joint_effort,
+    compute_smooth_direction,
+    take_joint_law,
+)
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, add, add_to, put, vec, vec_at
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class PlanarTree(NamedTuple):
     """Nodes, blocks and joints of a mechanism in a plane (as `dofs.Topology`).
 
@@ -59,7 +64,7 @@ class PlanarTree(NamedTuple):
     drives: Array
 
 
-@by_address
+@send_by_address
 class PlanarFrames(NamedTuple):
     """Poses, velocities, accelerations (nodes, 3) of all nodes, x, y, theta [m, rad, s], and their variations.
 
@@ -81,7 +86,7 @@ class PlanarFrames(NamedTuple):
 
 
 @jit_inner
-def forward_pass(tree, state, given, frames):
+def run_forward_pass(tree, state, given, frames):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
         o = tree.offset[tree.block[n]]
@@ -96,11 +101,11 @@ def forward_pass(tree, state, given, frames):
         elif own >= 0:
             k = o + own
             put(frames.joint[n], 0, (state.place[k] + state.d[k], state.u[k], state.du[k]))
-        _carry(n, tree, frames)
+        _compute_child_motion(n, tree, frames)
 
 
 @jit_inner
-def motion_of(frames, n):
+def read_motion(frames, n):
     """Return pose, rates and accelerations of a node [m, rad, s], zeros of the world (-1)."""
     if n < 0:
         return ZERO, ZERO, ZERO
@@ -108,7 +113,7 @@ def motion_of(frames, n):
 
 
 @jit_inner
-def _carry(n, tree, frames):
+def _compute_child_motion(n, tree, frames):
     """Motion of a dependent node from its parent's, the equations at the head of the file."""
     m = tree.parent[n]
     turn = tree.turn[n]
@@ -119,7 +124,7 @@ def _carry(n, tree, frames):
     ddq = frames.joint[n, 2]
     r1 = tree.offset_p[n, 0] + q * e1
     r2 = tree.offset_p[n, 1] + q * e2
-    x, v, a = motion_of(frames, m)
+    x, v, a = read_motion(frames, m)
     if m >= 0 and tree.shifted[n]:
         c, s = cos_sin(x[2])
         r1, r2, e1, e2 = c * r1 - s * r2, s * r1 + c * r2, c * e1 - s * e2, s * e1 + c * e2
@@ -137,13 +142,13 @@ def _carry(n, tree, frames):
 
 
 @jit_inner
-def stand(tree, state, joint, frames):
+def begin_undeformed(tree, state, joint, frames):
     """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
         o = tree.offset[tree.block[n]]
         own = tree.column[n]
         put(frames.joint[n], 0, vec(joint[n]))
-        _carry(n, tree, frames)
+        _compute_child_motion(n, tree, frames)
         if tree.independent[n]:
             put(state.place, o, vec(frames.pose[n]))
             put(state.u, o, vec(frames.rate[n]))
@@ -155,7 +160,7 @@ def stand(tree, state, joint, frames):
 
 
 @jit_inner
-def accept(state):
+def begin_from_state(state):
     """Let the next step start from the present velocities [m/s] and accelerations [m/s^2], without a past."""
     for k in range(len(state.d)):
         state.u0[k], state.du0[k], state.pseudo[k] = state.u[k], state.du[k], state.du[k]
@@ -166,7 +171,7 @@ def accept(state):
 
 
 @jit_inner
-def vary_independent(tree, frames, cv, ca):
+def fill_independent_variations(tree, frames, cv, ca):
     """Set how independent nodes move with their own unknowns [m, rad, s], once and for all: dv = cv dx, da = ca dx."""
     for n in range(len(tree.parent)):
         if tree.independent[n]:
@@ -179,7 +184,7 @@ def vary_independent(tree, frames, cv, ca):
 
 
 @jit_inner
-def vary(tree, frames, cv, ca):
+def fill_variations(tree, frames, cv, ca):
     """Set how dependent nodes move with the unknowns of their blocks [m, rad, s]."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
@@ -187,12 +192,12 @@ def vary(tree, frames, cv, ca):
         for k in range(0 if tree.independent[n] else columns):
             for by in (frames.by_pose, frames.by_rate, frames.by_acceleration):
                 put(by[n, k], 0, vec(by[m, k]) if m >= 0 else ZERO)
-            _carry_variation(n, k, tree, frames, cv, ca)
+            _add_variation(n, k, tree, frames, cv, ca)
 
 
 @jit_inner
-def vary_poses(tree, frames):
-    """Set how the poses of dependent nodes move with the unknowns of their blocks [m], [rad]: the first part of `vary`."""
+def fill_pose_variations(tree, frames):
+    """Set how the poses of dependent nodes move with the unknowns of their blocks [m], [rad]: the first part of `fill_variations`."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
         for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
@@ -205,8 +210,8 @@ def vary_poses(tree, frames):
 
 
 @jit_inner
-def _carry_variation(n, k, tree, frames, cv, ca):
-    """Add to the variation of node n, on entry its parent's, the differential of `_carry` by unknown k."""
+def _add_variation(n, k, tree, frames, cv, ca):
+    """Add to the variation of node n, on entry its parent's, the differential of `_compute_child_motion` by unknown k."""
     m = tree.parent[n]
     own = 1.0 if k == tree.column[n] else 0.0
     w, al = (frames.rate[m, 2], frames.acceleration[m, 2]) if m >= 0 else (0.0, 0.0)
@@ -241,7 +246,7 @@ def _carry_variation(n, k, tree, frames, cv, ca):
 
 
 @jit_inner
-def node_wrenches(tree, frames):
+def compute_node_wrenches(tree, frames):
     """Set every node's own wrench P = m (a - g) [N], Q = J al [N m]."""
     for n in range(len(tree.parent)):
         m = tree.mass[n]
@@ -250,7 +255,7 @@ def node_wrenches(tree, frames):
 
 
 @jit_inner
-def node_wrench_variations(tree, frames):
+def fill_wrench_variations(tree, frames):
     """Set how every node's own wrench varies with the unknowns of its block [N], [N m]."""
     for n in range(len(tree.parent)):
         m = tree.mass[n]
@@ -261,7 +266,7 @@ def node_wrench_variations(tree, frames):
 
 
 @jit_inner
-def gather(tree, state, frames, residual):
+def assemble_residual(tree, state, frames, residual):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
     for n in range(len(tree.parent) - 1, -1, -1):
         m = tree.parent[n]
@@ -274,17 +279,17 @@ def gather(tree, state, frames, residual):
         if own >= 0:
             u = state.u[o + own]
             du = state.du[o + own]
-            drive = own_effort(law_at(tree.drives, n), 0.0, u, du, smooth_direction(u))
+            drive = compute_joint_effort(take_joint_law(tree.drives, n), 0.0, u, du, compute_smooth_direction(u))
             residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
             add_to(frames.wrench[m], 0, (f1, f2, mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1))
 
 
 @jit_inner
-def gather_variations(tree, state, frames, diagonal, cv, ca):
+def assemble_diagonal(tree, state, frames, diagonal, cv, ca):
     """Bring variations of wrenches back: diagonal blocks of the linearisation [N/m], [N], [N m].
 
-    diagonal : (blocks, columns, columns); `gather` came before
+    diagonal : (blocks, columns, columns); `assemble_residual` came before
     """
     for n in range(len(tree.parent) - 1, -1, -1):
         m = tree.parent[n]
@@ -307,8 +312,10 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
             along = 1.0 if k == own else 0.0
             if own >= 0:
                 slope = e1 * df1 + e2 * df2 + turned * (e1 * f2 - e2 * f1) + tree.turn[n] * dmu
-                direction = smooth_direction(state.u[tree.offset[b] + own])
-                diagonal[b, own, k] = slope + along * own_slope(law_at(tree.drives, n), direction, cv, ca)
+                direction = compute_smooth_direction(state.u[tree.offset[b] + own])
+                diagonal[b, own, k] = slope + along * compute_effort_slope(
+                    take_joint_law(tree.drives, n), direction, cv, ca
+                )
             if m >= 0:
                 dr1 = along * e1 - turned * r2
                 dr2 = along * e2 + turned * r1

@@ -15,17 +15,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.planar_beam import pair_stiffness
+from flexinv.elements.planar_beam import compute_pair_stiffness
 from flexinv.kernels.dense import ROWS_AT_ONCE, inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
 from flexinv.typing import Array
 
 ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-@by_address
+@send_by_address
 class PlanarFactors(NamedTuple):
     """The linearisation of a planar mechanism on its tree, eliminated.
 
@@ -50,7 +50,7 @@ class PlanarFactors(NamedTuple):
 
 
 @jit_inner
-def put_stiffness(tree, elements, points, frames, factors):
+def add_element_stiffness(tree, elements, points, frames, factors):
     """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
     for k in range(len(elements.order)):
         order = elements.order[k]
@@ -63,29 +63,29 @@ def put_stiffness(tree, elements, points, frames, factors):
                 own[c, r] = 0.0
         for i in range(order):
             if columns > 0:
-                stiffness = pair_stiffness(k, i + 1, 0, elements, points)
+                stiffness = compute_pair_stiffness(k, i + 1, 0, elements, points)
                 for a in range(3):  # all x first, then y, then theta
                     for c in range(3):
                         factors.to_root[k, c, a * order + i] = stiffness[a][c]
             for j in range(i + 1):
-                stiffness = pair_stiffness(k, i + 1, j + 1, elements, points)
+                stiffness = compute_pair_stiffness(k, i + 1, j + 1, elements, points)
                 for a in range(3):
                     for c in range(3):
                         own[a * order + i, c * order + j] = stiffness[a][c]
                         own[c * order + j, a * order + i] = stiffness[a][c]
-        of_root = pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
+        of_root = compute_pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
             add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
 
 
 @jit_inner
-def factorise(tree, elements, frames, factors):
+def compute_factors(tree, elements, frames, factors):
     """Eliminate the linearisation, whose diagonal blocks stand in factors.diagonal [N/m], [N], [N m]."""
     for k in range(len(elements.order) - 1, -1, -1):
         if _is_small(k, tree, elements, factors):
-            _condense_small(k, tree, elements, frames, factors)
+            _solve_small_element(k, tree, elements, frames, factors)
         else:
-            _condense(k, tree, elements, frames, factors)
+            _solve_element_blocks(k, tree, elements, frames, factors)
     for part in range(len(tree.span) - 1):
         for r in range(tree.size[part]):
             for c in range(tree.size[part]):
@@ -100,8 +100,8 @@ def _is_small(k, tree, elements, factors):
 
 
 @jit_inner
-def _condense_small(k, tree, elements, frames, factors):
-    """`_condense` of a small element."""
+def _solve_small_element(k, tree, elements, frames, factors):
+    """`_solve_element_blocks` of a small element."""
     root = elements.nodes[k, 0]
     own = factors.diagonal[tree.block[elements.nodes[k, 1]]]
     first = factors.diagonal[tree.block[root]]
@@ -115,7 +115,7 @@ def _condense_small(k, tree, elements, frames, factors):
 
 
 @jit_inner
-def _condense(k, tree, elements, frames, factors):
+def _solve_element_blocks(k, tree, elements, frames, factors):
     """Condense element k onto its first block."""
     nodes = elements.nodes[k]
     rows = factors.rows[k]
@@ -138,14 +138,14 @@ def _condense(k, tree, elements, frames, factors):
         v3 = frames.by_pose[root, c, 2]
         for r in range(rows):
             b[c, r] = factors.to_root[k, 0, r] * v1 + factors.to_root[k, 1, r] * v2 + factors.to_root[k, 2, r] * v3
-        _transposed_product(inverse, b[c], x[c], rows)  # behind its rows b is zero
+        _compute_transposed_product(inverse, b[c], x[c], rows)  # behind its rows b is zero
     for c in range(columns):
         for d in range(columns):
             factors.diagonal[first, d, c] -= _dot(b[d], x[c], rows)
 
 
 @jit_inner
-def _transposed_product(a, v, out, size):
+def _compute_transposed_product(a, v, out, size):
     """out = a^T v; behind ``size`` rows of ``a``, and of v and out, there are zeros up to a multiple of ROWS_AT_ONCE."""
     for r in range(size):
         out[r] = 0.0
@@ -204,7 +204,7 @@ def solve_part(tree, elements, factors, part, residual, y):
         line[0, r] = residual[start + r]
     for r in range(size, -(-size // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[0, r] = 0.0
-    _transposed_product(factors.root[part], line[0], line[1], size)
+    _compute_transposed_product(factors.root[part], line[0], line[1], size)
     for r in range(size):
         y[start + r] = -line[1, r]
     for n in range(tree.first_element[part], tree.first_element[part + 1]):
@@ -230,6 +230,6 @@ def _solve_own(k, tree, elements, factors, residual, found, first):
         line[r] = residual[own[r]]
     for r in range(rows, -(-rows // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[r] = 0.0
-    _transposed_product(factors.inverse[k], line, found, rows)
+    _compute_transposed_product(factors.inverse[k], line, found, rows)
     for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
         residual[first + c] -= _dot(factors.b[k, c], found, rows)

@@ -14,8 +14,15 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit_blocks, jit_lanes
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.threads import worker_pool
-from flexinv.kernels.threads.atomics import address, fetch, reals, store, take, wholes
-from flexinv.kernels.threads.worker_pool import Helpers, array_word, awaited, claimed, collected, write_array
+from flexinv.kernels.threads.atomics import fetch, make_float_array, make_integer_array, read_address, take, write_cell
+from flexinv.kernels.threads.worker_pool import (
+    Helpers,
+    collect_answers,
+    read_array_word,
+    take_mailbox,
+    wait_for_offer,
+    write_array,
+)
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import convert_efforts, is_unclear
 from flexinv.rnea.loop_bodies import begin, copy_accelerations
@@ -165,7 +172,7 @@ def _compute_blocks(system, series, work, counter):
 @jit_lanes
 def _send_offer(mail, system, series, work, counter):
     """Offer a helper to take blocks, too."""
-    if not claimed(mail, address(counter)):
+    if not take_mailbox(mail, read_address(counter)):
         return
     write_array(mail, MAIL_TREE, system.tree)
     write_array(mail, MAIL_NUMBERS, system.numbers)
@@ -180,40 +187,40 @@ def _send_offer(mail, system, series, work, counter):
     write_array(mail, MAIL_PLAN, system.plan)
     write_array(mail, MAIL_FIXED, system.fixed)
     mail[MAIL_SAMPLES] = series.samples
-    store(mail, worker_pool.STATE, worker_pool.OFFERED)
+    write_cell(mail, worker_pool.STATE, worker_pool.OFFERED)
 
 
 @jit_blocks
 def run_helper(mail, patience):
     """Take blocks for whoever offers, until no offer comes for so many looks [-]; the mail then says that its helper sleeps."""
-    while awaited(mail, patience):
-        at, (size,) = array_word(mail, MAIL_TREE)
-        tree = wholes(at, (size // TREE, TREE))
-        at, (size,) = array_word(mail, MAIL_NUMBERS)
-        numbers = reals(at, (size // NUMBERS, NUMBERS))
-        strides = wholes(array_word(mail, MAIL_STRIDES)[0], (4, 2))
-        columns = wholes(*array_word(mail, MAIL_COLUMNS))
-        plan = wholes(*array_word(mail, MAIL_PLAN))
-        fixed = reals(*array_word(mail, MAIL_FIXED))
-        tau = reals(*array_word(mail, MAIL_TAU))
-        q = reals(*array_word(mail, MAIL_Q))
-        qd = reals(*array_word(mail, MAIL_QD))
-        qdd = reals(*array_word(mail, MAIL_QDD))
+    while wait_for_offer(mail, patience):
+        at, (size,) = read_array_word(mail, MAIL_TREE)
+        tree = make_integer_array(at, (size // TREE, TREE))
+        at, (size,) = read_array_word(mail, MAIL_NUMBERS)
+        numbers = make_float_array(at, (size // NUMBERS, NUMBERS))
+        strides = make_integer_array(read_array_word(mail, MAIL_STRIDES)[0], (4, 2))
+        columns = make_integer_array(*read_array_word(mail, MAIL_COLUMNS))
+        plan = make_integer_array(*read_array_word(mail, MAIL_PLAN))
+        fixed = make_float_array(*read_array_word(mail, MAIL_FIXED))
+        tau = make_float_array(*read_array_word(mail, MAIL_TAU))
+        q = make_float_array(*read_array_word(mail, MAIL_Q))
+        qd = make_float_array(*read_array_word(mail, MAIL_QD))
+        qdd = make_float_array(*read_array_word(mail, MAIL_QDD))
         samples = mail[MAIL_SAMPLES]
         system = TorqueSystem(tree, numbers, columns, plan, fixed)
         series = Series(q, qd, qdd, tau, strides, samples)
-        work = reals(*array_word(mail, MAIL_WORK))
-        counter = wholes(*array_word(mail, MAIL_COUNTER))
+        work = make_float_array(*read_array_word(mail, MAIL_WORK))
+        counter = make_integer_array(*read_array_word(mail, MAIL_COUNTER))
         mail[worker_pool.ANSWER] = _compute_blocks(system, series, work, counter)
-        store(mail, worker_pool.STATE, worker_pool.DONE)
-    store(mail, worker_pool.SLEEPS, 1)
+        write_cell(mail, worker_pool.STATE, worker_pool.DONE)
+    write_cell(mail, worker_pool.SLEEPS, 1)
 
 
 @jit_lanes
 def _has_overlap(a, b):
     """Return True if two arrays overlap in memory."""
-    at = address(a)
-    to = address(b)
+    at = read_address(a)
+    to = read_address(b)
     return at < to + _BYTES * np.uint64(b.size) and to < at + _BYTES * np.uint64(a.size)
 
 
@@ -247,7 +254,7 @@ def collect(plan, fixed, samples, work, counter, mails):
 
     Then blocks in doubt are counted, and it is said whether the motion is.
     """
-    if not collected(mails, address(counter), counter[1:]):
+    if not collect_answers(mails, read_address(counter), counter[1:]):
         return False
     if plan[layout.LIMITS] > 0:
         for i in range((samples + LANES - np.uint64(1)) // LANES):

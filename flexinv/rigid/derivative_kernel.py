@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, add, apply, cross, dot, mat, mat_at, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
 
 
-@by_address
+@send_by_address
 class CarriedBodies(NamedTuple):
     """Bodies as this kernel reads them; body 0 is the world.
 

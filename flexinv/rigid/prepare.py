@@ -18,9 +18,9 @@ from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.reactions import closure_wrenches
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
 from flexinv.inverse.inverse_dynamics import check_constant, compute_applied_forces, compute_spring_efforts
-from flexinv.kernels.memory import LINE, cleared
+from flexinv.kernels.memory import LINE, make_aligned_zeros
 from flexinv.kernels.simd import BLOCK
-from flexinv.kernels.threads.affinity import processors
+from flexinv.kernels.threads.affinity import count_processors
 from flexinv.kernels.threads.atomics import COMPILED
 from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.mesh import Mesh, build
@@ -58,7 +58,7 @@ class _Own(local):
     """
 
     def __init__(self, threads: int, size: int) -> None:
-        self.work = cleared(threads, size + -size % LINE)
+        self.work = make_aligned_zeros(threads, size + -size % LINE)
         self.counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
         # What `sample` needs, looked up at once: the data of a thread are slow to come by.
         self.of_sample = self.work, self.counter, memoryview(self.counter)  # type: ignore[arg-type]
@@ -249,7 +249,7 @@ class TorqueFunction(ByValue):
         if self.threads == 1 or size < WORTH_HELP or not COMPILED:
             return _NOBODY
         prepare_helper_kernels()
-        return HELPERS.mails(self.threads - 1, size > WORTH_WAKING)
+        return HELPERS.prepare_mailboxes(self.threads - 1, size > WORTH_WAKING)
 
     def _add_applied(self, motion: Sequence[Array], tau: Array) -> None:
         """Subtract what springs between points and given forces do for the joints."""
@@ -285,7 +285,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
     """The number of threads."""
     of_kind("mechanism", mechanism, Mechanism)
     flag("passive", passive)
-    return processors() if threads is None else whole("threads", threads, 1, THREADS)
+    return count_processors() if threads is None else whole("threads", threads, 1, THREADS)
 
 
 @kept_with_owner(typed=True, frozen=False)

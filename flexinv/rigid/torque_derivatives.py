@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.elements.joint_law import laws_of
+from flexinv.elements.joint_law import build_joint_laws
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.by_value import ByValue
@@ -75,7 +75,7 @@ def torque_derivatives(
         motion = rigid_motion(mesh, *(state[part] for state in states)).frames
         fill_torque_derivatives(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
-    law = laws_of(mechanism)
+    law = build_joint_laws(mechanism)
     out.qdd[:, own, own] += law.rotor
     if passive:
         out.q[:, own, own] += law.stiffness

@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.elements.joint_law import law_columns
+from flexinv.elements.joint_law import compute_law_derivatives
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.mesh import build
@@ -147,7 +147,7 @@ def _build_drive_columns(
     place = np.zeros_like(qd[:, rows])
     if joint.nv == 1:
         place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
-    columns = law_columns(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
+    columns = compute_law_derivatives(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
     keys = ["rotor_inertia", "damping", "friction", "stiffness", "stiffness_rest"]
     units = ("kg m^2", "N m s", "N m", "N m/rad", "N m") if turns else ("kg", "N s/m", "N", "N/m", "N")
     values = np.array([*(getattr(joint, key) for key in keys[:4]), joint.stiffness * joint.rest])

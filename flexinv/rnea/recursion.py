@@ -23,10 +23,22 @@ import math
 
 import numpy as np
 
-from flexinv.elements.joint_law import JointLaw, moving_effort, own_effort, resisting_effort
+from flexinv.elements.joint_law import JointLaw, compute_joint_effort, compute_moving_effort, compute_resisting_effort
 from flexinv.kernels import simd
 from flexinv.kernels.jit import jit_lane, jit_lanes, jit_pass
-from flexinv.kernels.simd import LANES, into, plus, plus_cross, plus_out_of, put_vec, row, tilted, times, turned, vec_of
+from flexinv.kernels.simd import (
+    LANES,
+    apply_rotation_x,
+    apply_rotation_z,
+    into,
+    plus,
+    plus_cross,
+    plus_out_of,
+    put_vec,
+    row,
+    times,
+    vec_of,
+)
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
@@ -171,13 +183,13 @@ def _turn_outboard(state, rows, lanes, body):
         s = s0 * rows[COS + k] + c0 * rows[SIN + k]
         rows[COS + k] = c
         rows[SIN + k] = s
-        w = turned(c, -s, tilted(ct, -st, w))
-        al = turned(c, -s, tilted(ct, -st, al))
-        a = turned(c, -s, tilted(ct, -st, a))
+        w = apply_rotation_z(c, -s, apply_rotation_x(ct, -st, w))
+        al = apply_rotation_z(c, -s, apply_rotation_x(ct, -st, al))
+        a = apply_rotation_z(c, -s, apply_rotation_x(ct, -st, a))
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
         w = (w[0], w[1], w[2] + rate)
         _write_state_and_wrench(state, rows, k, w, al, a, leaving)
-        rows[EFFORT + k] = moving_effort(law, rate, acceleration)
+        rows[EFFORT + k] = compute_moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
@@ -198,7 +210,7 @@ def _compute_slide_outboard(state, rows, lanes, body):
         acceleration = rows[EFFORT + k]
         a = _compute_slide_acceleration(w, al, a, rows[PLACE + k], rate, acceleration)
         _write_state_and_wrench(state, rows, k, w, al, a, leaving)
-        rows[EFFORT + k] = moving_effort(law, rate, acceleration)
+        rows[EFFORT + k] = compute_moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
@@ -261,7 +273,7 @@ def _compute_float_outboard(state, rows, lanes, body):
         effort = EFFORTS_FREE + np.uint64(j) * LANES
         for k in range(lanes):
             v = rows[rate + k]
-            rows[effort + k] = own_effort(law, law.rest, v, rows[effort + k], _sign(v))
+            rows[effort + k] = compute_joint_effort(law, law.rest, v, rows[effort + k], _sign(v))
 
 
 @jit_lanes
@@ -279,8 +291,8 @@ def _turn_inboard(rows, lanes, body):
         c = rows[COS + k]
         s = rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
-        put_vec(rows, FORCE, k, tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k))))
-        put_vec(rows, MOMENT, k, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
+        put_vec(rows, FORCE, k, apply_rotation_x(ct, st, apply_rotation_z(c, s, vec_of(rows, FORCE, k))))
+        put_vec(rows, MOMENT, k, apply_rotation_x(ct, st, apply_rotation_z(c, s, vec_of(rows, MOMENT, k))))
 
 
 @jit_pass
@@ -292,8 +304,8 @@ def _turn_on_inboard(rows, above, lanes, body):
         c = rows[COS + k]
         s = rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
-        force = tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k)))
-        _add(above, k, p, force, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
+        force = apply_rotation_x(ct, st, apply_rotation_z(c, s, vec_of(rows, FORCE, k)))
+        _add(above, k, p, force, apply_rotation_x(ct, st, apply_rotation_z(c, s, vec_of(rows, MOMENT, k))))
 
 
 @jit_pass
@@ -342,7 +354,7 @@ def _add_joint_resistance(rows, lanes, kind, body):
         c = rows[COS + k]
         s = rows[SIN + k]
         place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
-        rows[EFFORT + k] += resisting_effort(law, place, _sign(rows[RATE + k]))
+        rows[EFFORT + k] += compute_resisting_effort(law, place, _sign(rows[RATE + k]))
 
 
 @jit_lane
@@ -399,7 +411,7 @@ def run_outboard_pass(tree, numbers, work, lanes):
             _compute_slide_outboard(state, rows, lanes, body)
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             if kind == CONTINUOUS:
-                lost += simd.astray(rows, COS, lanes)
+                lost += simd.count_non_unit_lanes(rows, COS, lanes)
             else:
                 _compute_angles(rows, lanes)
             if kind == HELICAL:

@@ -28,7 +28,7 @@ from flexinv.dynamics.stepper import evaluate, record
 from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
-from flexinv.kernels.records import by_address
+from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
 from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.kinematics.mesh import Mesh, build
@@ -44,7 +44,7 @@ from flexinv.typing import Array
 CHUNK = 128
 
 
-@by_address
+@send_by_address
 class FreeMotion(NamedTuple):
     """Motion of a mechanism whose joints are all free, as `dynamics.system.State` has it, and the loads.
 
@@ -59,7 +59,7 @@ class FreeMotion(NamedTuple):
     table: Array
 
 
-@by_address
+@send_by_address
 class Evaluated(NamedTuple):
     """Residuals (samples, unknowns) [N], [N m], derivatives (samples, 3, unknowns, unknowns) K, C, M, and histories.
 

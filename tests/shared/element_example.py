@@ -9,7 +9,7 @@ from kernels import Array, element
 
 from flexinv.elements.beam import Scratch
 from flexinv.elements.beam_element import Elements
-from flexinv.elements.quadrature import reference
+from flexinv.elements.quadrature import build_reference
 from flexinv.kernels.so3 import exp_so3
 
 EPS = np.finfo(float).eps
@@ -25,7 +25,7 @@ class Example:
 
 
 def example(order: int) -> Example:
-    rng, ref, half = np.random.default_rng(order), reference(order), 1.0
+    rng, ref, half = np.random.default_rng(order), build_reference(order), 1.0
     count = order + 1
     arrays = Elements(
         order=np.array([order]),

@@ -9,8 +9,13 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import advance, predict, update_rates
 from flexinv.dynamics.tree_solver import solve_tree
-from flexinv.elements.beam import relative, relative_rates
-from flexinv.elements.beam_element import damped_tangent, element_forces, element_gradient, element_tangent
+from flexinv.elements.beam import fill_relative_poses, fill_relative_rates
+from flexinv.elements.beam_element import (
+    fill_damped_tangent,
+    fill_element_forces,
+    fill_element_gradient,
+    fill_element_tangent,
+)
 from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
@@ -38,21 +43,21 @@ def derivative(f: Callable[[float], Array]) -> Array:
 @jit
 def element(k, count, e, z, internal, tangent):
     """Evaluate one element whose poses stand in z; return its energy."""
-    relative(count, z)
-    energy, _ = element_gradient(k, count, e, z, None, internal, True)
-    element_forces(count, z)
-    element_tangent(count, z, tangent)
+    fill_relative_poses(count, z)
+    energy, _ = fill_element_gradient(k, count, e, z, None, internal, True)
+    fill_element_forces(count, z)
+    fill_element_tangent(count, z, tangent)
     return energy
 
 
 @jit
 def damped_element(k, count, e, z, y, nodes, d, internal, tangent):
     """Evaluate one damped element whose poses stand in z, velocities in y; return its energy and dissipated power."""
-    relative(count, z)
-    relative_rates(count, z, y)
-    stored, gone = element_gradient(k, count, e, z, y, internal, True)
-    element_forces(count, z)
-    damped_tangent(count, z, y, nodes, d, tangent)
+    fill_relative_poses(count, z)
+    fill_relative_rates(count, z, y)
+    stored, gone = fill_element_gradient(k, count, e, z, y, internal, True)
+    fill_element_forces(count, z)
+    fill_damped_tangent(count, z, y, nodes, d, tangent)
     return stored, gone
 
 

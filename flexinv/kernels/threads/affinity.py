@@ -20,14 +20,14 @@ from flexinv.errors import InputError
 GROUP = Path("/sys/fs/cgroup")
 
 
-def processors() -> int:
-    """Return the number of processors that this process may use [-], a container's limit and `limit` included."""
+def count_processors() -> int:
+    """Return the number of processors that this process may use [-], a container's limit and `read_thread_limit` included."""
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, math.ceil(min(allowed, granted(), limit())))
+    return max(1, math.ceil(min(allowed, read_granted_processors(), read_thread_limit())))
 
 
 @cache
-def limit() -> int:
+def read_thread_limit() -> int:
     """Return the number of threads [-] that a call may use by ``FLEXINV_THREADS``: 1 for no helpers, no limit without it."""
     stated = os.environ.get("FLEXINV_THREADS", "").strip()
     if stated and not (stated.isdecimal() and int(stated) > 0):
@@ -36,7 +36,7 @@ def limit() -> int:
     return int(stated) if stated else sys.maxsize
 
 
-def granted() -> float:
+def read_granted_processors() -> float:
     """Return the number of processors whose time a container may use [-], infinite without a limit.
 
     More threads than that are stopped, all of them, for most of every tenth of a second.  Source: cgroup-v2.rst and
@@ -49,7 +49,7 @@ def granted() -> float:
     return math.inf
 
 
-def _finder() -> Callable[[], int]:
+def _make_processor_finder() -> Callable[[], int]:
     """Return a function for the processor of the calling thread: -1 if the system does not tell or lets no thread move."""
     if not hasattr(os, "sched_setaffinity"):
         return lambda: -1
@@ -60,10 +60,10 @@ def _finder() -> Callable[[], int]:
     return found
 
 
-processor_now = _finder()
+processor_now = _make_processor_finder()
 
 
-def leave(processor: int) -> None:
+def move_from_processor(processor: int) -> None:
     """Move this thread from a processor [-] to any other that it may use, if it is there; it may come back later."""
     if processor < 0 or processor_now() != processor:
         return
@@ -71,7 +71,7 @@ def leave(processor: int) -> None:
     _move(allowed - {processor}, allowed)
 
 
-def go_to(number: int, first: int) -> None:
+def move_to_processor(number: int, first: int) -> None:
     """Move this thread to the processor that is so many after the ``first`` [-] among those that it may use."""
     if first < 0:
         return

@@ -22,25 +22,25 @@ _CELL_BYTES = 8  # bytes of a cell, on whose multiples it lies
 _PAUSE = "llvm.x86.sse2.pause" if binding.get_process_triple().startswith(("x86_64", "i386", "i686")) else ""
 
 
-def _instruction(alone: Callable[..., Any] | None = None) -> Callable[[Any], Any]:
+def _make_instruction(alone: Callable[..., Any] | None = None) -> Callable[[Any], Any]:
     """An instruction; ``alone`` does it for a single thread, where nothing is compiled."""
     return lambda typed: _intrinsic(typed) if COMPILED or alone is None else alone
 
 
-def _writer(write: Callable[..., Any]) -> Callable[..., Any]:
+def _make_writer(write: Callable[..., Any]) -> Callable[..., Any]:
     """The writer of an instruction about an array, or about one of its numbers if that is the second argument.
 
     write : of the builder, the address and all further arguments, which are uint64
     """
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def write_code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         place = builder.gep(data, [arguments[1]]) if len(arguments) > 1 else data
         values = zip(arguments[2:], signature.args[2:], strict=True)
         made = write(builder, place, *(context.cast(builder, one, kind, types.uint64) for one, kind in values))
         return context.get_dummy_value() if signature.return_type is types.none else made
 
-    return generate
+    return write_code
 
 
 def _take_alone(cells: Any) -> Any:
@@ -48,50 +48,52 @@ def _take_alone(cells: Any) -> Any:
     return cells[0] - cells.dtype.type(1)
 
 
-@_instruction(_take_alone)
+@_make_instruction(_take_alone)
 def take(typing_context: Any, cells: Any) -> Any:
     """Return cells[0] and raise it by one, undivided by other threads."""
     one = ir.IntType(64)(1)
-    return types.uint64(cells), _writer(lambda builder, place: builder.atomic_rmw("add", place, one, "monotonic"))
+    return types.uint64(cells), _make_writer(lambda builder, place: builder.atomic_rmw("add", place, one, "monotonic"))
 
 
-@_instruction()
-def look(typing_context: Any, cells: Any, at: Any) -> Any:
+@_make_instruction()
+def read_cell(typing_context: Any, cells: Any, at: Any) -> Any:
     """Return cells[at], as other threads have it now."""
-    return types.uint64(cells, at), _writer(lambda builder, place: builder.load_atomic(place, "acquire", _CELL_BYTES))
+    return types.uint64(cells, at), _make_writer(
+        lambda builder, place: builder.load_atomic(place, "acquire", _CELL_BYTES)
+    )
 
 
-@_instruction()
-def store(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
+@_make_instruction()
+def write_cell(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
     """Set cells[at], after everything that this thread wrote before."""
-    writer = _writer(lambda builder, place, value: builder.store_atomic(value, place, "release", _CELL_BYTES))
+    writer = _make_writer(lambda builder, place, value: builder.store_atomic(value, place, "release", _CELL_BYTES))
     return types.none(cells, at, value), writer
 
 
-@_instruction()
+@_make_instruction()
 def swap(typing_context: Any, cells: Any, at: Any, old: Any, new: Any) -> Any:
     """Set cells[at] to ``new`` if it is ``old``, undivided by other threads; return whether it was."""
 
     def write(builder: Any, place: Any, old: Any, new: Any) -> Any:
         return builder.extract_value(builder.cmpxchg(place, old, new, "acq_rel", "acquire"), 1)
 
-    return types.boolean(cells, at, old, new), _writer(write)
+    return types.boolean(cells, at, old, new), _make_writer(write)
 
 
-@_instruction()
+@_make_instruction()
 def pause(typing_context: Any) -> Any:
     """Do nothing for some nanoseconds."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def write_code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         if _PAUSE:
             kind = ir.FunctionType(ir.VoidType(), [])
             builder.call(cgutils.get_or_insert_function(builder.module, kind, _PAUSE), [])
         return context.get_dummy_value()
 
-    return types.none(), generate
+    return types.none(), write_code
 
 
-@_instruction(lambda x, at: None)
+@_make_instruction(lambda x, at: None)
 def fetch(typing_context: Any, x: Any, at: Any) -> Any:
     """Tell the processor that x[at] will be read soon; what is behind the end of x does no harm."""
 
@@ -101,16 +103,16 @@ def fetch(typing_context: Any, x: Any, at: Any) -> Any:
         instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         builder.call(instruction, [place, number(0), number(2), number(1)])  # to read, into the second cache, data
 
-    return types.none(x, at), _writer(write)
+    return types.none(x, at), _make_writer(write)
 
 
-@_instruction(lambda values: values.ctypes.data)
-def address(typing_context: Any, values: Any) -> Any:
+@_make_instruction(lambda values: values.ctypes.data)
+def read_address(typing_context: Any, values: Any) -> Any:
     """Return the address of an array in memory."""
-    return types.uint64(values), _writer(lambda builder, place: builder.ptrtoint(place, ir.IntType(64)))
+    return types.uint64(values), _make_writer(lambda builder, place: builder.ptrtoint(place, ir.IntType(64)))
 
 
-def _array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _make_array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """The array that begins at an address, the first argument, with the shape that is the second."""
     kind = signature.return_type
     sizes = cgutils.unpack_tuple(builder, arguments[1])
@@ -124,13 +126,13 @@ def _array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return array._getvalue()
 
 
-@_instruction()
-def reals(typing_context: Any, where: Any, shape: Any) -> Any:
+@_make_instruction()
+def make_float_array(typing_context: Any, where: Any, shape: Any) -> Any:
     """Return the array of numbers at an address."""
-    return types.Array(types.float64, len(shape), "C")(where, shape), _array
+    return types.Array(types.float64, len(shape), "C")(where, shape), _make_array
 
 
-@_instruction()
-def wholes(typing_context: Any, where: Any, shape: Any) -> Any:
+@_make_instruction()
+def make_integer_array(typing_context: Any, where: Any, shape: Any) -> Any:
     """Return the array of whole numbers at an address."""
-    return types.Array(types.uint64, len(shape), "C")(where, shape), _array
+    return types.Array(types.uint64, len(shape), "C")(where, shape), _make_array

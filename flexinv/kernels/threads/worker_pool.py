@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
-from flexinv.kernels.threads.affinity import leave, limit, processor_now
-from flexinv.kernels.threads.atomics import address, look, pause, store, swap
+from flexinv.kernels.threads.affinity import move_from_processor, processor_now, read_thread_limit
+from flexinv.kernels.threads.atomics import pause, read_address, read_cell, swap, write_cell
 
 EMPTY, CLAIMED, OFFERED, TAKEN, DONE = range(5)
 # Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.
@@ -46,9 +46,9 @@ Attend = Callable[[NDArray[np.uint64], int], None]
 
 
 @jit_lanes
-def claimed(mail, owner):
+def take_mailbox(mail, owner):
     """Claim a mail; return True [-] if it was free: its new owner then writes the words of an offer and makes it."""
-    if look(mail, STATE) != EMPTY or not swap(mail, STATE, EMPTY, CLAIMED):
+    if read_cell(mail, STATE) != EMPTY or not swap(mail, STATE, EMPTY, CLAIMED):
         return False
     mail[OWNER] = owner
     return True
@@ -57,46 +57,46 @@ def claimed(mail, owner):
 @jit_lanes
 def write_array(mail, number, array):
     """Write where an array begins and how long it is [-], as word ``number`` of an offer."""
-    mail[WORDS + 2 * number] = address(array)
+    mail[WORDS + 2 * number] = read_address(array)
     mail[WORDS + 2 * number + 1] = array.size
 
 
 @jit_lanes
-def array_word(mail, number):
+def read_array_word(mail, number):
     """Read word ``number`` of an offer: the address of an array and its shape (length,) [-]."""
     return mail[WORDS + 2 * number], (mail[WORDS + 2 * number + 1],)
 
 
 @jit_lanes
-def awaited(mail, patience):
+def wait_for_offer(mail, patience):
     """Wait for an offer, for at most so many looks [-]; return True if it was taken."""
     for _ in range(patience):
-        if look(mail, STATE) == OFFERED and swap(mail, STATE, OFFERED, TAKEN):
+        if read_cell(mail, STATE) == OFFERED and swap(mail, STATE, OFFERED, TAKEN):
             return True
         pause()
     return False
 
 
 @jit_lanes
-def collected(mails, owner, total):
+def collect_answers(mails, owner, total):
     """Add the answers to the owner's offers to total[0] and withdraw what nobody took [-]; return whether all are settled.
 
     False where a helper still works after `LOOKS`: ask again.
     """
     for i in range(mails.shape[0]):
         mail = mails[i]
-        if look(mail, OWNER) != owner:
+        if read_cell(mail, OWNER) != owner:
             continue
         if not swap(mail, STATE, OFFERED, CLAIMED):
             left = LOOKS
-            while look(mail, STATE) != DONE:
+            while read_cell(mail, STATE) != DONE:
                 pause()
                 left -= 1
                 if left == 0:
                     return False
             total[0] += mail[ANSWER]
         mail[OWNER] = 0
-        store(mail, STATE, EMPTY)
+        write_cell(mail, STATE, EMPTY)
     return True
 
 
@@ -112,7 +112,7 @@ class _Helper:
         self.thread.start()
 
     def _serve(self) -> None:
-        leave(self.caller)
+        move_from_processor(self.caller)
         tried = list[float]()
         nobody = np.zeros(CELLS, dtype=np.uint64)
         for _ in range(_TRIES):  # not by `timeit`: it switches the garbage collector of the whole process
@@ -122,7 +122,7 @@ class _Helper:
         looks = int(_LOOKS * WATCH / min(tried))
         self.attend(self.mail, looks)
         while self.bell.get():
-            leave(self.caller)
+            move_from_processor(self.caller)
             self.attend(self.mail, looks)
 
     def wake(self) -> None:
@@ -140,12 +140,12 @@ class Helpers:
 
     def __init__(self, attend: Attend) -> None:
         self._attend = attend
-        self.forget()
+        self.begin_without_helpers()
         atexit.register(self.dismiss)
         if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self.forget)
+            os.register_at_fork(after_in_child=self.begin_without_helpers)
 
-    def forget(self) -> None:
+    def begin_without_helpers(self) -> None:
         """Begin without helpers [-]."""
         self._starting = Lock()
         self._members = list[_Helper]()
@@ -155,28 +155,28 @@ class Helpers:
     def dismiss(self) -> None:
         """Let all helpers end [-]."""
         members = self._members
-        self.forget()
+        self.begin_without_helpers()
         for one in members:
             one.bell.put(False)
             one.thread.join()
 
-    def mails(self, count: int, wake: bool) -> NDArray[np.uint64]:
+    def prepare_mailboxes(self, count: int, wake: bool) -> NDArray[np.uint64]:
         """Return the mails (helpers, cells) [-] of at most so many helpers, which watch them soon.
 
         Where not ``wake``, those that sleep are woken only if the last call was a moment ago, as in a loop.
         """
-        count = min(count, limit() - 1)
+        count = min(count, read_thread_limit() - 1)
         now = time.perf_counter()
         wake = wake or now - self._called < WATCH
         self._called = now
         if wake:
             if len(self._members) < count:
-                self._start(count)
+                self._begin_helpers(count)
             for one in self._members[:count]:
                 one.wake()
         return self._mails[: min(count, len(self._members))]
 
-    def _start(self, count: int) -> None:
+    def _begin_helpers(self, count: int) -> None:
         with self._starting:
             try:
                 while len(self._members) < min(count, MOST):

@@ -12,7 +12,7 @@ from planar_examples import PAPER_CASES
 import flexinv
 from flexinv.analysis.solve_many import alike, prepare_all, solve_alike
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.kernels.records import stacked
+from flexinv.kernels.records import join_records
 from flexinv.model.mechanism import Mechanism
 
 STEP = 2e-3
@@ -102,6 +102,6 @@ def test_what_stops_a_thread_stops_all_and_is_raised() -> None:
 
 def test_stacked_records_keep_their_order() -> None:
     one, two = (Scheme(*range(k, k + 9)) for k in (0, 1))
-    both = stacked([one, two])
+    both = join_records([one, two])
     assert isinstance(both, Scheme)
     assert [tuple(int(part[k]) for part in both) for k in (0, 1)] == [tuple(one), tuple(two)]

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from planar_examples import CLOSED_CASES, PAPER_CASES
 
 import flexinv
-from flexinv.kernels.memory import shared_pieces, together
+from flexinv.kernels.memory import begin_shared_memory, make_adjacent_arrays
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism
 from flexinv.model.motion import motion_at
-from flexinv.planar.solver import PlanarMarch, _released
+from flexinv.planar.solver import PlanarMarch, _list_reusable
 from flexinv.typing import Array
 
 STEP = 2e-3
@@ -164,7 +164,7 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
         fresh = flexinv.solve(mechanism, motion, STEP, **options)
     flexinv.solve(mechanism, motion, STEP / 3, end=motion.duration / 2, **options)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    (left,) = _released(fresh.mesh, frozenset(passive))
+    (left,) = _list_reusable(fresh.mesh, frozenset(passive))
     assert np.abs(left.system.state.u).max() > 0
     again = flexinv.solve(mechanism, motion, STEP, **options)
     for one, two in ((fresh.nodes, again.nodes), (fresh.balance, again.balance)):
@@ -177,9 +177,9 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
 def test_arrays_of_one_piece_do_not_overlap_and_pieces_are_shared_only_within() -> None:
     """What is written into one array stays out of the others; alone, every call has a piece of its own."""
     shapes = (3, 5), (0, 4), (7,), (2, 3, 3)
-    with shared_pieces():
-        first, second = together(*shapes), together(*shapes)
-    alone = together(*shapes)
+    with begin_shared_memory():
+        first, second = make_adjacent_arrays(*shapes), make_adjacent_arrays(*shapes)
+    alone = make_adjacent_arrays(*shapes)
     assert [part.shape for part in first] == list(shapes)
     for k, part in enumerate((*first, *second, *alone)):
         part[...] = k

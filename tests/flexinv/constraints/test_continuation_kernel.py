@@ -17,9 +17,9 @@ from flexinv.constraints.closures import Rows, constraint_jacobian
 from flexinv.constraints.continuation_kernel import Continuation, factor
 from flexinv.constraints.equations import closure_residuals, closure_rows
 from flexinv.kernels import sparse_qr
-from flexinv.kernels.fronts import fronts_of
+from flexinv.kernels.fronts import build_fronts
 from flexinv.kernels.jit import jit
-from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, set_entry
+from flexinv.kernels.sparse_qr import FrontFactors, compute_condition_estimate, fill_zeros, write_entry
 from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import difference, moved, rigid_motion
@@ -58,15 +58,15 @@ def residuals_alone(c, f, phi):
 @jit
 def least_squares(p):
     """Solve a x = p.y with p.g = a; whether the rank is full, and the estimate of the condition number, which overwrites x."""
-    clear(p.qr)
+    fill_zeros(p.qr)
     for e in range(p.fronts.entry.shape[0]):
-        set_entry(p.fronts, p.qr, e, 0, p.g[p.fronts.entry[e, 0], p.fronts.entry[e, 1]])
+        write_entry(p.fronts, p.qr, e, 0, p.g[p.fronts.entry[e, 0], p.fronts.entry[e, 1]])
     if not factor(p):
         return False, np.inf
-    sparse_qr.least_squares(p.fronts, p.qr, p.y, p.x)
+    sparse_qr.solve_least_squares(p.fronts, p.qr, p.y, p.x)
     for i in range(p.x.shape[0]):
         p.step[i] = p.x[i, 0]
-    return True, condition_estimate(p.fronts, p.qr, p.x, p.sign)
+    return True, compute_condition_estimate(p.fronts, p.qr, p.x, p.sign)
 
 
 def frames(size: int) -> tuple[Joints, Frames]:
@@ -153,7 +153,7 @@ def test_equations_of_every_kind() -> None:
 
 
 def problem(a: Array, y: Array) -> Continuation:
-    (rows, columns), fronts = a.shape, fronts_of(a != 0.0)
+    (rows, columns), fronts = a.shape, build_fronts(a != 0.0)
     none, x, sign = np.zeros(columns), *np.zeros((2, columns, 1))
     return Continuation(
         np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts, FrontFactors.of(fronts),

@@ -9,7 +9,7 @@ import pytest
 from element_example import EPS, Example, evaluated, example
 from kernels import DIFFERENCE, Array, derivative
 
-from flexinv.elements.quadrature import reference
+from flexinv.elements.quadrature import build_reference
 from flexinv.kernels.so3 import exp_so3
 
 ORDERS = (1, 2, 4)
@@ -105,7 +105,7 @@ def test_the_tangent_is_symmetric_but_for_the_turns_of_one_node(order: int) -> N
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_the_stress_free_shape_bears_no_force(order: int) -> None:
-    case, ref = example(order), reference(order)
+    case, ref = example(order), build_reference(order)
     straight = replace(
         case,
         arrays=case.arrays._replace(gamma0=np.tile([1.0, 0.0, 0.0], (1, order, 1)), kappa0=np.zeros((1, order, 3))),

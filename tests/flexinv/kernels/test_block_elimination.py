@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.kernels.dense import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
+from flexinv.kernels.dense import Blocks, Pivots, build_blocks, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit
 from flexinv.typing import Array
 
@@ -47,7 +47,7 @@ def chain(lengths: list[int], seed: int) -> tuple[Array, Blocks]:
         g[ends[k] : ends[k + 1], 9 * k : 9 * k + 18] = rng.normal(size=(lengths[k], 18))
     units = np.where(np.arange(ends[-1]) % 2, 1e3, 1e-3)
     m = units[:, None] * (g @ g.T) * units
-    return m * (1 + 1e-3 * rng.normal(size=m.shape)), blocks_of(lengths, coupled)
+    return m * (1 + 1e-3 * rng.normal(size=m.shape)), build_blocks(lengths, coupled)
 
 
 @pytest.mark.parametrize("lengths", [[1], [2], [5], [5, 5], [2] * 7, [5, 3, 1, 6, 2], []])
@@ -56,7 +56,7 @@ def test_a_chain_is_solved_as_a_full_matrix(lengths: list[int]) -> None:
     over = 1 / np.sqrt(np.diag(m))
     rng = np.random.default_rng(0)
     wanted = [over * rng.normal(size=len(m)) for _ in range(2)]
-    whole = blocks_of([len(m)], np.ones((1, 1), dtype=bool))
+    whole = build_blocks([len(m)], np.ones((1, 1), dtype=bool))
     level = LEVEL * np.linalg.cond(m * np.outer(over, over)) if len(m) else 0.0
     for way in (blocks, whole):
         for x, expected in zip(solution(m, way, *(m @ x for x in wanted)), wanted, strict=True):
@@ -69,7 +69,7 @@ def test_a_ring_fills_in_and_is_solved_all_the_same() -> None:
     coupled = np.eye(count, dtype=bool) | np.roll(np.eye(count, dtype=bool), 1, axis=0)
     g = np.repeat(np.repeat(coupled.T, 3, axis=0), 5, axis=1) * rng.normal(size=(3 * count, 5 * count))
     m, x = g @ g.T, rng.normal(size=3 * count)
-    (found,) = solution(m, blocks_of([3] * count, coupled), m @ x)
+    (found,) = solution(m, build_blocks([3] * count, coupled), m @ x)
     assert np.abs(found - x).max() < LEVEL * np.linalg.cond(m) * np.abs(x).max()
 
 
@@ -82,7 +82,7 @@ def test_rows_that_repeat_others_have_no_part_in_the_solution(way: str) -> None:
     pick[2], pick[5], pick[7] = pick[0], 0.0, pick[1] + pick[4]
     whole = pick @ m @ pick.T
     right = whole @ np.ones(8)
-    everywhere = blocks_of([8], np.ones((1, 1), dtype=bool))
+    everywhere = build_blocks([8], np.ones((1, 1), dtype=bool))
     (found,) = solution(whole, blocks if way == "blocks" else everywhere, right)
     over = np.sqrt(np.diag(whole))
     assert (found == 0.0).sum() == 3
@@ -97,4 +97,4 @@ def test_couplings_of_a_chain_are_as_many_as_it_is_long() -> None:
     for k in range(40):
         coupled[k : k + 2, k] = True
     mixed = coupled[:, np.random.default_rng(0).permutation(40)]
-    assert len(blocks_of([5] * 40, coupled).beside) == len(blocks_of([5] * 40, mixed).beside) == 39
+    assert len(build_blocks([5] * 40, coupled).beside) == len(build_blocks([5] * 40, mixed).beside) == 39

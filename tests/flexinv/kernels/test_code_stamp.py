@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.kernels.code_cache import family, source_stamp, sources
+from flexinv.kernels.code_cache import compute_source_stamp, list_family, list_sources
 
 FOLDER = Path(__file__).resolve().parents[3] / "flexinv"
-SOURCES = sources(FOLDER)
+SOURCES = list_sources(FOLDER)
 
 
 def path_of(folder: Path, module: str) -> Path:
@@ -33,14 +33,14 @@ def test_a_change_of_a_source_changes_the_stamps_of_the_kernels_that_hold_it(nam
         shutil.copy(path_of(FOLDER, source), copy)
     with path_of(tmp_path, name).open("a") as file:
         file.write("# changed")
-    changed = {m for m in (*SOURCES, "outside") if source_stamp(tmp_path, m) != source_stamp(FOLDER, m)}
-    assert changed == {m for m in (*SOURCES, "outside") if name in family(m, FOLDER)}
+    changed = {m for m in (*SOURCES, "outside") if compute_source_stamp(tmp_path, m) != compute_source_stamp(FOLDER, m)}
+    assert changed == {m for m in (*SOURCES, "outside") if name in list_family(m, FOLDER)}
 
 
 def test_families() -> None:
     """The rigid kernel, the march, its planar form and the loops that are followed have little in common."""
     rigid, march, loops = (
-        set(family(m, FOLDER)) for m in ("rigid.blocks", "dynamics.stepper", "constraints.continuation_kernel")
+        set(list_family(m, FOLDER)) for m in ("rigid.blocks", "dynamics.stepper", "constraints.continuation_kernel")
     )
     planar = {name for name in SOURCES if name.startswith("planar.")}
     rnea = {name for name in SOURCES if name.startswith("rnea.")}
@@ -62,14 +62,14 @@ def test_families() -> None:
         *rnea,
         *planar,
     }
-    assert planar | {"kernels.simd", "dynamics.generalized_alpha"} <= set(family("planar.stepper", FOLDER))
-    assert {"kernels.so3", "kernels.vec3"} <= set(family("elements.beam", FOLDER))  # all names of an import count
+    assert planar | {"kernels.simd", "dynamics.generalized_alpha"} <= set(list_family("planar.stepper", FOLDER))
+    assert {"kernels.so3", "kernels.vec3"} <= set(list_family("elements.beam", FOLDER))  # all names of an import count
     assert loops == compiler | {
         "constraints.continuation_kernel", "constraints.equations", "kernels.fronts", "kernels.sparse_qr",
         "kinematics.configuration",
         "kinematics.tree", "model.joint_kinds",
     }  # fmt: skip
-    assert family("outside", FOLDER) == SOURCES  # a kernel outside the project may call any
+    assert list_family("outside", FOLDER) == SOURCES  # a kernel outside the project may call any
 
 
 def test_kernels_carry_the_stamp() -> None:
@@ -77,5 +77,5 @@ def test_kernels_carry_the_stamp() -> None:
     from flexinv.dynamics.stepper import march
     from flexinv.rigid.blocks import compute_torque_blocks
 
-    assert march._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "dynamics.stepper")
-    assert compute_torque_blocks._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "rigid.blocks")
+    assert march._cache._cache_file._source_stamp[1] == compute_source_stamp(FOLDER, "dynamics.stepper")
+    assert compute_torque_blocks._cache._cache_file._source_stamp[1] == compute_source_stamp(FOLDER, "rigid.blocks")

@@ -55,9 +55,9 @@ def test_a_process_that_is_killed_leaves_no_lock(tmp_path: Path) -> None:
     holder.stdout.close()
     lock.take(patience=10.0)
     assert lock._held is not None
-    lock.give_back()
+    lock.drop_lock()
     assert not lock.take()  # free
-    lock.give_back()
+    lock.drop_lock()
 
 
 def test_where_no_file_can_be_made_nobody_waits(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_a_file_system_without_locks_stops_nobody(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(compile_lock.fcntl, "flock", refuse)
     lock = CompileLock(tmp_path / "kernel.lock")
     assert not lock.take()
-    lock.give_back()
+    lock.drop_lock()
 
 
 def test_of_processes_that_start_at_once_one_compiles(tmp_path: Path) -> None:
@@ -103,11 +103,11 @@ def test_a_kernel_that_cannot_be_compiled_keeps_no_lock(tmp_path: Path, monkeypa
 
 def test_the_first_kernel_that_is_compiled_is_told_once_and_none_after_the_block(tmp_path: Path) -> None:
     said: list[str] = []
-    with compile_lock.telling(lambda: said.append("compiling")):
+    with compile_lock.add_compile_listener(lambda: said.append("compiling")):
         assert said == []
         for name in ("one", "two"):
             CompileLock(tmp_path / name).take()
-    with compile_lock.telling(lambda: said.append("never")):
+    with compile_lock.add_compile_listener(lambda: said.append("never")):
         pass
     CompileLock(tmp_path / "three").take()
     assert said == ["compiling"]
@@ -119,7 +119,7 @@ def test_a_first_call_that_compiles_for_seconds_says_so_once(
     for name in ("_BEGUN", "_SAID"):
         monkeypatch.setattr(compile_lock, name, [])
     for now in (10.0, 11.9, 12.1, 15.0):  # [s]
-        compile_lock.say_if_slow(now)
+        compile_lock.warn_if_slow(now)
     assert caplog.messages == [compile_lock.NOTE]
 
 
@@ -129,5 +129,5 @@ def test_compiling_that_is_soon_done_is_not_told(
     for name in ("_BEGUN", "_SAID"):
         monkeypatch.setattr(compile_lock, name, [])
     for now in (10.0, 11.9, 100.0):  # [s]: the last is one of a later call
-        compile_lock.say_if_slow(now)
+        compile_lock.warn_if_slow(now)
     assert caplog.messages == []

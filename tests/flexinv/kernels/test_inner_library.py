@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.kernels.code_cache import compiled, compiler
+from flexinv.kernels.code_cache import make_jit_decorator, resolve_compiled
 from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner, jit_lanes, jit_pass
 from flexinv.kernels.kernel_compiler import InnerLibrary, OuterLibrary
@@ -50,7 +50,7 @@ def summed(x: Any) -> Any:
     return squared(x, 2) + squared(x, 1)
 
 
-@compiler(_nrt=False, no_cfunc_wrapper=True)  # not kept on disk: what is kept asks for no inner kernel
+@make_jit_decorator(_nrt=False, no_cfunc_wrapper=True)  # not kept on disk: what is kept asks for no inner kernel
 def doubled(x: Any) -> Any:
     return summed(x) + summed(x)
 
@@ -82,7 +82,7 @@ def both_ends(rows: Any, lanes: Any) -> None:
     stretched(rows, lanes)
 
 
-@compiler(_nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+@make_jit_decorator(_nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
 def changed(rows: Any) -> None:
     both_ends(rows, rows.size)
 
@@ -113,7 +113,7 @@ def test_the_next_process_reads_what_was_linked(tmp_path: Path) -> None:
     assert told == [[21.0, 0], [21.0, 1]]
 
 
-@compiler(_nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+@make_jit_decorator(_nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
 def over_lanes(x: Any) -> Any:
     return x + 1.0
 
@@ -127,9 +127,9 @@ def test_loops_over_lanes_may_take_the_widest_vectors() -> None:
 
 def test_what_is_compiled_of_a_kernel_gives_what_the_kernel_gives() -> None:
     values = np.arange(6.0).reshape(2, 3)
-    direct = compiled(solve_dense, np.eye(2, 3), 2, 3)
+    direct = resolve_compiled(solve_dense, np.eye(2, 3), 2, 3)
     for kernel in (solve_dense, direct):
         room = np.array([[2.0, 1.0, 3.0], [0.0, 4.0, 8.0]])
         kernel(room, 2, 3)
         np.testing.assert_array_equal(room[:, 2], [0.5, 2.0])
-    assert compiled(len, values) is len  # with NUMBA_DISABLE_JIT kernels are functions
+    assert resolve_compiled(len, values) is len  # with NUMBA_DISABLE_JIT kernels are functions

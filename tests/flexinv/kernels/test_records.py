@@ -7,22 +7,24 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from flexinv.kernels.code_cache import compiler
+from flexinv.kernels.code_cache import make_jit_decorator
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import RecordType, argument_type, at, by_address, stacked
+from flexinv.kernels.records import RecordType, join_records, resolve_argument_type, send_by_address, take_record
 from flexinv.typing import Array
 
-called = compiler(_nrt=False, no_cfunc_wrapper=True)  # not kept on disk: what is kept asks for no inner kernel
+called = make_jit_decorator(
+    _nrt=False, no_cfunc_wrapper=True
+)  # not kept on disk: what is kept asks for no inner kernel
 
 
-@by_address
+@send_by_address
 class Body(NamedTuple):
     mass: float
     fixed: bool
     place: Array
 
 
-@by_address
+@send_by_address
 class Pair(NamedTuple):
     first: Body
     gap: float
@@ -74,7 +76,7 @@ def one_of_two(pair: Any, given: bool, place: Any) -> Any:
 
 @called
 def of_a_stack(stack: Any, number: int) -> Any:
-    return weight(at(stack, number))
+    return weight(take_record(stack, number))
 
 
 @called
@@ -103,7 +105,7 @@ def test_a_variable_may_be_a_record_of_either_origin(given: bool) -> None:
 
 
 def test_records_of_a_stack() -> None:
-    stack = stacked([body(2.0), body(3.0)])
+    stack = join_records([body(2.0), body(3.0)])
     assert [of_a_stack(stack, k) for k in range(2)] == [8.0, 118.0]
 
 
@@ -127,8 +129,8 @@ def test_a_call_hands_over_one_address_with_its_promises() -> None:
 def test_other_named_tuples_go_by_value() -> None:
     from numba import typeof
 
-    assert not isinstance(argument_type(typeof(ByValue(1.0, np.zeros(3)))), RecordType)
-    assert isinstance(argument_type(typeof(body(1.0))), RecordType)
+    assert not isinstance(resolve_argument_type(typeof(ByValue(1.0, np.zeros(3)))), RecordType)
+    assert isinstance(resolve_argument_type(typeof(body(1.0))), RecordType)
 
 
 def test_types_are_told_apart_by_what_is_in_them_and_alike_in_all_processes() -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from flexinv.kernels import shipped_code
-from flexinv.kernels.shipped_code import INDEX, LEVELS, levels, write_shipped
+from flexinv.kernels.shipped_code import INDEX, LEVELS, list_processor_levels, write_shipped
 
 MODULE = """
 from flexinv.kernels.jit import jit
@@ -30,13 +30,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder of machine code for this processor, with the kernel `thrice`, that the package seems to bring along."""
     monkeypatch.setattr(shipped_code, "MACHINE_CODE", tmp_path / "machine_code")
     monkeypatch.setattr(shipped_code, "_told", [])
-    (level, *_) = levels()
+    (level, *_) = list_processor_levels()
     kernel = loaded(tmp_path / "made", monkeypatch)
     assert kernel(2.0) == 6.0
     assert write_shipped(tmp_path / "machine_code" / level, [kernel]) == 1
-    shipped_code._chosen.cache_clear()
+    shipped_code._choose_folder.cache_clear()
     yield tmp_path / "machine_code" / level
-    shipped_code._chosen.cache_clear()
+    shipped_code._choose_folder.cache_clear()
 
 
 def loaded(place: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
@@ -115,7 +115,7 @@ def test_a_missing_file(folder: Path, tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_another_processor(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shipped_code, "levels", lambda: [])
+    monkeypatch.setattr(shipped_code, "list_processor_levels", lambda: [])
     with pytest.warns(RuntimeWarning, match=f"it is for {folder.name}, which this processor is not"):
         assert compiled(tmp_path, monkeypatch)
 
@@ -124,16 +124,16 @@ def test_a_user_who_asks_for_a_processor_gets_its_code(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shipped_code.config, "CPU_NAME", "generic")
-    assert shipped_code._chosen(folder.parent)[1] == {}
+    assert shipped_code._choose_folder(folder.parent)[1] == {}
 
 
 def test_levels_of_processors() -> None:
     """By the features of the x86-64 psABI: one that misses any is of the level below."""
-    assert levels({}) == []
-    assert levels(dict.fromkeys(LEVELS["x86-64-v3"], True)) == ["x86-64-v3"]
+    assert list_processor_levels({}) == []
+    assert list_processor_levels(dict.fromkeys(LEVELS["x86-64-v3"], True)) == ["x86-64-v3"]
     best = dict.fromkeys(LEVELS["x86-64-v4"], True)
-    assert levels(best) == ["x86-64-v4", "x86-64-v3"]
+    assert list_processor_levels(best) == ["x86-64-v4", "x86-64-v3"]
     for name in LEVELS["x86-64-v4"][-5:]:
-        assert levels(best | {name: False}) == ["x86-64-v3"]
+        assert list_processor_levels(best | {name: False}) == ["x86-64-v3"]
     for name in LEVELS["x86-64-v3"]:
-        assert levels(best | {name: False}) == []
+        assert list_processor_levels(best | {name: False}) == []

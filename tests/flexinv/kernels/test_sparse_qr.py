@@ -7,16 +7,16 @@ import pytest
 from numpy.typing import NDArray
 
 from flexinv.kernels import sparse_qr
-from flexinv.kernels.fronts import Fronts, fronts_of
+from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit
 from flexinv.kernels.sparse_qr import (
     FrontFactors,
-    clear,
-    condition_estimate,
+    compute_condition_estimate,
     factorise_qr,
-    set_entry,
+    fill_zeros,
     solve_upper,
     turn_beside,
+    write_entry,
 )
 from flexinv.typing import Array
 
@@ -27,23 +27,23 @@ LEVEL = 300 * np.finfo(float).eps
 @jit
 def factored(fronts, qr, a):
     """Rank of a (lanes, rows, columns)."""
-    clear(qr)
+    fill_zeros(qr)
     for e in range(fronts.entry.shape[0]):
         for k in range(a.shape[0]):
-            set_entry(fronts, qr, e, k, a[k, fronts.entry[e, 0], fronts.entry[e, 1]])
+            write_entry(fronts, qr, e, k, a[k, fronts.entry[e, 0], fronts.entry[e, 1]])
     return factorise_qr(fronts, qr)
 
 
 @jit
 def least_squares(fronts, qr, y, x):
     """R^-1 Q^T y."""
-    sparse_qr.least_squares(fronts, qr, y, x)
+    sparse_qr.solve_least_squares(fronts, qr, y, x)
 
 
 @jit
 def least_norm(fronts, qr, x, y):
     """Q R^-T x."""
-    sparse_qr.least_norm(fronts, qr, x, y)
+    sparse_qr.solve_least_norm(fronts, qr, x, y)
 
 
 @jit
@@ -62,7 +62,7 @@ def moved(fronts, qr, x):
 @jit
 def condition(fronts, qr, x, sign):
     """Estimate of the condition number."""
-    return condition_estimate(fronts, qr, x, sign)
+    return compute_condition_estimate(fronts, qr, x, sign)
 
 
 def chain(loops: int, lanes: int, seed: int = 0) -> Array:
@@ -103,7 +103,7 @@ MATRICES = {
 
 
 def of(matrix: Array, last: NDArray[np.bool_] | None = None) -> tuple[Fronts, FrontFactors]:
-    fronts = fronts_of(matrix.any(axis=0), last)
+    fronts = build_fronts(matrix.any(axis=0), last)
     return fronts, FrontFactors.of(fronts, len(matrix))
 
 
@@ -179,7 +179,7 @@ def test_values_of_a_chain_are_as_many_as_it_is_long() -> None:
     sizes = []
     for loops in (10, 40):
         pattern = chain(loops, 1)[0] != 0.0
-        sizes.append(fronts_of(pattern[:, np.random.default_rng(0).permutation(2 * loops)]).start[-1])
+        sizes.append(build_fronts(pattern[:, np.random.default_rng(0).permutation(2 * loops)]).start[-1])
     assert sizes[1] < 4.5 * sizes[0]
 
 

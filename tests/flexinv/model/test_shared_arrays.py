@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import flexinv
-from flexinv.elements.quadrature import reference
+from flexinv.elements.quadrature import build_reference
 from flexinv.kinematics.mesh import build
 from flexinv.model.by_value import is_same
 from flexinv.model.owned_cache import freeze
@@ -85,7 +85,7 @@ def test_a_mesh_cannot_be_written_to() -> None:
 
 def test_tables_that_all_share_cannot_be_written_to() -> None:
     f = flexinv.prepare(RIGID)
-    for shared in (f.bodies, f.plan, reference(4)):
+    for shared in (f.bodies, f.plan, build_reference(4)):
         assert not any(part.flags.writeable for part in arrays(shared))
 
 

@@ -93,7 +93,7 @@ def test_ctrl_c_waits_for_a_helper_that_writes(monkeypatch: pytest.MonkeyPatch) 
     f.torques(*state)
     mails, seen = np.zeros((1, CELLS), dtype=np.uint64), []
     mails[0, STATE], mails[0, OWNER] = TAKEN, f._own.cells(WORTH_HELP).ctypes.data  # as if a helper were at work
-    monkeypatch.setattr(HELPERS, "mails", lambda count, wake: mails)
+    monkeypatch.setattr(HELPERS, "prepare_mailboxes", lambda count, wake: mails)
 
     def interrupted(seconds: float) -> None:
         seen.append(int(mails[0, STATE]))

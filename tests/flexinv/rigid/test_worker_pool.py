@@ -17,7 +17,14 @@ import pytest
 from rigid_trees import tree
 
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
+from flexinv.kernels.threads.affinity import (
+    _make_processor_finder,
+    count_processors,
+    move_from_processor,
+    move_to_processor,
+    processor_now,
+    read_granted_processors,
+)
 from flexinv.kernels.threads.worker_pool import ANSWER, CELLS, DONE, EMPTY, OFFERED, OWNER, STATE, TAKEN, Helpers
 from flexinv.rigid.blocks import HELPERS, collect, compute_torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
@@ -53,7 +60,7 @@ def test_a_helper_takes_part() -> None:
     f.torques(*state)  # which compiles what helpers do before there are any
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
-        mail = HELPERS.mails(1, wake=True)[0]
+        mail = HELPERS.prepare_mailboxes(1, wake=True)[0]
         mail[ANSWER] = OTHERS
         assert np.array_equal(f.torques(*state), alone)
         if mail[ANSWER] == 0:  # it has worked, and found every number finite
@@ -61,12 +68,14 @@ def test_a_helper_takes_part() -> None:
     pytest.fail("no helper ever began")
 
 
-@pytest.mark.skipif(processor_now() < 0 or processors() < 2, reason="needs a system that tells, and two processors")
+@pytest.mark.skipif(
+    processor_now() < 0 or count_processors() < 2, reason="needs a system that tells, and two processors"
+)
 def test_a_helper_that_begins_leaves_the_collector_of_garbage_alone() -> None:
     """It is one for all threads: who switches it for his own measurements switches it for the caller."""
     seen = list[bool]()
     helpers = Helpers(lambda mail, looks: seen.append(gc.isenabled()))
-    helpers.mails(1, wake=True)
+    helpers.prepare_mailboxes(1, wake=True)
     end = time.monotonic() + PATIENCE
     while len(seen) < 2 and time.monotonic() < end:
         time.sleep(1e-3)
@@ -82,7 +91,7 @@ def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None
         os.sched_setaffinity(0, allowed)
         for _ in range(100):  # until the system leaves it where it goes
             before = processor_now()
-            leave(before)
+            move_from_processor(before)
             now = processor_now()
             if now != before:
                 break
@@ -97,13 +106,15 @@ def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None
     assert all(now != before for before, now, _ in found)
 
 
-@pytest.mark.skipif(processor_now() < 0 or processors() < 2, reason="needs a system that tells, and two processors")
+@pytest.mark.skipif(
+    processor_now() < 0 or count_processors() < 2, reason="needs a system that tells, and two processors"
+)
 def test_threads_begin_on_processors_of_their_own() -> None:
     allowed = sorted(os.sched_getaffinity(0))
 
     def run(number: int) -> int:
         for _ in range(100):  # until the system leaves it where it goes
-            go_to(number, allowed[0])
+            move_to_processor(number, allowed[0])
             now = processor_now()
             if now == allowed[number % len(allowed)]:
                 break
@@ -134,16 +145,16 @@ def test_a_container_has_the_processors_that_it_is_given(
         (tmp_path / name).write_text(text + "\n")
     monkeypatch.setattr("flexinv.kernels.threads.affinity.GROUP", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)), raising=False)
-    assert granted() == expected
-    assert processors() == {1.5: 2, 0.5: 1, math.inf: 4}[expected]
+    assert read_granted_processors() == expected
+    assert count_processors() == {1.5: 2, 0.5: 1, math.inf: 4}[expected]
 
 
 def test_where_no_thread_can_be_moved_none_is_asked_to(monkeypatch: pytest.MonkeyPatch) -> None:
     """macOS, and systems that tell where a thread is without letting Python move it."""
     monkeypatch.delattr(os, "sched_setaffinity", raising=False)
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
-    assert _finder()() == -1
-    assert processors() >= 1
+    assert _make_processor_finder()() == -1
+    assert count_processors() >= 1
 
 
 def test_numbers_that_are_not_finite_are_counted_by_all() -> None:
