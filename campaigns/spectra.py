@@ -39,7 +39,7 @@ from spectra_machines import Drawn, drawn
 from spectra_reference import Residual, Spectrum, pencil_of, spectrum_of
 
 import flexinv
-from flexinv.dynamics.initial_state import instant
+from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.errors import FlexinvError, InputError
 from flexinv.linearized import linear_model as linear
 from flexinv.linearized import steady_modes as steady
@@ -78,7 +78,7 @@ def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], dam
     qd = np.zeros(mesh.mechanism.nv)
     for name, rate in every.items():
         qd[mesh.mechanism.v_slices[name]] = rate
-    joints = instant(mesh, at, qd, np.zeros_like(qd))
+    joints = compute_joint_motion(mesh, at, qd, np.zeros_like(qd))
     turning = steady._turning(motion.solver, every, 1.0)
     pencil = pencil_of(Residual(motion.solver, joints, turning))
     if not damped:

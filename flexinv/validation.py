@@ -68,14 +68,14 @@ def refuse(name: str, value: object, expected: str, write: str = "") -> NoReturn
     raise InputError(f"{name} = {shown(value)}: expected {expected}" + (f"; write {write}" if write else ""))
 
 
-def whole(name: str, value: object, least: int, expected: str = "") -> int:
+def check_whole_number(name: str, value: object, least: int, expected: str = "") -> int:
     """Return a whole number [-], ``least`` or more; of floats none is, whole or not."""
     found = None
     if not isinstance(value, bool | np.bool_):
         with suppress(TypeError):
             found = operator.index(value)  # type: ignore[arg-type]
     if found is None or found < least:
-        meant = _number(value, text=True) if found is None else None
+        meant = _convert_to_float(value, text=True) if found is None else None
         write = f"{meant:.0f}" if meant is not None and meant >= least and meant.is_integer() else ""
         kind = "a whole number: " if found is None else ""
         refuse(name, value, kind + (expected or f"{least} or more"), write)
@@ -84,33 +84,33 @@ def whole(name: str, value: object, least: int, expected: str = "") -> int:
     return found
 
 
-def index(name: str, value: object, count: int) -> int:
+def resolve_index(name: str, value: object, count: int) -> int:
     """Return the number of one of ``count`` [-], counted from the end where it is below 0."""
     expected = f"a number from 0 to {count - 1}, or from -{count} to -1 counted from the end"
-    found = whole(name, value, -count, expected)
+    found = check_whole_number(name, value, -count, expected)
     if found >= count:
         refuse(name, value, expected)
     return found
 
 
-def number(name: str, value: object, expected: str) -> float:
+def check_number(name: str, value: object, expected: str) -> float:
     """Return a real number [any unit] as a float; neither a text nor a truth is one."""
-    found = _number(value)
+    found = _convert_to_float(value)
     if found is None:
-        meant = _number(value, text=True)
+        meant = _convert_to_float(value, text=True)
         refuse(name, value, expected, "" if meant is None else f"{meant:g}")
     return found
 
 
-def seconds(name: str, value: object, expected: str, zero: bool = False) -> float:
+def check_seconds(name: str, value: object, expected: str, zero: bool = False) -> float:
     """Return a time above 0 [s], with ``zero`` also 0; raise InputError for others."""
-    time = number(name, value, expected)
+    time = check_number(name, value, expected)
     if not (np.isfinite(time) and (time > 0.0 or (zero and time == 0.0))):
         raise InputError(f"{name} = {time} s: expected {expected}")
     return time
 
 
-def _number(value: object, text: bool = False) -> float | None:
+def _convert_to_float(value: object, text: bool = False) -> float | None:
     """A number as a float, of a text only if asked for; None where it is none."""
     with suppress(TypeError, ValueError, OverflowError):
         if (isinstance(value, Real) and not isinstance(value, bool)) or (text and isinstance(value, str)):
@@ -121,7 +121,7 @@ def _number(value: object, text: bool = False) -> float | None:
     return None
 
 
-def floats(name: str, value: Any) -> NDArray[np.float64]:
+def convert_to_floats(name: str, value: Any) -> NDArray[np.float64]:
     """Return numbers [any unit] as an array of floats, without a copy where they are one.
 
     Raises InputError for texts, truths, dates, complex numbers, other objects, and for entries that a mask hides.
@@ -145,15 +145,15 @@ def floats(name: str, value: Any) -> NDArray[np.float64]:
     raise InputError(f"{name}: expected numbers, got {what}{write}")
 
 
-def finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
+def check_finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
     """Return finite numbers [any unit] of a shape as an array of floats; None in the shape is any number.
 
-    Raises InputError as `floats` does, and for another shape or a number that is not finite.
+    Raises InputError as `convert_to_floats` does, and for another shape or a number that is not finite.
     """
-    numbers = floats(name, value)
+    numbers = convert_to_floats(name, value)
     fits = len(numbers.shape) == len(shape)
     if not fits or any(wanted not in (None, own) for own, wanted in zip(numbers.shape, shape, strict=True)):
-        refuse(name, value, f"finite numbers {in_words(shape)} [{unit}]")
+        refuse(name, value, f"finite numbers {format_shape(shape)} [{unit}]")
     if not np.isfinite(numbers).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(numbers))[0])
         place = f"{name}{list(where)}" if where else name
@@ -161,7 +161,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str
     return numbers
 
 
-def in_words(shape: tuple[int | None, ...]) -> str:
+def format_shape(shape: tuple[int | None, ...]) -> str:
     """Return a shape [-] as it is written: (3,), (n, 6)."""
     sizes = ["n" if size is None else str(size) for size in shape]
     return f"({sizes[0]},)" if len(sizes) == 1 else f"({', '.join(sizes)})"
@@ -171,7 +171,7 @@ def _is_real(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def of_kind(name: str, value: object, kind: type[T], does: tuple[str, ...] = ()) -> T:
+def check_kind(name: str, value: object, kind: type[T], does: tuple[str, ...] = ()) -> T:
     """Return a value of a kind [-], or one with all the attributes that ``does`` names; raise InputError for others."""
     if isinstance(value, kind):
         return value
@@ -182,16 +182,16 @@ def of_kind(name: str, value: object, kind: type[T], does: tuple[str, ...] = ())
     refuse(name, value, f"a {kind.__name__}", write)
 
 
-def all_of_kind(name: str, values: Iterable[object], kind: type[T]) -> list[T]:
+def check_kinds(name: str, values: Iterable[object], kind: type[T]) -> list[T]:
     """Return a list [-] of values that are all of a kind; raise InputError for others."""
     if isinstance(values, kind):
         refuse(name, values, f"a list, each a {kind.__name__}", f"[{name}]")
     if isinstance(values, str) or not isinstance(values, Iterable):
         refuse(name, values, f"a list, each a {kind.__name__}", f"[{_MADE.get(kind.__name__, '')}]")
-    return [of_kind(f"{name}[{k}]", value, kind) for k, value in enumerate(values)]
+    return [check_kind(f"{name}[{k}]", value, kind) for k, value in enumerate(values)]
 
 
-def table(name: str, value: object, expected: str, write: str) -> Mapping[Any, Any]:
+def check_mapping(name: str, value: object, expected: str, write: str) -> Mapping[Any, Any]:
     """Return a mapping [-], an empty one for None."""
     if value is None:
         return {}
@@ -200,15 +200,15 @@ def table(name: str, value: object, expected: str, write: str) -> Mapping[Any, A
     return value
 
 
-def renaming(name: str, value: object, expected: str, write: str) -> Mapping[str, str]:
+def check_renaming(name: str, value: object, expected: str, write: str) -> Mapping[str, str]:
     """Return a table of names by names [-], an empty one for None."""
-    stated = table(name, value, expected, write)
+    stated = check_mapping(name, value, expected, write)
     if not all(isinstance(one, str) for pair in stated.items() for one in pair):
         refuse(name, value, expected, write)
     return stated
 
 
-def names(name: str, value: object, of: str) -> Collection[str]:
+def check_names(name: str, value: object, of: str) -> Collection[str]:
     """Return a collection of names [-]: a single text is none, which would be read letter by letter."""
     if isinstance(value, str):
         refuse(name, value, f"a list of names of {of}", f"[{value!r}]")
@@ -217,34 +217,34 @@ def names(name: str, value: object, of: str) -> Collection[str]:
     return value
 
 
-def choice(name: str, value: object, options: Mapping[str, str]) -> str:
+def check_choice(name: str, value: object, options: Mapping[str, str]) -> str:
     """Return a text that is one of the options [-], each with what it means; raise InputError for others."""
     if not isinstance(value, str) or value not in options:
         refuse(name, value, " or ".join(f"{one!r} ({means})" for one, means in options.items()))
     return str(value)
 
 
-def flag(name: str, value: object) -> bool:
+def check_flag(name: str, value: object) -> bool:
     """Return a truth [-]; a text such as "no" is none."""
     if not isinstance(value, bool | np.bool_):
         refuse(name, value, "True or False")
     return bool(value)
 
 
-def function(name: str, value: object, expected: str) -> None:
+def check_callable(name: str, value: object, expected: str) -> None:
     """Raise InputError unless a value is None or can be called [-]."""
     if value is not None and not isinstance(value, Callable):  # type: ignore[arg-type]
         refuse(name, value, f"{expected}, or None")
 
 
-def path(name: str, value: object, example: str) -> str | PathLike[str]:
+def check_path(name: str, value: object, example: str) -> str | PathLike[str]:
     """Return the path of a file or a folder [-]."""
     if not isinstance(value, str | PathLike):
         refuse(name, value, f"the path of {example}")
     return value
 
 
-def nearest(word: str, known: Iterable[str]) -> str | None:
+def find_nearest_word(word: str, known: Iterable[str]) -> str | None:
     """Return the known word that ``word`` is most like or begins (``gear``: ``gear_ratio``), None when there is none [-]."""
     words = list(known)
     found = difflib.get_close_matches(word, words, n=1, cutoff=0.6) or [k for k in words if k.startswith(f"{word}_")]

@@ -20,8 +20,8 @@ from crosscheck.bench.timing import Call, Times, in_turns, ratio
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import Problem, Refinement, mixed
-from flexinv.analysis.evaluation import FirstStep, second_step
-from flexinv.analysis.extrapolation import extrapolated, thinned, weights
+from flexinv.analysis.evaluation import FirstStep, run_second_step
+from flexinv.analysis.extrapolation import compute_extrapolated_step, take_every_sample, weights
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.analysis.task import Settings
@@ -172,19 +172,19 @@ class Marches:
         whole = bool(mechanism.closures)
         own = replace(p.settings, step=p.grid.spacing(finer), every=1 if whole else finer // KEPT)
         mesh, made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
-        return mesh, thinned(made, finer // KEPT if whole else 1)
+        return mesh, take_every_sample(made, finer // KEPT if whole else 1)
 
     def plain(self, finer: int) -> Array:
         """Return the torques [N m], [N] of one march."""
         mesh, first = self.first(finer)
-        return np.asarray(second_step(mesh, first).tau[:, mesh.mechanism.actuated])
+        return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
     def several(self, finer: tuple[int, ...]) -> Array:
         """Return the torques [N m], [N] of some marches, extrapolated."""
         marched = [self.first(n) for n in finer]
         mesh, _ = marched[-1]
-        first = extrapolated(mesh.mechanism, [first for _, first in marched], weights(finer))
-        return np.asarray(second_step(mesh, first).tau[:, mesh.mechanism.actuated])
+        first = compute_extrapolated_step(mesh.mechanism, [first for _, first in marched], weights(finer))
+        return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
     def error(self, torque: Array) -> float:
         """Return the error of torques [N m], [N] over their peaks [-]."""

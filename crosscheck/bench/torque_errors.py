@@ -25,7 +25,7 @@ from crosscheck.bench.timing import Call, in_turns, ratio
 from crosscheck.engines import calls
 from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
-from flexinv.accuracy.refinement import Problem, StepGrid, meshed
+from flexinv.accuracy.refinement import Problem, StepGrid, apply_mesh
 from flexinv.analysis.task import Settings
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
@@ -207,7 +207,7 @@ class Ladder:
 def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
     for mesh in range(len(MESHES_OF_BEAMS)):
-        here = replace(marches, mechanism=meshed(marches.problem.mechanism, mesh))
+        here = replace(marches, mechanism=apply_mesh(marches.problem.mechanism, mesh))
         if here.error(here.several(SHORTEST)) <= asked:
             pair = here.longest(asked, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)

@@ -26,7 +26,7 @@ from crosscheck.measures.record import Series
 from crosscheck.measures.series_csv import check_times, read
 from crosscheck.verdicts.compare import WHOLE
 from flexinv.errors import InputError
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 INSIDE = "inside"
 OUTSIDE = "outside"
@@ -58,7 +58,7 @@ def judged(answers: Path, corpus: Path) -> list[Judged]:
     found: list[Judged] = []
     for folder in folders:
         if folder.name not in known:
-            near = nearest(folder.name, sorted(known)) or next(iter(known))
+            near = find_nearest_word(folder.name, sorted(known)) or next(iter(known))
             raise InputError(f"{folder}: no case has the id {folder.name!r}; write {near!r}")
         found += _answer(folder, known[folder.name], corpus)
     return found

@@ -37,7 +37,7 @@ from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism, Placement
-from flexinv.validation import flag, names, number, refuse, renaming
+from flexinv.validation import check_flag, check_names, check_number, check_renaming, refuse
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
 SINGLE = 30.0  # rounding errors of a reader that add up in an effort
@@ -66,8 +66,8 @@ def compare(
     """
     begun = clock.perf_counter()
     families = checked(tolerance, judge)
-    strict = flag("strict", strict)
-    stated = renaming("match", match, "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}')
+    strict = check_flag("strict", strict)
+    stated = check_renaming("match", match, "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}')
     first, second = describe_pair(a, b)
     found = replace(compared(first, second, tolerance, stated, tuple(ignore)), unproven=unproven)
     return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
@@ -76,11 +76,11 @@ def compare(
 def checked(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
     """Return the families of differences [-] that count.  Raises InputError for one unknown, or a tolerance that is none."""
     given = tuple(judge) if isinstance(judge, Iterable) and not isinstance(judge, str) else judge
-    families = tuple(names("judge", given, "families of differences"))
+    families = tuple(check_names("judge", given, "families of differences"))
     if unknown := [name for name in families if name not in JUDGED]:
         raise InputError(f"judge = {unknown[0]!r}: expected some of {', '.join(JUDGED)}")
     expected = "a positive number, relative to the range of an effort [-]"
-    asked = number("tolerance", tolerance, expected)
+    asked = check_number("tolerance", tolerance, expected)
     if not (np.isfinite(asked) and asked > 0.0):
         refuse("tolerance", tolerance, expected)
     return families

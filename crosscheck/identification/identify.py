@@ -22,7 +22,7 @@ from crosscheck.identification.table import Row, rows, untold
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
-from flexinv.validation import path as path_of
+from flexinv.validation import check_path as path_of
 from flexinv.validation import refuse
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from crosscheck.identification.settings import IdentifyTable, matching
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
@@ -175,7 +175,7 @@ def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
 def _kind_of(name: str) -> Kind:
     if name in KINDS:
         return KINDS[name]
-    hint = ELSEWHERE.get(name, f'write parameter = "{nearest(name, list(KINDS)) or MASS}"')
+    hint = ELSEWHERE.get(name, f'write parameter = "{find_nearest_word(name, list(KINDS)) or MASS}"')
     raise InputError(f"identify.toml, [[free]]: parameter {name!r}, expected one of {', '.join(KINDS)}; {hint}")
 
 

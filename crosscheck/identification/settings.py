@@ -14,7 +14,7 @@ from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
 from flexinv.files.values import Format, NotNegative, Number, Positive, Text
 from flexinv.model.links import WORLD
 from flexinv.model.mechanism import Mechanism
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 FILE = "identify.toml"
 # unit in a log -> factor to SI
@@ -240,7 +240,7 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
         if name not in joints:
             expected = "a joint of one coordinate: " + ", ".join(joints)
             raise top.inner("joints").wrong(
-                name, f'"{name}"', expected, f"[joints.{nearest(name, joints) or joints[0]}]"
+                name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
             )
     for kind, points in (("markers", table.markers), ("accelerometers", table.accelerometers)):
         for name, point in points.items():

@@ -17,7 +17,7 @@ from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.urdf import urdf_findings
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml, xml_repairs
-from flexinv.validation import flag
+from flexinv.validation import check_flag
 
 LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
 
@@ -60,8 +60,8 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
 
     Raises InputError for what cannot be read at all.
     """
-    strict = flag("strict", strict)
-    meshes = flag("meshes", meshes)
+    strict = check_flag("strict", strict)
+    meshes = check_flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and path.is_file() and is_xml(path) and kind_of(path) == "urdf":
         found = [*_xml_findings(path), *urdf_findings(read_xml(path), path, meshes)]

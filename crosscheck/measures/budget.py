@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.measures.record import Record, Series
-from flexinv.analysis.extrapolation import largest_nearby
+from flexinv.analysis.extrapolation import find_largest_nearby
 
 Array = NDArray[np.float64]
 SLOWEST = 0.5  # order below which runs do not count as convergent: Richardson would enlarge a difference 2.4 times
@@ -82,25 +82,25 @@ def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
     reported = levels[value]
     spread = np.max([np.abs(reported - one) for one in levels], axis=0)
     if len(levels) < 3:
-        return Estimate(largest_nearby(spread), None, TWO)
+        return Estimate(find_largest_nearby(spread), None, TWO)
     first = levels[-2] - levels[-3]
     second = levels[-1] - levels[-2]
     size = max(_rms(one) for one in levels)
     if max(_rms(first), _rms(second)) <= ROUNDING * size:
-        return Estimate(largest_nearby(spread), None, "rounding", reported, largest_nearby(spread))
+        return Estimate(find_largest_nearby(spread), None, "rounding", reported, find_largest_nearby(spread))
     ratio = _rms(second) / _rms(first) if _rms(first) > 0.0 else np.inf
     if ratio > 2.0**-SLOWEST:
-        return Estimate(largest_nearby(spread), None, UNORDERED)
+        return Estimate(find_largest_nearby(spread), None, UNORDERED)
     if ratio == 0.0 or float(first @ second) <= 0.0:
         rest = np.abs(second) * ratio / (1.0 - ratio)  # all differences to come, of a series that shrinks so
-        return Estimate(largest_nearby(spread), None, "largest difference", levels[-1], largest_nearby(rest))
+        return Estimate(find_largest_nearby(spread), None, "largest difference", levels[-1], find_largest_nearby(rest))
     trusted = max(ratio, 2.0**-FORMAL)
     before, limit = (
         one + step * trusted / (1.0 - trusted) for one, step in ((levels[-2], first), (levels[-1], second))
     )
     left = np.maximum(np.abs(limit - before), DOUBT * np.abs(limit - levels[-1]))
-    bar = largest_nearby(np.abs(reported - limit))
-    return Estimate(bar, float(-np.log2(ratio)), "Richardson", limit, largest_nearby(left))
+    bar = find_largest_nearby(np.abs(reported - limit))
+    return Estimate(bar, float(-np.log2(ratio)), "Richardson", limit, find_largest_nearby(left))
 
 
 def extrapolated(levels: Sequence[Array]) -> Estimate:
@@ -114,7 +114,7 @@ def extrapolated(levels: Sequence[Array]) -> Estimate:
     inner = estimate(levels)
     # Where the runs do not converge, extrapolating them is no better than the runs: the largest difference.
     others = levels if inner.how in ("largest difference", UNORDERED) else [before]
-    bar = largest_nearby(np.max([np.abs(limit - one) for one in others], axis=0))
+    bar = find_largest_nearby(np.max([np.abs(limit - one) for one in others], axis=0))
     if len(levels) < 3:
         return Estimate(bar, None, TWO_EXTRAPOLATED)
     known = inner.tends_to is not None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from crosscheck.measures.record import Series, series
 from flexinv.errors import InputError
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 Array = NDArray[np.float64]
 HEADER = re.compile(r"(?P<name>[^\s\[\]]+)(?P<bar> error)? \[(?P<unit>[^\[\]]+)\]")
@@ -129,7 +129,7 @@ def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -
     for one in found:
         plain = ANY.sub(rf"\1/{STATION}/", one.name)
         if plain not in known:
-            near = nearest(one.name, sorted(known))
+            near = find_nearest_word(one.name, sorted(known))
             raise InputError(
                 f"{path}: column {_shown(one.name)}: the mechanism has no such series; "
                 + (f"write {near!r}" if near else f"it has {', '.join(sorted(known))}")

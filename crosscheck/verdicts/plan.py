@@ -17,7 +17,7 @@ from crosscheck.verdicts.results import CaseRow
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import WORLD, Mechanism
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 MOST_SAMPLES = 1e7  # a hundred series of them fill 8 GB: no engine is compared on more
 LARGEST_TEXT = 20_000  # [characters] of a model file that a report shows
@@ -99,7 +99,7 @@ def _every_name_fits(
             folder = folders.get(mechanism)  # it was read: what cannot be is broken, which fits
             cases = sorted(load_cases(folder, read_mechanism(folder))) if folder is not None else []
             known, asked = (cases, case) if cases else (sorted(folders), mechanism)
-            near = None if asked in known else nearest(asked, known)
+            near = None if asked in known else find_nearest_word(asked, known)
             write = f"; write '{mechanism}/{near}'" if near and cases else f"; write '{near}'" if near else ""
             kind = f"cases of {mechanism}" if cases else "mechanisms here"
             raise InputError(f"nothing to run is called {name!r}{write}; {kind}: {', '.join(known) or 'none'}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from crosscheck.report import drawing
 from crosscheck.verdicts.plan import Task
-from flexinv.analysis.overview import link_mass, mobility_line, start_of
+from flexinv.analysis.overview import compute_link_mass, describe_mobility, resolve_start_configuration
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.errors import FlexinvError
@@ -39,7 +39,7 @@ def portrait(task: Task) -> Portrait:
         mechanism, case.motion, case.step, end=case.end, spectral_radius=case.spectral_radius, initial=case.initial,
         start=case.start,
     )  # fmt: skip
-    total = sum(link_mass(link) for link in mechanism.links)
+    total = sum(compute_link_mass(link) for link in mechanism.links)
     beams = [link.name for link in mechanism.beams]
     tips = np.stack(list(solution.tip.values()))  # (link, sample, xyz)
     reach = np.linalg.norm(tips - solution.nodes.x[:, 0], axis=2)
@@ -60,7 +60,7 @@ def portrait(task: Task) -> Portrait:
 def _freedoms(task: Task) -> str:
     mechanism = task.mechanism
     if mechanism.closures:
-        return mobility_line(mechanism, task.case).partition(": ")[2]
+        return describe_mobility(mechanism, task.case).partition(": ")[2]
     drives = int(mechanism.actuated.sum())
     free = f", {mechanism.nv - drives} without a drive" if drives < mechanism.nv else ""
     return f"{mechanism.nv} joint coordinates, {drives} drives{free}; an open tree: no constraint, none redundant"
@@ -72,7 +72,7 @@ def _frequencies(task: Task) -> str:
     if mechanism.is_rigid:
         return "none: no link bends, and the drives hold every joint"
     try:
-        found = natural_modes(mechanism, start_of(mechanism, task.case), count=SHOWN)
+        found = natural_modes(mechanism, resolve_start_configuration(mechanism, task.case), count=SHOWN)
     except FlexinvError as error:
         return f"not computed: {error}"
     named = [f"{f:.4g} Hz ({link})" for f, link in zip(found.frequency, found.link, strict=True)]

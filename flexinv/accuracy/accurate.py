@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Problem, Refinement, StepGrid, refine, unreached
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
-from flexinv.analysis.extrapolation import extrapolated, thinned
+from flexinv.accuracy.refinement import Problem, Refinement, StepGrid, find_cheapest_answer, make_accuracy_error
+from flexinv.analysis.evaluation import FirstStep, assemble_solution, run_second_step
+from flexinv.analysis.extrapolation import compute_extrapolated_step, take_every_sample
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Settings, Task, Words, last_time, prescribe
-from flexinv.analysis.trajectory import first_step
+from flexinv.analysis.task import Settings, Task, Words, make_prescribed_task, resolve_last_time
+from flexinv.analysis.trajectory import run_first_step
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import SecondStepArrays
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
-from flexinv.validation import number, refuse
+from flexinv.validation import check_number, refuse
 
 TaskOf = Callable[[Mechanism, Array, Settings], Task]
 # Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
@@ -53,7 +53,7 @@ def check_accuracy(accuracy: float | None, step: float | None) -> float:
         both = f"step = {step} s and accuracy = {accuracy}"
         raise InputError(f"{both} are both given, and the accuracy decides the step: write one of them")
     expected = f"a part of the range between {FINEST:g} and {COARSEST:g}"
-    asked = number("accuracy", accuracy, f"{expected}, for example 1e-4")
+    asked = check_number("accuracy", accuracy, f"{expected}, for example 1e-4")
     if not FINEST <= asked <= COARSEST:
         refuse("accuracy", accuracy, expected, "accuracy=1e-4")
     return asked
@@ -68,17 +68,17 @@ def solve_problem(
     """
     start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
 
-    def task_of(meshed: Mechanism, steps: Array, own: Settings) -> Task:
-        return prescribe(meshed, motion, steps, own, start, start_rate, progress)
+    def make_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+        return make_prescribed_task(meshed, motion, steps, own, start, start_rate, progress)
 
     given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
     breaks = getattr(motion, "breaks", ())
-    span = (0.0, last_time(motion, options.get("end")))
-    problem = problem_of(mechanism, task_of, settings, accuracy, breaks, motion.jumps, span)
+    span = (0.0, resolve_last_time(motion, options.get("end")))
+    problem = make_problem(mechanism, make_task, settings, accuracy, breaks, motion.jumps, span)
     return replace(problem, marched=not mechanism.is_rigid or not (given or mechanism.closures))
 
 
-def problem_of(
+def make_problem(
     mechanism: Mechanism, task_of: TaskOf, settings: Settings, accuracy: float,
     breaks: Iterable[float], jumps: Iterable[float], span: tuple[float, float],
 ) -> Problem:  # fmt: skip
@@ -88,27 +88,27 @@ def problem_of(
     """
 
     def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
-        (first,) = first_step(task := replace(task_of(meshed, steps, own), seams=seams))
+        (first,) = run_first_step(task := replace(task_of(meshed, steps, own), seams=seams))
         return task.mesh, first
 
     forces = [float(t) for force in mechanism.forces for t in force.time]  # linear between
     switches = (float(t) for closure in mechanism.closures for interval in closure.active for t in interval)
     sudden = (*jumps, *switches)
-    return Problem(mechanism, step_grid((*breaks, *forces), sudden, *span), run, settings, accuracy, sudden)
+    return Problem(mechanism, build_step_grid((*breaks, *forces), sudden, *span), run, settings, accuracy, sudden)
 
 
-def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, last: float) -> StepGrid:
+def build_step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, last: float) -> StepGrid:
     """Return the coarsest grid from ``first`` to ``last`` [s] that meets the ``breaks`` [s] between them.
 
     jumps : breaks [s] at which accelerations jump: after them steps are short and double; at all others stretches of equal
         steps are joined
     """
     span = last - first
-    ends = _apart([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)
+    ends = _drop_close_times([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)
     longest = min(span / FEWEST_IN_RUN, max(np.diff(ends).max() / FEWEST_IN_STRETCH, span / MOST_IN_RUN))
     sudden = [t for t in ends[:-1] if any(abs(t - jump) <= SAME * span for jump in jumps)]
     graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
-    ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
+    ends = _drop_close_times([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
     counts = np.ceil(np.diff(ends) / longest * (1 - SAME)).astype(int).tolist()
     kept = [0]
     joined = counts[:1]
@@ -123,7 +123,7 @@ def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, las
     return StepGrid(ends[[*kept, -1]], tuple(joined))
 
 
-def _apart(times: list[float], least: float) -> Array:
+def _drop_close_times(times: list[float], least: float) -> Array:
     """Times [s] without those that are the same as one before, the last one kept."""
     kept = [times[0]]
     for t in times[1:-1]:
@@ -132,33 +132,33 @@ def _apart(times: list[float], least: float) -> Array:
     return np.array([*kept, times[-1]])
 
 
-def accurate(problem: Problem) -> Solution:
+def solve_within_accuracy(problem: Problem) -> Solution:
     """Return the solution [N m, N, m, rad, s] with bars within the accuracy asked; raises ConvergenceError out of reach."""
     refinement = Refinement(problem)
     if not problem.marched:
         if (exact := refinement.level(0, EXACT_SAMPLES)) is None:
-            raise unreached(refinement, None)
-        solution = solution_of(exact.mesh, exact.first, exact.settings)
+            raise make_accuracy_error(refinement, None)
+        solution = assemble_solution(exact.mesh, exact.first, exact.settings)
         last = np.finfo(float).eps * solution.mesh.length
         tips = {name: np.full(len(solution.time), last) for name in solution.tip}
         said: Words = {"accuracy": problem.accuracy, "extrapolated": False, "order": 0.0}
         settings = solution.settings | said
-        return replace(solution, torque_error=_rounding(solution), tip_error=tips, settings=settings)
-    answer = refine(refinement)
+        return replace(solution, torque_error=_compute_rounding(solution), tip_error=tips, settings=settings)
+    answer = find_cheapest_answer(refinement)
     level = answer.levels[-1]
-    steps = [thinned(one.first, one.kept // answer.kept) for one in answer.levels]
-    first = extrapolated(level.mesh.mechanism, steps, answer.weight)
-    found = second_step(level.mesh, first)
-    solution = solution_of(level.mesh, first, level.settings, found)
+    steps = [take_every_sample(one.first, one.kept // answer.kept) for one in answer.levels]
+    first = compute_extrapolated_step(level.mesh.mechanism, steps, answer.weight)
+    found = run_second_step(level.mesh, first)
+    solution = assemble_solution(level.mesh, first, level.settings, found)
     if not any(closure.active for closure in problem.mechanism.closures):
         jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
-        work = energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
+        work = compute_energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
     asked = problem.accuracy
     count = solution.torque.shape[1]
-    rounding = _rounding(solution)
+    rounding = _compute_rounding(solution)
     if (rounding > asked * answer.ranges.torque).any():
-        raise unreached(refinement, answer)
+        raise make_accuracy_error(refinement, answer)
     torque = answer.bars[:, :count] * answer.ranges.torque + rounding
     links = zip(solution.tip, answer.ranges.tip, strict=True)
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
@@ -168,14 +168,16 @@ def accurate(problem: Problem) -> Solution:
     return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | said)
 
 
-def _rounding(solution: Solution) -> Array:
+def _compute_rounding(solution: Solution) -> Array:
     """Rounding of torques (samples, actuated) [N m], [N]: both sides of every joint are summed from other numbers."""
     apart = np.abs(solution.torque_all - solution.reaction)[:, solution.mechanism.actuated]
     floor = np.finfo(float).eps * len(solution.mesh.parent) * np.abs(solution.torque).max(axis=0, initial=0.0)
     return np.asarray(apart + floor)
 
 
-def energy_defect(first: FirstStep, found: SecondStepArrays, seams: Sequence[int], jumps: Collection[int]) -> Array:
+def compute_energy_defect(
+    first: FirstStep, found: SecondStepArrays, seams: Sequence[int], jumps: Collection[int]
+) -> Array:
     """Return (samples,) [J]: work of efforts and applied forces less what is dissipated, less the change of energy.
 
     Between the samples, which are far apart, the power is a spline of degree 5 in every stretch between ``seams`` [-]; where it

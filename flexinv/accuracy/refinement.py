@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, second_step, with_drives
-from flexinv.analysis.extrapolation import combined, largest_nearby, thinned, weights
+from flexinv.analysis.evaluation import FirstStep, add_joint_efforts, run_second_step
+from flexinv.analysis.extrapolation import compute_weighted_sum, find_largest_nearby, take_every_sample, weights
 from flexinv.analysis.task import Settings
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
@@ -75,14 +75,14 @@ class Quantities(NamedTuple):
 
     def apart(self, one: Quantities, other: Quantities) -> Array:
         """Return the largest `errors` near each sample (samples, quantities) in parts of these ranges [-]."""
-        return largest_nearby(self.errors(one, other), AROUND)
+        return find_largest_nearby(self.errors(one, other), AROUND)
 
 
-def quantities(mesh: Mesh, first: FirstStep) -> Quantities:
+def collect_quantities(mesh: Mesh, first: FirstStep) -> Quantities:
     """Return the results of the second step [N m], [N], [m] and the coordinates of the passive joints [rad], [m], [-]."""
     m = mesh.mechanism
-    found = second_step(mesh, first)
-    tau = with_drives(m, first, found.tau, found.reaction)[0]
+    found = run_second_step(mesh, first)
+    tau = add_joint_efforts(m, first, found.tau, found.reaction)[0]
     free = [j.name in first.smooth for j in m.joints for _ in range(j.nq)]
     return Quantities(tau[:, m.actuated], np.swapaxes(found.tip, 0, 1), first.joints[0][:, np.array(free, dtype=bool)])
 
@@ -180,13 +180,13 @@ class Answer:
         return float(self.bars.max())
 
 
-def rung(index: int) -> int:
+def compute_refinement(index: int) -> int:
     """Return the ladder of refinements: 1, 2, 3, 4, 6, 8, 12, 16, 24 ... [-]."""
     return 1 if index == 0 else (2 if index % 2 else 3) * 2 ** ((index - 1) // 2)
 
 
 @kept_with_owner()
-def meshed(mechanism: Mechanism, mesh: int) -> Mechanism:
+def apply_mesh(mechanism: Mechanism, mesh: int) -> Mechanism:
     """Return the mechanism with a mesh of `MESHES` [-] on its beams, the same one for all steps; of order 1 only one element."""
     times, order = MESHES[mesh]
     links = list(mechanism.links)
@@ -221,7 +221,7 @@ class Refinement:
             return self.levels[mesh, finer]
         p = self.problem
         grid = self.problem.grid
-        mechanism = meshed(self.problem.mechanism, mesh)
+        mechanism = apply_mesh(self.problem.mechanism, mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
@@ -231,53 +231,53 @@ class Refinement:
             self.failure = error
             self.levels[mesh, finer] = None
             return None
-        first = thinned(first, (len(first.time) - 1) // (kept * grid.total))
-        self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, quantities(made, first))
+        first = take_every_sample(first, (len(first.time) - 1) // (kept * grid.total))
+        self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, collect_quantities(made, first))
         return found
 
     def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""
-        a, b, c = (self.level(mesh, rung(index + k)) for k in range(3))
+        a, b, c = (self.level(mesh, compute_refinement(index + k)) for k in range(3))
         return None if a is None or b is None or c is None else (a, b, c)
 
 
-def refine(refinement: Refinement) -> Answer:
+def find_cheapest_answer(refinement: Refinement) -> Answer:
     """Return the cheapest answer whose bars are within the accuracy asked [-].
 
     Raises ConvergenceError where steps or meshes that can be paid for do not reach it, with what to change.
     """
     answer: Answer | None = None
-    mesh, index = _coarsest(refinement)
+    mesh, index = _find_coarsest_mesh(refinement)
     while True:
-        answer, index = _fine_steps(refinement, mesh, index, answer)
+        answer, index = _find_fine_steps(refinement, mesh, index, answer)
         if not refinement.problem.mechanism.beams:
             return answer
         # At the longest steps of the three rungs: what meshes differ by hardly depends on the step, or falls with it; only where
         # something jumps undamped it grows, 1 to 2 times from these steps to the shortest.
-        whole = replace(answer, bars=answer.bars + OF_MESH * _mesh_apart(refinement, mesh, answer.longest))
+        whole = replace(answer, bars=answer.bars + OF_MESH * _compute_mesh_errors(refinement, mesh, answer.longest))
         if whole.bar <= refinement.problem.accuracy:
             return whole
         mesh += 1
         if mesh + 1 >= len(MESHES):
-            raise unreached(refinement, whole)
+            raise make_accuracy_error(refinement, whole)
 
 
-def _coarsest(refinement: Refinement) -> tuple[int, int]:
+def _find_coarsest_mesh(refinement: Refinement) -> tuple[int, int]:
     """The coarsest mesh whose error, as the coarsest steps that converge show it, leaves enough to the steps; and their rung."""
     index = 0
-    while refinement.level(0, rung(index + 2)) is None:
+    while refinement.level(0, compute_refinement(index + 2)) is None:
         index += 1
         _check_budget(refinement, index, None)
     mesh = 0
-    finer = rung(index + 2)
+    finer = compute_refinement(index + 2)
     asked = (1.0 - SHARE_OF_STEPS) * refinement.problem.accuracy
     last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
-    while mesh < last and _mesh_apart(refinement, mesh, finer).max() > asked:
+    while mesh < last and _compute_mesh_errors(refinement, mesh, finer).max() > asked:
         mesh += 1
     return mesh, index
 
 
-def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | None) -> tuple[Answer, int]:
+def _find_fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | None) -> tuple[Answer, int]:
     """The first answer on one mesh whose bar of the steps is small enough, from a rung on; and its rung."""
     asked = SHARE_OF_STEPS * refinement.problem.accuracy
     while True:
@@ -285,8 +285,8 @@ def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | 
             index += 1
             _check_budget(refinement, index, before)
             continue
-        answer = extrapolated_answer(three, before)
-        for one in (answer, plain_answer(three)):
+        answer = make_extrapolated_answer(three, before)
+        for one in (answer, make_plain_answer(three)):
             if one.bar <= asked:
                 return one, index
         # so many rungs, of which two halve the step, that the order of the answer leads to the bar asked
@@ -297,7 +297,7 @@ def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | 
         refinement.seen.append((answer.levels[0].finer, answer.apart))
 
 
-def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None) -> Answer:
+def make_extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None) -> Answer:
     """Return the answer of the two finer of three runs [-], with the order seen since the answer ``before``."""
     a, b, c = three
     found = [level.found.rows(level.kept // a.kept) for level in three]
@@ -313,7 +313,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     return Answer((b, c), weights((b.finer, c.finer)), a.kept, bars, scale, apart, order, a.finer)
 
 
-def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
+def make_plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
     a, _, c = three
     found = [level.found.rows(level.kept // three[0].kept) for level in three]
@@ -325,10 +325,10 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
 
 def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
     """Return the weighted sum of quantities [N m], [N], [m], [rad]."""
-    return Quantities(*(combined(parts, weight) for parts in zip(*found, strict=True)))
+    return Quantities(*(compute_weighted_sum(parts, weight) for parts in zip(*found, strict=True)))
 
 
-def _mesh_apart(refinement: Refinement, mesh: int, finer: int) -> Array:
+def _compute_mesh_errors(refinement: Refinement, mesh: int, finer: int) -> Array:
     """Differences (samples, quantities) of a mesh to the next one at 1/``finer`` of the coarsest step, infinite if one fails."""
     here = refinement.level(mesh, finer)
     there = refinement.level(mesh + 1, finer)
@@ -341,16 +341,16 @@ def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> 
     """Raise an error where the rungs from ``index`` [-] on take too many steps, or will before the answer is good enough."""
     nodes = 1 if answer is None else answer.levels[-1].mesh.size
     most = MOST_NODE_STEPS / (nodes * refinement.problem.grid.total)
-    if rung(index + 2) > most:
-        raise unreached(refinement, answer)
+    if compute_refinement(index + 2) > most:
+        raise make_accuracy_error(refinement, answer)
     if answer is None or len(refinement.seen) < TRIPLES_SEEN:
         return
     more = answer.bar / refinement.problem.accuracy
     if answer.levels[-1].finer * more ** (1.0 / max(refinement.order, LEAST_ORDER)) > most:
-        raise unreached(refinement, answer)
+        raise make_accuracy_error(refinement, answer)
 
 
-def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError:
+def make_accuracy_error(refinement: Refinement, answer: Answer | None) -> ConvergenceError:
     """Return the error of an accuracy that is not reached: how far it goes, why, and what to write instead [-], [s]."""
     p = refinement.problem
     if answer is None:

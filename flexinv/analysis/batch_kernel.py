@@ -71,7 +71,7 @@ class Results(NamedTuple):
 
 
 @jit
-def march_alike(ahead, mine, designs, tasks, room, line, results):
+def integrate_scenarios(ahead, mine, designs, tasks, room, line, results):
     """March scenarios that nobody has taken yet, and do the second step of each; return how many have come to the end [-].
 
     ahead : (1,) number of the next; mine : (most,) at most so many, gets their numbers, that of one that failed behind the others
@@ -93,7 +93,7 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
             room.state, room.frames, room.factors, room.work,
         )  # fmt: skip
         ended = results.ended[n]
-        ended[0], ended[1], ended[2], results.left[n] = _march_one(system, tasks, m, h)
+        ended[0], ended[1], ended[2], results.left[n] = _integrate_scenario(system, tasks, m, h)
         if ended[0] != CONVERGED:
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
@@ -103,7 +103,7 @@ def march_alike(ahead, mine, designs, tasks, room, line, results):
 
 
 @jit_inner
-def _march_one(system, tasks, motion, out):
+def _integrate_scenario(system, tasks, motion, out):
     """March one scenario, the first steps in parts where its start is sudden; return what `planar.stepper.planar_march` returns.
 
     An instant that is not reached among the parts is counted down from -1.

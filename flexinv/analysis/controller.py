@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
-from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
-from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Solver, step_failure
-from flexinv.dynamics.stepper import CONVERGED, march
+from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, build_generalized_alpha, build_start_scheme
+from flexinv.dynamics.initial_state import begin_motion, begin_step, compute_joint_motion, end_early
+from flexinv.dynamics.loads import build_load_table
+from flexinv.dynamics.solver import Solver, make_solve_error
+from flexinv.dynamics.stepper import CONVERGED, integrate_instants
 from flexinv.dynamics.system import Instants, System
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.balance import (
@@ -54,7 +54,15 @@ from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import PlanarSystem, integrate_planar_motion
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
-from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, choice, floats, number, of_kind, seconds
+from flexinv.validation import (
+    ARRAY_TYPE,
+    FLOAT_TYPE,
+    check_choice,
+    check_kind,
+    check_number,
+    check_seconds,
+    convert_to_floats,
+)
 
 
 class Taken(NamedTuple):
@@ -66,17 +74,17 @@ class Taken(NamedTuple):
     wound: dict[str, float]
 
 
-def written(part: Any) -> Iterator[Array]:
+def list_writable_arrays(part: Any) -> Iterator[Array]:
     """Yield the arrays [any unit] of records that can be written to, in the order of their fields."""
     if isinstance(part, np.ndarray):
         if part.flags.writeable:
             yield part
     elif isinstance(part, tuple):
         for one in part:
-            yield from written(one)
+            yield from list_writable_arrays(one)
     elif is_dataclass(part):
         for field in fields(part):
-            yield from written(getattr(part, field.name))
+            yield from list_writable_arrays(getattr(part, field.name))
 
 
 class Flexible:
@@ -101,7 +109,7 @@ class Flexible:
         self.solver = Solver.of(mesh, self.passive)
         in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
         self.flat = None if in_space else PlanarMarch.of(mesh, set())
-        self.joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, still, still)))
+        self.joints = Joints(*(part.copy() for part in compute_joint_motion(mesh, mechanism.neutral, still, still)))
         masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
         out = self.solver.instant
         driven = mechanism.actuated.astype(float)
@@ -115,12 +123,16 @@ class Flexible:
         self.nodes = nodes_of(mesh)
         drives = Drives(freedoms, mesh.slide, mesh.turn, table)
         self.scheme = scheme
-        self.early = start_up(scheme)
+        self.early = build_start_scheme(scheme)
         self.system: System | PlanarSystem
         march_in: Any
         if self.flat is None:
-            march_in, self.system, one = march, self.solver.system, Joints(*(part[None] for part in self.joints))
-            loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
+            march_in, self.system, one = (
+                integrate_instants,
+                self.solver.system,
+                Joints(*(part[None] for part in self.joints)),
+            )
+            loads = build_load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
             self.arguments: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
         else:
             march_in = integrate_planar_motion
@@ -138,30 +150,32 @@ class Flexible:
 
     def taken(self) -> Taken:
         """Return a copy of all that a step changes [m, rad, s, N]."""
-        numbers = [part.copy() for part in self._numbers()]
+        numbers = [part.copy() for part in self._list_step_arrays()]
         return Taken(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
 
-    def go_on_from(self, taken: Taken) -> None:
+    def replace_state(self, taken: Taken) -> None:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
-        for own, part in zip(self._numbers(), taken.numbers, strict=True):
+        for own, part in zip(self._list_step_arrays(), taken.numbers, strict=True):
             own[...] = part
         self.early_steps = taken.early_steps
         self.previous = [part.copy() for part in taken.previous]
         self.wound.clear()
         self.wound.update(taken.wound)
 
-    def _numbers(self) -> Iterator[Array]:
+    def _list_step_arrays(self) -> Iterator[Array]:
         """The arrays that a step writes, always in one order, some of them parts of others."""
         flat = () if self.flat is None else (self.flat.system, self.given)
-        yield from written((self.solver.system, self.solver.increment, self.solver.instant, self.joints, self.frames))
-        yield from written((self.instant, flat, self.arguments, self.tau))
+        yield from list_writable_arrays(
+            (self.solver.system, self.solver.increment, self.solver.instant, self.joints, self.frames)
+        )
+        yield from list_writable_arrays((self.instant, flat, self.arguments, self.tau))
 
     def start(self, now: list[Array], initial: str) -> Array:
         """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
         self.wound.clear()
-        joints = stand(self.solver, now, 0.0, initial, "at the start")
-        self._set_torques(*now)
-        self.instant.account[:] = *self._energies(now[1]), 0.0, 0.0, 0.0, self.scheme.h
+        joints = begin_motion(self.solver, now, 0.0, initial, "at the start")
+        self._update_torques(*now)
+        self.instant.account[:] = *self._compute_energies(now[1]), 0.0, 0.0, 0.0, self.scheme.h
         self.early_steps = EARLY * begin_step(self.solver, joints, self.scheme, "at the start")
         self.previous = now
         if self.flat is not None:
@@ -178,9 +192,9 @@ class Flexible:
         if status != CONVERGED:
             turned = (self.flat or self.solver).turned(count)
             when = "in a step of the controller"
-            raise step_failure(self.solver.mesh, self.passive, (status, count, size), when, self.scheme.h, turned)
+            raise make_solve_error(self.solver.mesh, self.passive, (status, count, size), when, self.scheme.h, turned)
 
-    def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
+    def integrate_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
         """Make a step soon after a sudden start, between two calls as values, rates and accelerations have it [m, rad, s]."""
         now = [q.copy(), qd.copy(), qdd.copy()]
         m = self.mechanism
@@ -198,11 +212,11 @@ class Flexible:
         if self.early_steps == 0:
             end_early((self.flat or self.solver).system.state)
 
-    def checked_torques(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def compute_checked_torques(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step; raises ConvergenceError where its energy [J] comes from nowhere."""
         if self.applied or self.winds:
-            self._set_torques(q, qd, qdd)
-            holds, potential, power = self._energies(qd)
+            self._update_torques(q, qd, qdd)
+            holds, potential, power = self._compute_energies(qd)
             doubtful = add_step(self.instant.account, holds, potential, power)
         else:
             doubtful, holds, potential = self.torques(*self.parts, (q, qd, qdd), self.instant, self.tau)
@@ -226,7 +240,7 @@ class Flexible:
                 f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness"
             )
 
-    def _energies(self, qd: Array) -> tuple[float, float, float]:
+    def _compute_energies(self, qd: Array) -> tuple[float, float, float]:
         """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
         one = self.instant
         motion = self.solver.instant.motion
@@ -237,7 +251,7 @@ class Flexible:
             power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
         return held, potential, power
 
-    def _set_torques(self, q: Array, qd: Array, qdd: Array) -> None:
+    def _update_torques(self, q: Array, qd: Array, qdd: Array) -> None:
         """Set the torques, with springs in joints that turn on, less what springs between points and given forces do."""
         motion = self.solver.instant.motion
         mesh = self.solver.mesh
@@ -275,11 +289,13 @@ class Controller:
         With springs between points, given forces or joints without drives beams are marched in space.
         Raises InputError: closures with beams, forces that depend on time, no step for beams.
         """
-        of_kind("mechanism", mechanism, Mechanism)
+        check_kind("mechanism", mechanism, Mechanism)
         if step is not None:
-            step = seconds("step", step, "the time between two calls in seconds, for example step=1e-3")
-        radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
-        scheme = generalized_alpha(1.0 if step is None else step, radius)
+            step = check_seconds("step", step, "the time between two calls in seconds, for example step=1e-3")
+        radius = check_number(
+            "spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8"
+        )
+        scheme = build_generalized_alpha(1.0 if step is None else step, radius)
         if mechanism.is_rigid:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
@@ -303,7 +319,14 @@ class Controller:
         """A copy and a pickle are made anew, as kernels write into parts of shared arrays, and go on where this one stands."""
         f = self.flexible
         step, taken = (None, None) if f is None else (f.scheme.h, f.taken())
-        return _go_on, (self.mechanism, step, self.spectral_radius, self.begun, self.tau.copy(), taken)
+        return _build_resumed_controller, (
+            self.mechanism,
+            step,
+            self.spectral_radius,
+            self.begun,
+            self.tau.copy(),
+            taken,
+        )
 
     def start(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, initial: str = "consistent") -> Array:
         """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
@@ -311,8 +334,8 @@ class Controller:
         Joints without drives begin (with beams) where q and qd say, or where the equilibrium has them.
         Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
         """
-        now = self._checked(q, qd, qdd)
-        choice("initial", initial, {"consistent": "undeformed", "static": "in equilibrium"})
+        now = self._copy_checked_arrays(q, qd, qdd)
+        check_choice("initial", initial, {"consistent": "undeformed", "static": "in equilibrium"})
         self.begun = True
         return self.step(*now) if self.flexible is None else self.flexible.start(now, initial)
 
@@ -333,27 +356,27 @@ class Controller:
         if not plain or not isfinite(
             q.dot(q) + qd.dot(qd) + qdd.dot(qdd)
         ):  # a number that is none spoils every step after it
-            q, qd, qdd = self._checked(q, qd, qdd)
+            q, qd, qdd = self._copy_checked_arrays(q, qd, qdd)
         if f.early_steps > 0:
-            f.go_in_parts(q, qd, qdd)
+            f.integrate_in_parts(q, qd, qdd)
         else:
             f.advance(f.scheme, q, qd, qdd)
-        return f.checked_torques(q, qd, qdd)
+        return f.compute_checked_torques(q, qd, qdd)
 
-    def _checked(self, *given: ArrayLike) -> list[Array]:
+    def _copy_checked_arrays(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
         m = self.mechanism
         names = [f"controller: {name}" for name in ("q", "qd", "qdd")]
         now = []
         for name, part, size in zip(names, given, (m.nq, m.nv, m.nv), strict=True):
-            own = np.array(floats(name, part))
+            own = np.array(convert_to_floats(name, part))
             if own.shape != (size,) or not np.isfinite(own).all():
                 raise InputError(f"{name} has shape {own.shape}, expected ({size},) finite numbers [rad], [m]")
             now.append(own)
         return now
 
 
-def _go_on(
+def _build_resumed_controller(
     mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, taken: Taken | None
 ) -> Controller:
     """A controller that goes on where another was taken."""
@@ -361,7 +384,7 @@ def _go_on(
     made.begun = begun
     made.tau[:] = tau
     if made.flexible is not None and taken is not None:
-        made.flexible.go_on_from(taken)
+        made.flexible.replace_state(taken)
     return made
 
 

@@ -52,25 +52,27 @@ class FirstStep:
     geared: Array | None = None
     ends: bool = True
 
-    def differenced(self, step: float) -> FirstStep:
+    def apply_differences(self, step: float) -> FirstStep:
         """Return the motion with velocities and accelerations from differences of nodal positions over ``step`` [s]."""
         moved = differenced(self.trajectory.motion, step)
         return replace(self, trajectory=Trajectory(*moved.parts, *self.trajectory[6:]))
 
 
-def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: SecondStepArrays | None = None) -> Solution:
+def assemble_solution(
+    mesh: Mesh, first: FirstStep, settings: Settings, found: SecondStepArrays | None = None
+) -> Solution:
     """Return the Solution of both steps [N m], [N], efforts of drives and springs included; found : of the second, where made."""
-    found = second_step(mesh, first) if found is None else found
+    found = run_second_step(mesh, first) if found is None else found
     mechanism = mesh.mechanism
     q, qd, qdd = first.joints
     time = first.time
     loops = first.loops
-    tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
+    tau, reaction = add_joint_efforts(mechanism, first, found.tau, found.reaction)
     if loops is not None and loops.left.size == 0:  # rigid loops have it from the allocation, a march only here
         loops = replace(loops, left=tau * ~mechanism.actuated)
     internal = dict[str, Array]()
     stations = dict[str, Array]()
-    for name, own, order, station in _points(mesh):
+    for name, own, order, station in _list_section_points(mesh):
         part = first.trajectory.internal[:, own]
         stations[name] = station.copy()
         if (order == part.shape[2]).all():  # not copied where they stand so in memory
@@ -97,24 +99,24 @@ def solution_of(mesh: Mesh, first: FirstStep, settings: Settings, found: SecondS
     return solution
 
 
-def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
+def add_joint_efforts(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
     """Return efforts (samples, nv) [N m], [N] of both sides with joints' rotors, damping, friction, springs, less couplings'."""
     if mechanism.drive_table[:4].any():
         own = compute_internal_efforts(
-            mechanism, *first.joints, direction=_direction(mechanism, first.joints[1], first.smooth)
+            mechanism, *first.joints, direction=_compute_friction_direction(mechanism, first.joints[1], first.smooth)
         )
         tau = tau + own
         reaction = reaction + own
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
-def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
+def run_second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     """Return the paper's second step: nodal forces P = M (a - g) [N], [N m], joint efforts tau = L T P, tips, balances.
 
     One compiled pass reads every sample once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the same step by step.
     """
     none = np.empty((0, 0, 0))
-    shapes = found_shapes(mesh, len(first.time))
+    shapes = list_array_shapes(mesh, len(first.time))
     trajectory = first.trajectory
     applied = first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
@@ -124,13 +126,13 @@ def second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
     given = Given(*map(make_contiguous, series))
     line = np.empty((mesh.size, 6))
-    fill_second_step(skeleton(mesh), trajectory.motion.frames, given, line, found)
+    fill_second_step(build_skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
 
 
-def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+def list_array_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
     """Return the shapes of the parts of `SecondStepArrays` [-]."""
-    k = skeleton(mesh)
+    k = build_skeleton(mesh)
     nodal = (samples, mesh.size, 3)
     joints = (samples, mesh.mechanism.nv)
     named = [(len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3)]
@@ -138,7 +140,7 @@ def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
 
 
 @kept_with_owner()
-def skeleton(mesh: Mesh) -> Skeleton:
+def build_skeleton(mesh: Mesh) -> Skeleton:
     """Return the data of a mesh that the second step reads [m], [kg]."""
     m = mesh.mechanism
     tips = [(m.link_of[joint.child], mesh.joint_node[joint.name]) for joint in m.joints]
@@ -158,7 +160,7 @@ def skeleton(mesh: Mesh) -> Skeleton:
     return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)
 
 
-def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple, given: MotionBetween | None = None) -> FirstStep:
+def build_rigid_first_step(mesh: Mesh, time: Array, joints: Triple, given: MotionBetween | None = None) -> FirstStep:
     """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics.
 
     given : the motion between the samples, where it can be asked there
@@ -166,10 +168,10 @@ def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple, given: MotionBetwee
     motion = rigid_motion(mesh, *joints)
     check_spring_lengths(mesh, motion, time, given)
     applied = compute_applied_forces(mesh, motion, time)
-    return FirstStep(rigid_trajectory(mesh, motion, applied), time, joints, applied)
+    return FirstStep(build_rigid_trajectory(mesh, motion, applied), time, joints, applied)
 
 
-def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
+def build_rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
     """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
     wrenches = compute_joint_wrenches(mesh, motion, compute_nodal_forces(mesh, motion, applied))
     wrench = np.dstack([wrenches.force, np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)])
@@ -179,7 +181,7 @@ def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | Non
     return Trajectory(*motion.parts, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
 
 
-def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> Array:
+def _compute_friction_direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> Array:
     """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive.
 
     There FRICTION_RATE decides how slowly a joint that should stick creeps, and how short the steps have to be: Newton takes
@@ -197,7 +199,7 @@ def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> A
 
 
 @kept_with_owner()
-def _points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
+def _list_section_points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
     """Name of each beam, which elements are its own, their orders, and where their points are."""
     e = mesh.elements
     out = []

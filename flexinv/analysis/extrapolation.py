@@ -34,30 +34,38 @@ def weights(finer: Sequence[int]) -> Array:
     return np.array([np.prod([n / (n - m) for m in squared if m != n]) for n in squared])
 
 
-def combined(parts: Sequence[Array], weight: Array) -> Array:
+def compute_weighted_sum(parts: Sequence[Array], weight: Array) -> Array:
     """Return the weighted sum of arrays of the same shape [any unit]."""
     return np.asarray(sum(w * part for w, part in zip(weight, parts, strict=True)))
 
 
-def extrapolated_rotations(rotations: Sequence[Array], weight: Array) -> Array:
+def compute_extrapolated_rotations(rotations: Sequence[Array], weight: Array) -> Array:
     """Return rotations (..., 3, 3) [-] extrapolated in the Lie algebra of the last of ``rotations``."""
     base = rotations[-1]
     if len(rotations) == 1:
         return base
     turned = [log_so3(np.swapaxes(base, -1, -2) @ other) for other in rotations[:-1]]
-    return np.asarray(base @ exp_so3(combined(turned, weight[:-1])))
+    return np.asarray(base @ exp_so3(compute_weighted_sum(turned, weight[:-1])))
 
 
-def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array) -> FirstStep:
+def compute_extrapolated_step(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array) -> FirstStep:
     """Return the first step of the paper extrapolated from several with the same samples [m, rad, s, N], the finest last."""
-    mixed: FirstStep = _each(steps, lambda parts: combined(parts, weight) if parts[-1].dtype == float else parts[-1])
-    trajectory = mixed.trajectory._replace(r=extrapolated_rotations([one.trajectory.r for one in steps], weight))
+    mixed: FirstStep = _apply_to_arrays(
+        steps, lambda parts: compute_weighted_sum(parts, weight) if parts[-1].dtype == float else parts[-1]
+    )
+    trajectory = mixed.trajectory._replace(
+        r=compute_extrapolated_rotations([one.trajectory.r for one in steps], weight)
+    )
     q, qd, qdd = zip(*(one.joints for one in steps), strict=True)
-    joints = _coordinates(mechanism, q, weight), combined(qd, weight), combined(qdd, weight)
+    joints = (
+        _compute_mixed_coordinates(mechanism, q, weight),
+        compute_weighted_sum(qd, weight),
+        compute_weighted_sum(qdd, weight),
+    )
     return replace(mixed, trajectory=trajectory, time=steps[-1].time, joints=joints, brought=steps[-1].brought)
 
 
-def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
+def _apply_to_arrays(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
     """A record of what ``of`` makes of the arrays in ``records``, also those within other records; all else is the last's."""
     last = records[-1]
     made = dict[str, Any]()
@@ -69,36 +77,40 @@ def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
         elif isinstance(values[-1], dict):
             made[name] = {key: of([one[key] for one in values]) for key in values[-1]}
         elif is_dataclass(values[-1]) or hasattr(values[-1], "_fields"):
-            made[name] = _each(values, of)
+            made[name] = _apply_to_arrays(values, of)
     return last._replace(**made) if by_name else replace(last, **made)
 
 
-def _coordinates(mechanism: Mechanism, parts: Sequence[Array], weight: Array) -> Array:
+def _compute_mixed_coordinates(mechanism: Mechanism, parts: Sequence[Array], weight: Array) -> Array:
     """Coordinates (samples, nq): linear, and on the unit sphere for quaternions and angles as (cos, sin)."""
-    out = combined(parts, weight)
+    out = compute_weighted_sum(parts, weight)
     for joint in mechanism.joints:
         kind = KINDS[joint.kind]
         own = mechanism.q_slices[joint.name]
         if kind.circle or kind.has_quaternion:
             ball = [part[:, own.stop - (2 if kind.circle else 4) : own.stop] for part in parts]
-            value = combined([part * np.sign((part * ball[-1]).sum(axis=1, keepdims=True)) for part in ball], weight)
+            value = compute_weighted_sum(
+                [part * np.sign((part * ball[-1]).sum(axis=1, keepdims=True)) for part in ball], weight
+            )
             out[:, own.stop - value.shape[1] : own.stop] = value / np.linalg.norm(value, axis=1, keepdims=True)
     return out
 
 
-def thinned(first: FirstStep, every: int) -> FirstStep:
+def take_every_sample(first: FirstStep, every: int) -> FirstStep:
     """Return every ``every``-th sample [-] of a first step [m, rad, s, N]; energies that closures bring are summed between."""
     if every == 1:
         return first
     samples = len(first.time)
-    out: FirstStep = _each([first], lambda parts: parts[0][::every] if len(parts[0]) == samples else parts[0])
+    out: FirstStep = _apply_to_arrays(
+        [first], lambda parts: parts[0][::every] if len(parts[0]) == samples else parts[0]
+    )
     if first.brought is not None:
         out = replace(out, brought=np.diff(np.cumsum(first.brought)[::every], prepend=0.0))
     q, qd, qdd = (part[::every] for part in first.joints)
     return replace(out, joints=(q, qd, qdd))
 
 
-def largest_nearby(values: Array, part: float = NEARBY) -> Array:
+def find_largest_nearby(values: Array, part: float = NEARBY) -> Array:
     """Return the largest values within a ``part`` of the run on either side of each sample.
 
     values : (samples, ...) [any unit]; maxima over windows of 1, 2, 4 ... samples, each of two of the one before

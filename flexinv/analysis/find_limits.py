@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexinv.analysis.evaluation import second_step, with_drives
+from flexinv.analysis.evaluation import add_joint_efforts, run_second_step
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Settings, Task, joint_histories
-from flexinv.analysis.trajectory import first_step
+from flexinv.analysis.task import Settings, Task, build_joint_histories
+from flexinv.analysis.trajectory import run_first_step
 from flexinv.errors import InputError
 from flexinv.kernels.smooth_pieces import Pieces, fit_pieces, join_samples
 from flexinv.kinematics.nodal_motion import nearest_difference, scalar_coordinate
@@ -24,7 +24,7 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array, Mask
-from flexinv.validation import of_kind
+from flexinv.validation import check_kind
 
 EXACTLY = "between samples, exactly"
 WITHIN_STEPS = "between samples, within a step"
@@ -98,12 +98,12 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
         samples, efforts at samples alone.  Each answer says which of these it is.
     A level that is only touched is reached, too.  Raises InputError where the motion is not the one of the solution.
     """
-    of_kind("solution", solution, Solution)
+    check_kind("solution", solution, Solution)
     m = solution.mechanism
     time = solution.time
     asked = [
         _Asked(column, name, float(getattr(joint.limits, name)))
-        for column, joint in enumerate(_joints_of_columns(m))
+        for column, joint in enumerate(_list_column_joints(m))
         for name in LIMITED
         if np.isfinite(getattr(joint.limits, name)) and (KINDS[joint.kind].scalar or name in ("velocity", "effort"))
     ]
@@ -111,26 +111,28 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
         return ()
     exact = np.zeros((len(LIMITED), m.nv), dtype=bool)
     if motion is not None:
-        of_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
-        exact = _prescribed(solution, motion)
+        check_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
+        exact = _find_prescribed_columns(solution, motion)
     found: dict[_Asked, LimitUse] = {}
     groups = {EXACTLY: list[_Asked](), WITHIN_STEPS: list[_Asked](), AT_STEPS: list[_Asked]()}
     for one in asked:
         is_exact = bool(exact[LIMITED.index(one.quantity), one.column])
         groups[EXACTLY if is_exact else AT_STEPS if one.quantity == "effort" else WITHIN_STEPS].append(one)
     if motion is not None and groups[EXACTLY]:
-        found |= _between_exactly(solution, motion, groups[EXACTLY])
-    found |= _between_samples(solution, groups[WITHIN_STEPS])
+        found |= _check_exact_limits(solution, motion, groups[EXACTLY])
+    found |= _check_interpolated_limits(solution, groups[WITHIN_STEPS])
     for one in groups[AT_STEPS]:
-        found[one] = _at_samples(m, one, time, one.pick(_parts(m, solution.q, solution.qd, solution.torque_all)))
+        found[one] = _check_sampled_limit(
+            m, one, time, one.pick(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
+        )
     return tuple(found[one] for one in asked)
 
 
-def _joints_of_columns(mechanism: Mechanism) -> list[Joint]:
+def _list_column_joints(mechanism: Mechanism) -> list[Joint]:
     return [joint for joint in mechanism.joints for _ in range(joint.nv)]
 
 
-def _prescribed(solution: Solution, motion: Motion) -> Mask:
+def _find_prescribed_columns(solution: Solution, motion: Motion) -> Mask:
     """Mask (4, nv) of the quantities that are functions of time, to be evaluated at any instant.
 
     Raises InputError where the motion is not that of the solution.
@@ -139,7 +141,7 @@ def _prescribed(solution: Solution, motion: Motion) -> Mask:
     given = set(motion.joints(solution.mechanism))
     ends = solution.time[[0, -1]]
     q = motion.evaluate(m, ends, "right")[0]
-    own = np.array([joint.name in given for joint in _joints_of_columns(m)], dtype=bool)
+    own = np.array([joint.name in given for joint in _list_column_joints(m)], dtype=bool)
     for k, found in enumerate(solution.q[[0, -1]]):
         off = np.where(own, np.abs(nearest_difference(m, found, q[k])), 0.0)
         if off.max(initial=0.0) > SAME_MOTION * max(1.0, solution.mesh.length):
@@ -154,7 +156,7 @@ def _prescribed(solution: Solution, motion: Motion) -> Mask:
     return exact
 
 
-def _parts(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -> dict[str, Array]:
+def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -> dict[str, Array]:
     """Positions (samples, nv), nan of joints that have none, rates and efforts, by quantity."""
     places = np.full_like(qd, np.nan)
     for joint in mechanism.joints:
@@ -167,12 +169,12 @@ def _parts(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -> dict[str, A
     return {"upper": places, "velocity": qd, "effort": tau}
 
 
-def _between_exactly(solution: Solution, motion: Motion, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
+def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
     """Limits of what can be evaluated at any instant."""
     m = solution.mechanism
     time = solution.time
     efforts = any(one.quantity == "effort" for one in asked) or bool(m.closures)
-    evaluate = _evaluation(solution, motion, efforts)
+    evaluate = _make_evaluation(solution, motion, efforts)
     marks = {
         *getattr(motion, "knots", motion.jumps),
         *(t for closure in m.closures for span in closure.active for t in span),
@@ -181,16 +183,16 @@ def _between_exactly(solution: Solution, motion: Motion, asked: list[_Asked]) ->
     if type(motion) is not Motion:  # nothing is known of where it is smooth
         inside += time.tolist()
 
-    def columns(times: Array) -> Array:
+    def evaluate_columns(times: Array) -> Array:
         parts = evaluate(times)
         return np.hstack([one.pick(parts) for one in asked])
 
     sizes = [one.size for one in asked for _ in LIMIT_SIDES[one.quantity]]
-    pieces = fit_pieces(columns, [time[0], *inside, time[-1]], sizes)
-    return _held_against(m, pieces, asked, EXACTLY)
+    pieces = fit_pieces(evaluate_columns, [time[0], *inside, time[-1]], sizes)
+    return _compare_with_limits(m, pieces, asked, EXACTLY)
 
 
-def _evaluation(solution: Solution, motion: Motion, efforts: bool) -> Callable[[Array], dict[str, Array]]:
+def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Callable[[Array], dict[str, Array]]:
     """Times (n,) [s] -> positions, rates and, where wanted, efforts there, (n, nv) each."""
     m = solution.mechanism
     mesh = solution.mesh
@@ -202,27 +204,27 @@ def _evaluation(solution: Solution, motion: Motion, efforts: bool) -> Callable[[
     def evaluate(times: Array) -> dict[str, Array]:
         if not efforts:
             q, qd, _ = motion.evaluate(m, times)
-            return _parts(m, q, qd, np.full_like(qd, np.nan))
+            return _collect_quantities(m, q, qd, np.full_like(qd, np.nan))
         at = np.union1d(solution.time, times)  # closures are followed from the start, and may switch at samples alone
-        before, after = joint_histories(motion, m, (places, {}), settings, at)
-        (first,) = first_step(Task(mesh, at, before, after, passive, settings, motion.jumps))
-        second = second_step(mesh, first)
-        tau, _ = with_drives(m, first, second.tau, second.reaction)
+        before, after = build_joint_histories(motion, m, (places, {}), settings, at)
+        (first,) = run_first_step(Task(mesh, at, before, after, passive, settings, motion.jumps))
+        second = run_second_step(mesh, first)
+        tau, _ = add_joint_efforts(m, first, second.tau, second.reaction)
         q, qd, _ = first.joints
-        parts = _parts(m, q, qd, tau)
+        parts = _collect_quantities(m, q, qd, tau)
         rows = np.searchsorted(at, times)
         return {name: part[rows] for name, part in parts.items()}
 
     return evaluate
 
 
-def _between_samples(solution: Solution, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
+def _check_interpolated_limits(solution: Solution, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
     """Limits of joints that move on quintics between samples."""
     if not asked:
         return {}
     m = solution.mechanism
     time = solution.time
-    parts = _parts(m, solution.q, solution.qd, solution.torque_all)
+    parts = _collect_quantities(m, solution.q, solution.qd, solution.torque_all)
     places = np.nan_to_num(parts["upper"])
     position = join_samples(time, [places, solution.qd, solution.qdd])
     rate = join_samples(time, [solution.qd, solution.qdd])
@@ -232,11 +234,13 @@ def _between_samples(solution: Solution, asked: list[_Asked]) -> dict[_Asked, Li
         signs = np.array(LIMIT_SIDES[one.quantity])
         own = source.coefficients[:, :, [one.column]] * signs
         scale = np.repeat(source.scale[one.column], len(signs))
-        found |= _held_against(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
+        found |= _compare_with_limits(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
     return found
 
 
-def _held_against(mechanism: Mechanism, pieces: Pieces, asked: list[_Asked], looked: str) -> dict[_Asked, LimitUse]:
+def _compare_with_limits(
+    mechanism: Mechanism, pieces: Pieces, asked: list[_Asked], looked: str
+) -> dict[_Asked, LimitUse]:
     """Each limit against its columns of the pieces, which stand in the order of ``asked``."""
     found: dict[_Asked, LimitUse] = {}
     first = 0
@@ -246,21 +250,21 @@ def _held_against(mechanism: Mechanism, pieces: Pieces, asked: list[_Asked], loo
         peak, at = max((pieces.largest(column) for column in own), key=lambda pair: pair[0])
         reached = [time for column in own if (time := pieces.reach(column, one.level)) is not None]
         passed = any(pieces.passes(column, one.level) for column in own)
-        found[one] = _use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
+        found[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
     return found
 
 
-def _at_samples(mechanism: Mechanism, one: _Asked, time: Array, values: Array) -> LimitUse:
+def _check_sampled_limit(mechanism: Mechanism, one: _Asked, time: Array, values: Array) -> LimitUse:
     """A limit against values (samples, signs) at samples alone."""
     largest = values.max(axis=1)
     over = np.flatnonzero(largest >= one.level)
     at = int(np.argmax(largest))
     reached = float(time[over[0]]) if len(over) else None
     peak = float(largest[at])
-    return _use(mechanism, one, peak, float(time[at]), (reached, peak > one.level), AT_STEPS)
+    return _make_limit_use(mechanism, one, peak, float(time[at]), (reached, peak > one.level), AT_STEPS)
 
 
-def _use(
+def _make_limit_use(
     mechanism: Mechanism, one: _Asked, peak: float, at: float, reached: tuple[float | None, bool], looked: str
 ) -> LimitUse:
     value = -peak if one.quantity == "lower" else peak

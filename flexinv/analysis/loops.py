@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
+from flexinv.analysis.evaluation import FirstStep, build_rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import LEFT_OVER, GivenLoops, check_carried, share_out
@@ -22,10 +22,10 @@ from flexinv.constraints.reactions import (
     jump_efforts,
     phased_closing,
 )
-from flexinv.dynamics.constraint_rows import Ties, set_ties
+from flexinv.dynamics.constraint_rows import Ties, update_ties
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS
-from flexinv.dynamics.initial_state import accept
-from flexinv.dynamics.solver import Solver, by_unknown, record_instant
+from flexinv.dynamics.initial_state import begin_from_state
+from flexinv.dynamics.solver import Solver, build_coordinate_map, write_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import (
@@ -43,7 +43,7 @@ from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
 
 
-def rigid_loops(task: Task) -> FirstStep:
+def solve_rigid_loops(task: Task) -> FirstStep:
     """Return the first step of a rigid mechanism with closures [m, rad, s], their forces [N], [N m] among the applied ones.
 
     Loops are closed at every sample, passive joints begin at their initial guess.  Closures that act for a while divide the time
@@ -53,56 +53,62 @@ def rigid_loops(task: Task) -> FirstStep:
     mesh = task.mesh
     time = task.time
     m = task.mesh.mechanism
-    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive), task.knots)
+    joints, stretches, impacts, given = _solve_phased_motion(
+        mesh, task.after, time, stated_of(m, task.passive), task.knots
+    )
     q, qd, qdd = joints
     g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
-    check_spring_lengths(mesh, motion, time, _between(task))
+    check_spring_lengths(mesh, motion, time, _make_motion_between(task))
     acting = compute_applied_forces(mesh, motion, time)
     forces = compute_nodal_forces(mesh, motion, acting)
     wrenches = compute_local_wrenches(mesh, motion, forces)
     tree = compute_projected_efforts(mesh, motion, forces, wrenches) + compute_internal_efforts(m, q, qd, qdd)
-    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches]  # phase by phase
+    parts = [
+        _compute_phase_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches
+    ]  # phase by phase
     shares = parts[0]
     width = max(part.preload.shape[2] for part in parts)
     if len(parts) > 1:
         missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
         shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
-    largest = _largest(tree)
-    if _largest(shares.left) > LEFT_OVER * largest:  # it may be rounding of forces that are large beside the efforts
+    largest = _find_largest_magnitude(tree)
+    if (
+        _find_largest_magnitude(shares.left) > LEFT_OVER * largest
+    ):  # it may be rounding of forces that are large beside the efforts
         pulls = forces.force, *(wrench[:, :3] for wrench in wrenches.values())
-        largest = max(largest, *(mesh.length * _largest(pull) for pull in pulls))
+        largest = max(largest, *(mesh.length * _find_largest_magnitude(pull) for pull in pulls))
     check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
     applied = pushed + acting
     return FirstStep(
-        rigid_trajectory(mesh, motion, applied), time, joints, applied, _energy_jumps(time, impacts),
+        build_rigid_trajectory(mesh, motion, applied), time, joints, applied, _collect_energy_jumps(time, impacts),
         loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)),
         geared=shares.multipliers @ stretches[0].rows.gear,
     )  # fmt: skip
 
 
-def _between(task: Task) -> MotionBetween:
+def _make_motion_between(task: Task) -> MotionBetween:
     """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
     mesh = task.mesh
     unknown = stated_of(task.mesh.mechanism, task.passive)
 
-    def nodes(times: Array) -> NodalMotion:
+    def evaluate_nodes(times: Array) -> NodalMotion:
         at = np.union1d(task.time, times)
-        found = _phased_motion(mesh, task.after, at, unknown, task.knots)[0]
+        found = _solve_phased_motion(mesh, task.after, at, unknown, task.knots)[0]
         rows = np.searchsorted(at, times)
         return rigid_motion(mesh, *(part[rows] for part in found))
 
     switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
-    return MotionBetween(nodes, (*task.knots, *switches))
+    return MotionBetween(evaluate_nodes, (*task.knots, *switches))
 
 
-def _largest(values: Array) -> float:
+def _find_largest_magnitude(values: Array) -> float:
     """The largest absolute value, without an array of them."""
     return float(max(values.max(initial=0.0), -values.min(initial=0.0)))
 
 
-def _phased_motion(
+def _solve_phased_motion(
     mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, knots: tuple[float, ...]
 ) -> tuple[Triple, list[Stretch], list[Impact], tuple[Array, NodalMotion] | None]:
     """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit.
@@ -131,7 +137,7 @@ def _phased_motion(
         at = float(time[piece.first])
         if before is not None:
             state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
-            stretch, begins = _caught(mesh, stretches[-1], piece, state, at)
+            stretch, begins = _begin_stretch(mesh, stretches[-1], piece, state, at)
         begun = None if before is None else before[0]
         rows = stretch.rows.of(piece.active)
         found = closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
@@ -140,7 +146,7 @@ def _phased_motion(
             rates = (before[1], found[1][0])
             rest = np.zeros((1, m.nv))
             one, two = ((rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
-            shares = _shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
+            shares = _compute_phase_shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
             impulses = shares.tau[0], shares.multipliers[0]
             impacts.append(impact_of(mesh, stretch.rows, begins, (one, two), *impulses, at))
         stretches.append(stretch)
@@ -150,7 +156,7 @@ def _phased_motion(
     return whole, stretches, impacts, None
 
 
-def _caught(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion, time: float) -> tuple[Stretch, Mask]:
+def _begin_stretch(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion, time: float) -> tuple[Stretch, Mask]:
     """The stretch of a phase and which closures begin to act: frames that are captured as they lie, the others have met."""
     m = mesh.mechanism
     begins = phase.active & ~last.phase.active
@@ -164,7 +170,7 @@ def _is_plastic(mesh: Mesh, begins: Mask) -> bool:
     return any(c.impact == "plastic" for c, now in zip(mesh.mechanism.closures, begins, strict=True) if now)
 
 
-def _energy_jumps(time: Array, impacts: list[Impact]) -> Array:
+def _collect_energy_jumps(time: Array, impacts: list[Impact]) -> Array:
     """Energy [J] that impacts bring, (samples,) at their instants: drives' work less what is lost."""
     out = np.zeros(len(time))
     for impact in impacts:
@@ -172,7 +178,9 @@ def _energy_jumps(time: Array, impacts: list[Impact]) -> Array:
     return out
 
 
-def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
+def _compute_phase_shares(
+    mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None
+) -> Shares:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
     m = mesh.mechanism
     active = stretch.phase.active
@@ -187,7 +195,7 @@ def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jaco
     return found._replace(multipliers=multipliers)
 
 
-def closed_task(task: Task) -> Task:
+def make_closed_task(task: Task) -> Task:
     """Return the task of a mechanism with beams and closures that begins with its loops closed, undeformed [rad or m, s].
 
     From there the march carries closures, passive joints and beams together.  Drives may be more than the freedoms that rigid
@@ -205,9 +213,9 @@ def closed_task(task: Task) -> Task:
             name = m.velocity_names[int(np.argmax(wrong))]
             raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
     masks = unknown, stated_of(m, task.stated_rates), phases(m, task.steps)[0].active
-    closed = _start(mesh, start, *masks, *(part[0] for part in task.after(task.steps[:1])))
+    closed = _solve_closed_start(mesh, start, *masks, *(part[0] for part in task.after(task.steps[:1])))
 
-    def started(at: Array) -> Triple:
+    def evaluate_from_start(at: Array) -> Triple:
         if len(at) == 1 and at[0] == start:
             return closed
         q, qd, qdd = task.after(at)
@@ -215,11 +223,11 @@ def closed_task(task: Task) -> Task:
             q = np.concatenate([closed[0], q[1:]])
         return q, qd, qdd
 
-    return replace(task, after=started)
+    return replace(task, after=evaluate_from_start)
 
 
 @kept_with_owner()
-def _start(
+def _solve_closed_start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
@@ -229,7 +237,7 @@ def _start(
     return found[0][None], found[1][None], found[2][None]
 
 
-def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
+def add_closure_forces(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
     """Return a first step with its closures' forces [N], [N m] among those applied, from multipliers that each step has found."""
     m = mesh.mechanism
     time = first.time
@@ -246,15 +254,17 @@ def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstSt
     power += np.einsum("snc,snc->s", pushed.force[:, nodes], motion.v[:, nodes])
     power += np.einsum("snc,snc->s", pushed.moment[:, nodes], spin)
     brought = -0.5 * np.diff(time, prepend=time[0]) * (power + np.concatenate([power[:1], power[:-1]]))
-    brought += _damped_after(trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time)
-    brought += _energy_jumps(time, switching.impacts)
+    brought += _compute_damping_excess(
+        trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time
+    )
+    brought += _collect_energy_jumps(time, switching.impacts)
     # no preload, an unknown condition, and until the second step nothing left at joints without a drive
     unseen = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan), np.empty((0, m.nv))
     loops = LoopForces(reaction, *unseen, tuple(switching.impacts))
     return replace(first, applied=pushed + first.applied, brought=brought, loops=loops, geared=efforts)
 
 
-def _damped_after(dissipated: Array, switches: list[int], time: Array) -> Array:
+def _compute_damping_excess(dissipated: Array, switches: list[int], time: Array) -> Array:
     """Return the excess of the trapezoidal sum of damping in the steps before and after ``switches``, (samples,) [J].
 
     Strain rates of velocities that jump end long before the next sample: the power dissipated (samples,) [W] in these two steps
@@ -277,9 +287,11 @@ class Switching:
         self.impacts = list[Impact]()
         self.stretches = [Stretch(phase, rows)]
         if ties is not None:
-            set_ties(ties, rows, phase.active)
+            update_ties(ties, rows, phase.active)
 
-    def switch(self, solver: Solver, phase: Phase, joints: Joints, qd: Array, time: float, out: Trajectory) -> None:
+    def begin_phase(
+        self, solver: Solver, phase: Phase, joints: Joints, qd: Array, time: float, out: Trajectory
+    ) -> None:
         """Go over to another phase at one sample of ``out``, which holds its left-hand limit and gets the right-hand one.
 
         joints, qd : right-hand limit of the prescribed motion there [m, rad, s]; time [s]
@@ -289,26 +301,26 @@ class Switching:
         s = solver.state
         sample = phase.first
         one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
-        stretch, begins = _caught(mesh, self.stretches[-1], phase, one, time)
+        stretch, begins = _begin_stretch(mesh, self.stretches[-1], phase, one, time)
         # the rest, below `reactions.APART`: the next step shall not jerk it away
         rows = captured(mesh.mechanism, constraint_rows(mesh), stretch.rows, one, begins)
         self.stretches.append(Stretch(phase, rows))
-        set_ties(solver.border.ties, rows, phase.active)
+        update_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0
-        before = _rates(solver, qd)
-        impulses = solver.collide(joints)
-        accept(s)
+        before = _collect_rates(solver, qd)
+        impulses = solver.apply_impact(joints)
+        begin_from_state(s)
         solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
-        record_instant(solver, sample, out)
+        write_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
             two = out.rows(sample, sample + 1).motion
-            after = _rates(solver, qd)
+            after = _collect_rates(solver, qd)
             sides = ((one, before), (two, after))
             pushed = closure_wrenches(mesh, two, rows, impulses[None])[0]
             self.impacts.append(impact_of(mesh, rows, begins, sides, jump_efforts(mesh, sides, pushed), impulses, time))
 
 
-def _rates(solver: Solver, qd: Array) -> Array:
+def _collect_rates(solver: Solver, qd: Array) -> Array:
     """Rates (nv,) of all joints now: the prescribed ones, and those of the passive joints among the unknowns."""
-    own = by_unknown(solver.mesh, solver.topology)
+    own = build_coordinate_map(solver.mesh, solver.topology)
     return np.where(own.any(axis=1), own @ solver.state.u, qd)

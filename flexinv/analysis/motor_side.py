@@ -27,7 +27,7 @@ from flexinv.kinematics.nodal_motion import scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
-from flexinv.validation import of_kind
+from flexinv.validation import check_kind
 
 # A second derivative that changes by more when every second sample is left out is none: too rough a motion, or samples too few.
 ROUGH = 0.1
@@ -51,7 +51,7 @@ class MotorSide(ByValue):
     transmitted: Array
 
 
-def friction(drive: Drive, rate: Array) -> Array:
+def evaluate_friction(drive: Drive, rate: Array) -> Array:
     """Return f, (samples,) [N m] at the motor's shaft, for its rate (samples,) [rad/s]."""
     more = drive.static - drive.coulomb
     bump = more * np.exp(-((rate / drive.stribeck) ** 2)) if more > 0.0 else np.zeros_like(rate)
@@ -63,11 +63,11 @@ def motor_side(solution: Solution) -> dict[str, MotorSide]:
 
     Raises InputError where the link of an elastic drive is moved and its torque has no second derivative.
     """
-    joints = of_kind("solution", solution, Solution).mechanism.joints
-    return {j.name: _motor(solution, j, j.drive) for j in joints if j.drive is not None}
+    joints = check_kind("solution", solution, Solution).mechanism.joints
+    return {j.name: _compute_motor_side(solution, j, j.drive) for j in joints if j.drive is not None}
 
 
-def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
+def _compute_motor_side(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
     m = solution.mechanism
     n = drive.ratio
     at = solution.mechanism.v_slices[joint.name].start
@@ -76,26 +76,26 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
     acceleration = solution.qdd[:, at]
     angle = scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
-        own = n**2 * drive.rotor_inertia * acceleration + n * friction(replace(drive, static=0.0), n * rate)
+        own = n**2 * drive.rotor_inertia * acceleration + n * evaluate_friction(replace(drive, static=0.0), n * rate)
         transmitted = tau - own
     else:
         transmitted = tau
-        lag = _lag(drive, solution.time, tau, joint.name)
+        lag = _compute_spring_lag(drive, solution.time, tau, joint.name)
         angle = angle + lag[0]
         rate = rate + lag[1]
         acceleration = acceleration + lag[2]
-    torque = n * drive.rotor_inertia * acceleration + friction(drive, n * rate) + transmitted / n
+    torque = n * drive.rotor_inertia * acceleration + evaluate_friction(drive, n * rate) + transmitted / n
     current = torque / drive.torque_constant if drive.torque_constant else np.full_like(torque, np.nan)
     return MotorSide(n * angle, n * rate, n * acceleration, torque, current, transmitted)
 
 
-def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:
+def _compute_spring_lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:
     """delta, delta', delta'' (samples,) by which the motor, at the joint, runs ahead of the link: k delta + d delta' = tau."""
     of = f"drive of joint {name!r}"
     if len(time) < FEWEST:
         raise InputError(f"{of}: {len(time)} samples, expected {FEWEST} or more: take a smaller step")
-    found = _second(drive, time, tau)
-    coarse = _second(drive, time[::2], tau[::2])
+    found = _compute_stiff_lag(drive, time, tau)
+    coarse = _compute_stiff_lag(drive, time[::2], tau[::2])
     change = np.abs(found[2][::2] - coarse[2]).max()
     if change > ROUGH * np.abs(found[2]).max():
         raise InputError(
@@ -106,7 +106,7 @@ def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array
     return found
 
 
-def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]:
+def _compute_stiff_lag(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]:
     spline = scipy.interpolate.make_interp_spline(time, tau, k=5)
     rate, second = (spline.derivative(k)(time) for k in (1, 2))
     k = drive.stiffness
@@ -115,11 +115,11 @@ def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]
     if not d:
         return tau / k, rate / k, second / k
     # k delta + d delta' = tau and its derivatives, from rest: delta' = 0, d delta'' = tau' at the first sample
-    lag = _filtered(k, d, step, tau, tau[0] / k)
-    return lag, _filtered(k, d, step, rate, 0.0), _filtered(k, d, step, second, rate[0] / d)
+    lag = _solve_spring_damper(k, d, step, tau, tau[0] / k)
+    return lag, _solve_spring_damper(k, d, step, rate, 0.0), _solve_spring_damper(k, d, step, second, rate[0] / d)
 
 
-def _filtered(k: float, d: float, step: float, force: Array, start: float) -> Array:
+def _solve_spring_damper(k: float, d: float, step: float, force: Array, start: float) -> Array:
     """x of k x + d x' = force (samples,), exact for a force that is linear between samples."""
     part = float(np.exp(-k / d * step))
     trend = np.diff(force) / step * d / k

@@ -14,7 +14,7 @@ from flexinv.model.motion import start_coordinates
 from flexinv.typing import Array
 
 
-def start_of(mechanism: Mechanism, case: Case | None) -> Array:
+def resolve_start_configuration(mechanism: Mechanism, case: Case | None) -> Array:
     """Return the configuration (nq,) [rad], [m] at which a case starts, joints that it leaves out as well; zero without one."""
     q = mechanism.neutral
     if case is not None:
@@ -24,7 +24,7 @@ def start_of(mechanism: Mechanism, case: Case | None) -> Array:
     return q
 
 
-def link_mass(link: Link) -> float:
+def compute_link_mass(link: Link) -> float:
     """Return the mass of a link with all that it carries [kg]."""
     bodies = sum(body.inertia.mass for body in link.bodies)
     if link.beam is None:
@@ -35,14 +35,14 @@ def link_mass(link: Link) -> float:
     return bodies + link.beam.length * float(np.trapezoid(density, stations))
 
 
-def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
+def describe_mobility(mechanism: Mechanism, case: Case | None) -> str:
     """Return a line: freedoms, constraints, redundant constraints and drives [-], wherever the mechanism can get from its start.
 
     It starts where the case does, without a case near its zero if it closes there; a singular start the line names.
     Raises ConvergenceError where the loops stay open.
     """
     mesh = build(mechanism)
-    start = start_of(mechanism, case)
+    start = resolve_start_configuration(mechanism, case)
     at = closed_anywhere(mesh, start) if case is None else closed_near(mesh, start)
     here = mobility(mesh, at)
     found = min([here, *(mobility(mesh, q) for q in places_near(mesh, at))], key=lambda one: one.freedoms)
@@ -62,7 +62,7 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
-def overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
+def build_overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
     """Return tables with one row per joint that moves, closure, link and beam, by title; columns have units, such as [N m].
 
     Drives that are not zero stand with their joints, when closures act [s] with these; stiffness and mass of a beam: at its root.
@@ -89,7 +89,7 @@ def overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
     links = {
         "link": [link.name for link in mechanism.links],
         "kind": ["rigid" if link.beam is None else "beam" for link in mechanism.links],
-        "mass [kg]": [link_mass(link) for link in mechanism.links],
+        "mass [kg]": [compute_link_mass(link) for link in mechanism.links],
         "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in mechanism.links],
     }
     bending = {

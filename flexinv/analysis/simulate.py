@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import solution_of
+from flexinv.analysis.evaluation import assemble_solution
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, checked, still
-from flexinv.analysis.trajectory import SAME_TIME, first_step
+from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, check_settings, make_rest_history
+from flexinv.analysis.trajectory import SAME_TIME, run_first_step
 from flexinv.constraints.closures import acting, constraint_rows
 from flexinv.constraints.loop_starts import ANOTHER_BRANCH, SAGGED, Stated, check_static, consistent_start, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT
@@ -21,7 +21,7 @@ from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import start_coordinates
 from flexinv.typing import Array
-from flexinv.validation import floats, function, number, of_kind, shown
+from flexinv.validation import check_callable, check_kind, check_number, convert_to_floats, shown
 
 
 def simulate(
@@ -45,55 +45,57 @@ def simulate(
     Raises InputError for input that cannot be, a drive of a free joint or a start that closures contradict among it,
     ConvergenceError (time, increment, advice) if Newton fails.
     """
-    of_kind("mechanism", mechanism, Mechanism)
+    check_kind("mechanism", mechanism, Mechanism)
     if not isinstance(initial, str) or initial not in ("consistent", "static"):
         expected = "'consistent' (starts undeformed) or 'static' (in equilibrium)"
         raise InputError(f"simulate: initial = {shown(initial)}, expected {expected}")
-    function("progress", progress, "a function of the number of samples done since its last call")
-    table = _table(mechanism, time, torque)
+    check_callable("progress", progress, "a function of the number of samples done since its last call")
+    table = _check_torque_table(mechanism, time, torque)
     at_rest = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
     began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
 
     def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh = build(meshed)
         moves = {j.name for j in meshed.joints if j.nv}
-        stated = _stated(meshed, *start_coordinates(meshed, moves, start, start_rate), at_rest)
+        stated = _collect_start_values(meshed, *start_coordinates(meshed, moves, start, start_rate), at_rest)
         first = float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:
             state = consistent_start(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
         began.append((stated, state[0], state[1]))
-        history = still(*state)
-        jumps = tuple(_jumps(table[0]))
-        efforts = _efforts(meshed, table, own.step)
+        history = make_rest_history(*state)
+        jumps = tuple(_find_jumps(table[0]))
+        efforts = _make_effort_function(meshed, table, own.step)
         return Task(mesh, steps, history, history, moves, own, jumps, efforts=efforts, progress=progress)
 
     if accuracy is None and step is not None:
-        step = number("step", step, "a positive number of seconds, for example step=1e-3")
+        step = check_number("step", step, "a positive number of seconds, for example step=1e-3")
         span = table[0][-1] - table[0][0]
-        settings = checked(step, spectral_radius, EXACT, initial)
+        settings = check_settings(step, spectral_radius, EXACT, initial)
         count = round(span / step)
         if count < 1:
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
         if count > MOST_SAMPLES:
             raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
         task = free_task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
-        (one,) = first_step(task)
-        solution = solution_of(task.mesh, one, settings)
+        (one,) = run_first_step(task)
+        solution = assemble_solution(task.mesh, one, settings)
     else:
-        from flexinv.accuracy.accurate import accurate, check_accuracy, problem_of
+        from flexinv.accuracy.accurate import check_accuracy, make_problem, solve_within_accuracy
 
         asked = check_accuracy(accuracy, step)
-        settings = checked(1.0, spectral_radius, EXACT, initial)
+        settings = check_settings(1.0, spectral_radius, EXACT, initial)
         span = (float(table[0][0]), float(table[0][-1]))
-        jumps = _jumps(table[0])
-        solution = accurate(problem_of(mechanism, free_task, settings, asked, table[0], jumps, span))
+        jumps = _find_jumps(table[0])
+        solution = solve_within_accuracy(make_problem(mechanism, free_task, settings, asked, table[0], jumps, span))
     if at_rest:  # an equilibrium may leave what was stated of the start
         check_static(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
     return solution
 
 
-def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], at_rest: bool) -> Stated:
+def _collect_start_values(
+    mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], at_rest: bool
+) -> Stated:
     """The known values of the start; ``at_rest``: passive joints may be stated where beams are bent, loops are closed unbent."""
     m = mechanism
     q = mechanism.neutral
@@ -107,9 +109,9 @@ def _stated(mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Arr
     return Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
 
 
-def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:
-    at = floats("simulate: time", time)
-    values = np.zeros((len(np.atleast_1d(at)), 0)) if torque is None else floats("simulate: torque", torque)
+def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:
+    at = convert_to_floats("simulate: time", time)
+    values = np.zeros((len(np.atleast_1d(at)), 0)) if torque is None else convert_to_floats("simulate: torque", torque)
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
     in_order = at.ndim == 1 and len(at) > 1 and np.isfinite(at).all() and (np.diff(at) >= 0.0).all()
     if not in_order or at[0] == at[1] or at[-2] == at[-1] or not (at[2:] > at[:-2]).all():
@@ -126,15 +128,15 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> t
     return at, values
 
 
-def _jumps(time: Array) -> Array:
+def _find_jumps(time: Array) -> Array:
     return np.asarray(time[1:][np.diff(time) == 0.0])  # that are given twice
 
 
-def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:
+def _make_effort_function(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:
     time, torque = table
-    jumps = np.append(_jumps(table[0]), np.inf)
+    jumps = np.append(_find_jumps(table[0]), np.inf)
 
-    def efforts(at: Array, before: bool) -> Array:
+    def evaluate_efforts(at: Array, before: bool) -> Array:
         after = np.minimum(np.searchsorted(jumps, at - SAME_TIME * step), len(jumps) - 1)
         met = np.where(np.abs(jumps[after] - at) < SAME_TIME * step, jumps[after], at)
         out = np.zeros((len(at), mechanism.nv))
@@ -144,4 +146,4 @@ def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> E
         out[:, mechanism.actuated] = np.reshape(found, (-1, len(at))).T[:: -1 if before else 1]
         return out
 
-    return efforts
+    return evaluate_efforts

@@ -20,7 +20,7 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
 from flexinv.typing import Array
-from flexinv.validation import index
+from flexinv.validation import resolve_index
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,7 +130,10 @@ class Solution(ByValue):
     @cached_property
     def root(self) -> dict[str, Array]:
         """Beam -> (samples, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m] at its root section."""
-        return {link.name: _at_root(self.mesh, link, self.nodes, self.forces) for link in self.mesh.mechanism.beams}
+        return {
+            link.name: _compute_root_resultants(self.mesh, link, self.nodes, self.forces)
+            for link in self.mesh.mechanism.beams
+        }
 
     @property
     def power_residual(self) -> Array:
@@ -209,7 +212,7 @@ class Solution(ByValue):
 
         sample : its number, from 0, or from the end below 0 [-].  Raises InputError where there is none.
         """
-        return compute_factors(self.mesh, self.nodes, self.forces, index("sample", sample, len(self.time)))
+        return compute_factors(self.mesh, self.nodes, self.forces, resolve_index("sample", sample, len(self.time)))
 
     def frame(self) -> pd.DataFrame:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
@@ -229,14 +232,14 @@ class Solution(ByValue):
             for name, unit, column in zip(m.velocity_names, units, values.T, strict=True):
                 if np.isfinite(column).all():
                     columns[f"{label} {name} [{unit}{per}]"] = column
-        columns |= dict(zip(effort_labels(m), self.torque_all.T, strict=True))
-        return _framed(columns, self.time)
+        columns |= dict(zip(list_effort_labels(m), self.torque_all.T, strict=True))
+        return _build_frame(columns, self.time)
 
     def tip_frame(self) -> pd.DataFrame:
         """Return tip positions [m] and deflections [m] of the links over time [s]."""
         columns = {f"tip {k} {c} [m]": v[:, i] for k, v in self.tip.items() for i, c in enumerate("xyz")}
         columns |= {f"deflection {k} {c} [m]": v[:, i] for k, v in self.deflection.items() for i, c in enumerate("xyz")}
-        return _framed(columns, self.time)
+        return _build_frame(columns, self.time)
 
     def internal_frame(self) -> pd.DataFrame:
         """Return the resultants of the beams over time [s], at their roots and Gauss points, by station [N], [N m]."""
@@ -246,25 +249,25 @@ class Solution(ByValue):
             for station, own in [("root", self.root[link]), *points]:
                 for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), own.T, strict=True):
                     columns[f"{name} {link} at {station} [{unit}]"] = column
-        return _framed(columns, self.time)
+        return _build_frame(columns, self.time)
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""
         m = self.mechanism
         bars = dict[str, Array]()
         if self.torque_error is not None:
-            labels = (label for label, driven in zip(effort_labels(m), m.actuated, strict=True) if driven)
+            labels = (label for label, driven in zip(list_effort_labels(m), m.actuated, strict=True) if driven)
             bars = {f"error of {label}": column for label, column in zip(labels, self.torque_error.T, strict=True)}
         bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
         import pandas
 
-        return pandas.concat([self.frame(), self.tip_frame(), _framed(bars, self.time)], axis=1)
+        return pandas.concat([self.frame(), self.tip_frame(), _build_frame(bars, self.time)], axis=1)
 
     def wrench_frame(self) -> pd.DataFrame:
         """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
         labels = [f"{c} {joint} [{'N' if c[0] == 'f' else 'N m'}]" for joint in self.wrench for c in WRENCH]
         columns = dict(zip(labels, (column for w in self.wrench.values() for column in w.T), strict=True))
-        return _framed(columns, self.time)
+        return _build_frame(columns, self.time)
 
     def summary(self) -> pd.DataFrame:
         """Return peak and RMS torque, speed and power of each coordinate against its limits, a row per coordinate.
@@ -278,32 +281,32 @@ class Solution(ByValue):
         speed = np.abs(self.qd).max(axis=0)
         limit_effort, limit_speed = (np.array([getattr(j.limits, k) for j in joints]) for k in ("effort", "velocity"))
         rows = {
-            "unit": effort_units(m), "peak effort": effort, "rms effort": np.sqrt((self.torque_all**2).mean(axis=0)),
+            "unit": list_effort_units(m), "peak effort": effort, "rms effort": np.sqrt((self.torque_all**2).mean(axis=0)),
             "peak speed": speed, "peak power [W]": np.abs(self.torque_all * self.qd).max(axis=0),
             "effort / limit [-]": np.where(np.isfinite(limit_effort), effort / limit_effort, np.nan),
             "speed / limit [-]": np.where(np.isfinite(limit_speed), speed / limit_speed, np.nan),
         }  # fmt: skip
-        return _framed(rows, m.velocity_names, "coordinate")
+        return _build_frame(rows, m.velocity_names, "coordinate")
 
 
-def _framed(columns: Mapping[str, ArrayLike], rows: ArrayLike, name: str = "time [s]") -> pd.DataFrame:
+def _build_frame(columns: Mapping[str, ArrayLike], rows: ArrayLike, name: str = "time [s]") -> pd.DataFrame:
     import pandas  # whoever wants no table does not wait for it
 
     return pandas.DataFrame(columns, index=pandas.Index(rows, name=name))
 
 
-def effort_units(mechanism: Mechanism) -> list[str]:
+def list_effort_units(mechanism: Mechanism) -> list[str]:
     """Return "N" or "N m" for every velocity coordinate, the unit of its effort [N], [N m]."""
     return ["N" if force else "N m" for joint in mechanism.joints for force in KINDS[joint.kind].translations]
 
 
-def effort_labels(mechanism: Mechanism) -> list[str]:
+def list_effort_labels(mechanism: Mechanism) -> list[str]:
     """Return "torque NAME [N m]" or "force NAME [N]" for every velocity coordinate, the column of its effort [N m], [N]."""
-    units = zip(mechanism.velocity_names, effort_units(mechanism), strict=True)
+    units = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
     return [f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]" for name, unit in units]
 
 
-def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
+def find_outboard_nodes(mesh: Mesh, node: int) -> NDArray[np.bool_]:
     """Return a mask (nodes,) [-] of the nodes that a node carries, itself among them."""
     out: NDArray[np.bool_] = np.arange(mesh.size) == node
     for n in range(node + 1, mesh.size):
@@ -311,10 +314,10 @@ def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
     return out
 
 
-def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
+def _compute_root_resultants(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
     """Resultants at a beam's root: minus the sum of P over all nodes beyond it, and of its own share of mass there alone."""
     root = mesh.section_nodes[link.name][0]
-    outer = beyond(mesh, int(mesh.section_nodes[link.name][1]))
+    outer = find_outboard_nodes(mesh, int(mesh.section_nodes[link.name][1]))
     arm = motion.x[:, outer] - motion.x[:, [root]]
     mass = mesh.mass[root]
     inertia = mesh.inertia[root].copy()

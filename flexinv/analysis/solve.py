@@ -8,11 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
-from flexinv.analysis.extrapolation import extrapolated, largest_nearby, thinned, weights
+from flexinv.analysis.evaluation import FirstStep, assemble_solution, run_second_step
+from flexinv.analysis.extrapolation import compute_extrapolated_step, find_largest_nearby, take_every_sample, weights
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Settings, Start, check_start, check_task, checked, prescribe, time_grid
-from flexinv.analysis.trajectory import first_step
+from flexinv.analysis.task import (
+    Progress,
+    Settings,
+    Start,
+    build_time_grid,
+    check_settings,
+    check_start,
+    check_task,
+    make_prescribed_task,
+)
+from flexinv.analysis.trajectory import run_first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh
@@ -20,7 +29,7 @@ from flexinv.kinematics.nodal_motion import check_samples
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
-from flexinv.validation import flag
+from flexinv.validation import check_flag
 
 # Differences near each sample: of torque [N m], [N], and of every link's tip [m].
 Bars = tuple[Array, dict[str, Array]]
@@ -58,18 +67,20 @@ def solve(
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
     every = check_task(mechanism, motion, initial, every, progress)
-    error = flag("error", error)
-    incremental = flag("incremental", incremental)
+    error = check_flag("error", error)
+    incremental = check_flag("incremental", incremental)
     if accuracy is not None or step is None:
         if incremental or every > 1:
             why = "it chooses the steps, their samples and the mode by itself; leave out incremental, every"
             raise InputError(f"accuracy: {why}")
-        from flexinv.accuracy.accurate import accurate, check_accuracy, solve_problem
+        from flexinv.accuracy.accurate import check_accuracy, solve_problem, solve_within_accuracy
 
         options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
-        settings = checked(1.0, spectral_radius, tolerance, initial)
-        return accurate(solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options))
-    steps = time_grid(motion, step, end, every)
+        settings = check_settings(1.0, spectral_radius, tolerance, initial)
+        return solve_within_accuracy(
+            solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options)
+        )
+    steps = build_time_grid(motion, step, end, every)
     if every > 1 and incremental:
         raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
     if every > 1 and mechanism.closures and not mechanism.is_rigid:
@@ -77,22 +88,22 @@ def solve(
         raise InputError(f"every = {every}: {why}; write every=1")
     if incremental:
         check_samples(len(steps[::every]), step)
-    settings = replace(checked(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
-    task = prescribe(mechanism, motion, steps, settings, start, start_rate, progress)
-    (first,) = first_step(task)  # the flexible trajectory: M, C and K act
+    settings = replace(check_settings(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
+    task = make_prescribed_task(mechanism, motion, steps, settings, start, start_rate, progress)
+    (first,) = run_first_step(task)  # the flexible trajectory: M, C and K act
     if incremental:
-        first = first.differenced(settings.step)
-    second = second_step(task.mesh, first)  # P = M (a - g), tau = L T P
-    solution = solution_of(task.mesh, first, settings, second)
+        first = first.apply_differences(settings.step)
+    second = run_second_step(task.mesh, first)  # P = M (a - g), tau = L T P
+    solution = assemble_solution(task.mesh, first, settings, second)
     if mechanism.closures and (start or start_rate):
         check_start(task, motion, start, start_rate, solution.q[0], solution.qd[0])
     if not error:
         return solution
 
     def again(meshed: Mechanism, instants: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
-        other = prescribe(meshed, motion, instants, own, start, start_rate, progress)
-        (found,) = first_step(other)
-        return other.mesh, found.differenced(own.step) if incremental else found
+        other = make_prescribed_task(meshed, motion, instants, own, start, start_rate, progress)
+        (found,) = run_first_step(other)
+        return other.mesh, found.apply_differences(own.step) if incremental else found
 
     # Of the half steps every second is compared, where not all are differenced.
     stride = 2 if incremental or mechanism.closures else 1
@@ -100,11 +111,11 @@ def solve(
     marched = bool(mechanism.beams) or (bool(task.passive) and not mechanism.closures)
     sticks = any(joint.friction for joint in mechanism.joints if joint.name in task.passive)
     even = marched and not (incremental or sticks or any(closure.active for closure in mechanism.closures))
-    solution = with_error(solution, first, steps, settings, again, stride, even)
+    solution = add_error_bars(solution, first, steps, settings, again, stride, even)
     return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
 
 
-def with_error(
+def add_error_bars(
     solution: Solution, first: FirstStep, steps: Array, settings: Settings, again: Again, stride: int, even: bool
 ) -> Solution:
     """Return a solution with error bars [N m], [N], [m] from half the step and from refined meshes, extrapolated if ``even``.
@@ -117,23 +128,23 @@ def with_error(
     finest = replace(settings, step=half, every=2 * settings.every // stride)
     mesh, halved = again(mechanism, steps[0] + half * np.arange(2 * len(steps) - 1), (), finest)
     better = solution
-    bars = [_scaled_difference(solution, solution_of(mesh, halved, finest), stride, STEP_ERROR)]
+    bars = [_compute_scaled_difference(solution, assemble_solution(mesh, halved, finest), stride, STEP_ERROR)]
     if even:
-        both = extrapolated(mechanism, [first, thinned(halved, stride)], weights((1, 2)))
-        better = solution_of(solution.mesh, both, settings)
+        both = compute_extrapolated_step(mechanism, [first, take_every_sample(halved, stride)], weights((1, 2)))
+        better = assemble_solution(solution.mesh, both, settings)
     if mechanism.beams:
         # doubled where elements are linear (second order), two orders higher else
         linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
         finer, factor = (mechanism.refined(elements=2), 4 / 3) if linear else (mechanism.refined(order=2), 1.0)
         mesh, first = again(finer, steps, (), settings)
-        bars.append(_scaled_difference(solution, solution_of(mesh, first, settings), 1, factor))
+        bars.append(_compute_scaled_difference(solution, assemble_solution(mesh, first, settings), 1, factor))
     torque = np.asarray(sum(bar[0] for bar in bars))
     tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
     return replace(better, torque_error=torque, tip_error=tip)
 
 
-def _scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:
+def _compute_scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:
     """``factor`` times the largest differences near each sample: of torque [N m], [N], and of every link's tip [m]."""
     torque = np.abs(solution.torque - finer.torque[::stride][: len(solution.time)])
     tip = {k: np.linalg.norm(v - finer.tip[k][::stride][: len(v)], axis=1) for k, v in solution.tip.items()}
-    return factor * largest_nearby(torque), {k: factor * largest_nearby(v) for k, v in tip.items()}
+    return factor * find_largest_nearby(torque), {k: factor * find_largest_nearby(v) for k, v in tip.items()}

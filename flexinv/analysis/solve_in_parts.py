@@ -5,16 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from flexinv.analysis.evaluation import solution_of
+from flexinv.analysis.evaluation import assemble_solution
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Start, Task, check_task, checked, prescribe, time_grid
-from flexinv.analysis.trajectory import first_step
+from flexinv.analysis.task import (
+    Progress,
+    Start,
+    Task,
+    build_time_grid,
+    check_settings,
+    check_task,
+    make_prescribed_task,
+)
+from flexinv.analysis.trajectory import run_first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import compute_winding_efforts
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
-from flexinv.validation import whole
+from flexinv.validation import check_whole_number
 
 
 def solve_in_parts(
@@ -30,20 +38,20 @@ def solve_in_parts(
     Raises InputError as `solve` does, and for closures, which are solved as a whole; ConvergenceError.
     """
     every = check_task(mechanism, motion, initial, every, progress)
-    part = whole("part", part, 1, "the number of samples of a part, 1 or more")
+    part = check_whole_number("part", part, 1, "the number of samples of a part, 1 or more")
     if mechanism.closures:
         why = "has closures, whose motion is found as a whole; write flexinv.solve"
         raise InputError(f"solve_in_parts: mechanism '{mechanism.name}' {why}")
-    steps = time_grid(motion, step, end, every)
-    settings = replace(checked(step, spectral_radius, tolerance, initial), every=every)
-    task = prescribe(mechanism, motion, steps, settings, start, start_rate, progress)
-    return _parts(replace(task, part=part))
+    steps = build_time_grid(motion, step, end, every)
+    settings = replace(check_settings(step, spectral_radius, tolerance, initial), every=every)
+    task = make_prescribed_task(mechanism, motion, steps, settings, start, start_rate, progress)
+    return _solve_parts(replace(task, part=part))
 
 
-def _parts(task: Task) -> Iterator[Solution]:
+def _solve_parts(task: Task) -> Iterator[Solution]:
     """Solutions of the parts, in which springs of joints that turn without end go on from where they were wound."""
     wound: dict[str, float] = {}
-    for first in first_step(task):
-        one = solution_of(task.mesh, first, task.settings)
+    for first in run_first_step(task):
+        one = assemble_solution(task.mesh, first, task.settings)
         more = compute_winding_efforts(one.mechanism, one.q, wound)
         yield replace(one, torque_all=one.torque_all + more, reaction=one.reaction + more)

@@ -19,14 +19,21 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.batch_kernel import Designs, Results, Tasks, march_alike
-from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
+from flexinv.analysis.batch_kernel import Designs, Results, Tasks, integrate_scenarios
+from flexinv.analysis.evaluation import FirstStep, assemble_solution, build_skeleton, list_array_shapes
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.analysis.task import Progress, Settings, checked, time_grid
-from flexinv.analysis.trajectory import failure
-from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, early_rows, early_times, start_up
-from flexinv.dynamics.system import Trajectory, has_padding, history_shapes
+from flexinv.analysis.task import Progress, Settings, build_time_grid, check_settings
+from flexinv.analysis.trajectory import make_march_error
+from flexinv.dynamics.generalized_alpha import (
+    EARLY,
+    EXACT,
+    SUBSTEPS,
+    build_start_scheme,
+    list_early_rows,
+    list_early_times,
+)
+from flexinv.dynamics.system import Trajectory, has_padding, list_history_shapes
 from flexinv.errors import FlexinvError, InputError
 from flexinv.inverse.nodal_sums import SecondStepArrays
 from flexinv.kernels.memory import begin_shared_memory, make_adjacent_arrays
@@ -42,7 +49,7 @@ from flexinv.planar.model import build_planar_model
 from flexinv.planar.solver import PlanarMarch
 from flexinv.rigid.prepare import THREADS
 from flexinv.typing import Array, Triple
-from flexinv.validation import function, nearest, whole
+from flexinv.validation import check_callable, check_whole_number, find_nearest_word
 
 Each = Sequence[Mapping[str, Any]] | None
 Asked = tuple[Mechanism, Motion, Mapping[str, Any]]  # the last are options of its own
@@ -84,14 +91,18 @@ def solve_many(
     progress : called with 1 after every scenario, from any thread but one at a time
     A scenario that fails does not stop the others: its error is kept.  Raises InputError for lists of unequal length.
     """
-    scenarios = _scenarios(mechanisms, motions, each)
+    scenarios = _list_scenarios(mechanisms, motions, each)
     _check_options(options, "")
-    function("progress", progress, "a function that is called with 1 after every scenario")
-    count = count_processors() if threads is None else min(whole("threads", threads, 1, THREADS), read_thread_limit())
+    check_callable("progress", progress, "a function that is called with 1 after every scenario")
+    count = (
+        count_processors()
+        if threads is None
+        else min(check_whole_number("threads", threads, 1, THREADS), read_thread_limit())
+    )
     lock = Lock()
     results = list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
-    runs = [run for run in alike(prepared) if len(run) > 1]
+    runs = [run for run in match_scenarios(prepared) if len(run) > 1]
     joined = {k for run in runs for k in run}
     ahead = deque(k for k in range(len(scenarios)) if k not in joined)
 
@@ -114,12 +125,12 @@ def solve_many(
         for k, result in zip(run, solve_alike([prepared[k] for k in run], count, progress), strict=True):
             results[k] = result
     if len(joined) < len(scenarios):
-        side_by_side(work, ahead.clear, min(count, len(scenarios) - len(joined)))
+        run_in_threads(work, ahead.clear, min(count, len(scenarios) - len(joined)))
     errors = {k: result for k, result in enumerate(results) if isinstance(result, Exception)}
     return Batch(tuple(result if isinstance(result, Solution) else None for result in results), errors)
 
 
-def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: int) -> None:
+def run_in_threads(work: Callable[[], None], stop: Callable[[], None], threads: int) -> None:
     """Let so many threads [-] do the same work, this one among them; what stops one stops all, and is raised.
 
     Threads are started at the lowest level: `Thread.start` waits until the new one has the interpreter, for as long as a short
@@ -128,7 +139,7 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
     ended = SimpleQueue[BaseException | None]()
     here = processor_now()
 
-    def kept(number: int) -> None:
+    def run_thread(number: int) -> None:
         try:
             if number:
                 move_to_processor(number, here)
@@ -142,11 +153,11 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
     begun = 1
     try:
         for number in range(1, threads):
-            start_new_thread(kept, (number,))
+            start_new_thread(run_thread, (number,))
             begun += 1
     except RuntimeError:  # no more threads: those that are there have to do
         pass
-    kept(0)
+    run_thread(0)
     try:
         errors = [ended.get() for _ in range(begun)]
     except KeyboardInterrupt:
@@ -157,7 +168,7 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
             raise error
 
 
-def _scenarios(
+def _list_scenarios(
     mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], each: Each
 ) -> list[Asked]:
     for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
@@ -187,7 +198,7 @@ def _scenarios(
 def _check_options(options: Mapping[str, Any], where: str) -> None:
     for name in options:
         if name not in OPTIONS:
-            write = f"; write {like!r}" if (like := nearest(str(name), OPTIONS)) else ""
+            write = f"; write {like!r}" if (like := find_nearest_word(str(name), OPTIONS)) else ""
             expected = f"expected some of {', '.join(OPTIONS)}{write}"
             raise InputError(f"solve_many: {where}{name!r} is no option of solve: {expected}")
 
@@ -210,13 +221,13 @@ def prepare_all(scenarios: Sequence[Asked], options: Mapping[str, Any]) -> dict[
     for k, (mechanism, motion, own) in enumerate(scenarios):
         key = k if own else (id(mechanism), id(motion))
         if key not in known:
-            known[key] = scenario_of(mechanism, motion, {**options, **own})
+            known[key] = make_scenario(mechanism, motion, {**options, **own})
         if (one := known[key]) is not None:
             out[k] = one
     return out
 
 
-def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]) -> Scenario | None:
+def make_scenario(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]) -> Scenario | None:
     """Return the scenario [s] if it may have others that are alike, else None: `solve` does it then, or says what is wrong."""
     if not isinstance(mechanism, Mechanism) or not isinstance(motion, Motion) or "step" not in options:
         return None
@@ -226,22 +237,22 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
             return None
         mesh = build(mechanism)
-        time = time_grid(motion, options["step"], options.get("end"), 1)
+        time = build_time_grid(motion, options["step"], options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
-        settings = checked(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
+        settings = check_settings(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
         moved = motion_at(motion, mechanism, settings.step * np.arange(len(time)))
         return Scenario(mesh, motion, moved, time, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
 
 
-def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
+def match_scenarios(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
     """Return the numbers [-] of those that are alike, in runs that stand in one piece of memory."""
     groups = dict[Any, list[int]]()
     runs = list[list[int]]()
     for k, one in scenarios.items():
-        groups.setdefault((_structure(one.mesh), one.settings, len(one.time)), []).append(k)
+        groups.setdefault((_make_structure_key(one.mesh), one.settings, len(one.time)), []).append(k)
     for group in groups.values():
         one = scenarios[group[0]]
         most = max(1, RUN // (len(one.time) * one.mesh.size * 50))
@@ -250,30 +261,30 @@ def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
 
 
 @kept_with_owner()
-def _structure(mesh: Mesh) -> tuple[Any, ...]:
+def _make_structure_key(mesh: Mesh) -> tuple[Any, ...]:
     """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
     m = build_planar_model(mesh, frozenset())
-    k = skeleton(mesh)
+    k = build_skeleton(mesh)
     parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
     parts += [m.masses.single, m.masses.block, m.masses.member, m.joints.given, m.joints.turns_on]
     return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
 
 
 @kept_with_owner(most=8)
-def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
+def _build_designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
     """The meshes, of which the ``first`` keeps this."""
     models = [build_planar_model(mesh, frozenset()) for mesh in meshes]
     tree, elements, space = (join_records([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
     over = np.stack([m.masses.over for m in models])
-    return Designs(tree, elements, space, join_records([skeleton(mesh) for mesh in meshes]), over)
+    return Designs(tree, elements, space, join_records([build_skeleton(mesh) for mesh in meshes]), over)
 
 
 def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
     """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
     first = scenarios[0]
-    tasks = _tasks(scenarios)
-    designs = _designs(first.mesh, tuple(dict.fromkeys(one.mesh for one in scenarios)))
-    out, found = _room(first, len(scenarios))
+    tasks = _build_tasks(scenarios)
+    designs = _build_designs(first.mesh, tuple(dict.fromkeys(one.mesh for one in scenarios)))
+    out, found = _make_result_arrays(first, len(scenarios))
     ahead = np.zeros(8, dtype=np.uint64)
     left = np.zeros(len(scenarios))
     lock = Lock()
@@ -284,25 +295,27 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
         1 if progress is not None else min(max(1, INSTANTS_AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
     )
 
-    def work() -> None:
+    def solve_next_scenarios() -> None:
         own = PlanarMarch.acquire(first.mesh, ())
         line = np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = march_alike(ahead, mine, designs, tasks, own.system, line, made)
+            done = integrate_scenarios(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
                 one = scenarios[n]
                 second = SecondStepArrays(*(part[n] for part in found))
                 q, qd, qdd = (part.copy() for part in one.table)
                 step = FirstStep(Trajectory._make(part[n] for part in out), one.time, (q, qd, qdd))
-                results[n] = solution_of(one.mesh, step, one.settings, second)
+                results[n] = assemble_solution(one.mesh, step, one.settings, second)
             if done < most and (n := int(mine[done])) < len(scenarios):
                 one = scenarios[n]
                 status, instant, count = ended[n].tolist()
                 early = instant < 0  # see `batch_kernel`
-                times, parts = (early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
+                times, parts = (list_early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
                 result = status, -1 - instant if early else instant, count, float(left[n])
-                results[n] = failure((one.mesh, ()), result, times, one.settings.step, not early, own.turned, parts)
+                results[n] = make_march_error(
+                    (one.mesh, ()), result, times, one.settings.step, not early, own.turned, parts
+                )
                 own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break
@@ -311,11 +324,11 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
                     progress(1)
         own.release(())
 
-    side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
+    run_in_threads(solve_next_scenarios, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results
 
 
-def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
+def _build_tasks(scenarios: Sequence[Scenario]) -> Tasks:
     first = scenarios[0]
     model = build_planar_model(scenarios[0].mesh, frozenset())
     meshes = {mesh: k for k, mesh in enumerate(dict.fromkeys(one.mesh for one in scenarios))}
@@ -327,24 +340,24 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
     joint[:, model.joints.node] = given[:, 0]
     early = np.zeros((len(firsts), 0, *given.shape[2:]))  # at the parts of the first steps, none if all rest
     if given[:, 0, :, 1:].any() or any(one.mesh.mechanism.gravity.any() for one in scenarios):
-        ends = early_times(first.time[: EARLY + 1])
+        ends = list_early_times(first.time[: EARLY + 1])
         tables = [one.motion.evaluate(one.mesh.mechanism, ends, "left") for one in firsts.values()]
         early = np.stack([model.joints.coordinates(*table) for table in tables])
     return Tasks(
         design=np.array([meshes[one.mesh] for one in scenarios]),
         motion=np.array([number[id(one.table[0])] for one in scenarios]),
         joint=joint, given=given, qd=np.stack([one.table[1] for one in firsts.values()]),
-        early=early, early_row=early_rows(instants[1 : EARLY + 1]),
+        early=early, early_row=list_early_rows(instants[1 : EARLY + 1]),
         row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
-        scheme=first.settings.scheme, first_scheme=start_up(first.settings.scheme),
+        scheme=first.settings.scheme, first_scheme=build_start_scheme(first.settings.scheme),
     )  # fmt: skip
 
 
-def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays]:
+def _make_result_arrays(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays]:
     """Series of all scenarios, one after the other in memory."""
     mesh = first.mesh
     samples = len(first.time)
-    shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
+    shapes = [*list_history_shapes(mesh, samples), (samples, 3), *list_array_shapes(mesh, samples)]
     stacks = [(scenarios, *shape) for shape in shapes]
     large = len(shapes) - len(SecondStepArrays._fields) + 2  # of the second step two are of all nodes
     *motion, wrench, internal, energy = (made := make_adjacent_arrays(*stacks[:large]))[:9]

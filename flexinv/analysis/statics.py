@@ -10,18 +10,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import FirstStep, solution_of
-from flexinv.analysis.loops import Switching, with_closures
+from flexinv.analysis.evaluation import FirstStep, assemble_solution
+from flexinv.analysis.loops import Switching, add_closure_forces
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Settings, Task, still
-from flexinv.analysis.trajectory import first_step
+from flexinv.analysis.task import Settings, Task, make_rest_history
+from flexinv.analysis.trajectory import run_first_step
 from flexinv.constraints.closures import constraint_rows, phases
 from flexinv.constraints.continuation import closed_start
 from flexinv.constraints.loop_starts import closed_at, stated_of
 from flexinv.constraints.open_loops import GIVE_Q, advising
 from flexinv.dynamics.generalized_alpha import STATICS
-from flexinv.dynamics.initial_state import equilibrium, start_undeformed
-from flexinv.dynamics.solver import Solver, record_instant
+from flexinv.dynamics.initial_state import begin_undeformed, find_equilibrium
+from flexinv.dynamics.solver import Solver, write_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
@@ -30,7 +30,7 @@ from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model import rules
 from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
-from flexinv.validation import all_of_kind, floats, of_kind, shown
+from flexinv.validation import check_kind, check_kinds, convert_to_floats, shown
 
 SETTINGS = Settings(statics=True)
 
@@ -74,12 +74,12 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     q : (nq,) [rad], [m], all joints at zero by default
     Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
     """
-    of_kind("mechanism", mechanism, Mechanism)
-    at = mechanism.neutral if q is None else floats("statics: q", q)
+    check_kind("mechanism", mechanism, Mechanism)
+    at = mechanism.neutral if q is None else convert_to_floats("statics: q", q)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         expected = f"expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         raise InputError(f"statics: q has shape {at.shape}, {expected}")
-    forces = [_force(mechanism, load, k) for k, load in enumerate(all_of_kind("loads", loads, Load))]
+    forces = [_make_force(mechanism, load, k) for k, load in enumerate(check_kinds("loads", loads, Load))]
     loaded = replace(mechanism, forces=(*mechanism.forces, *forces))
     mesh = build(loaded)
     now = np.zeros(1)
@@ -88,11 +88,11 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     if mechanism.closures and q is not None:
         with advising(GIVE_Q):
             at = closed_at(mesh, at)
-    held = still(at, rest[0], rest[0])
+    held = make_rest_history(at, rest[0], rest[0])
     if mechanism.is_rigid:
         with advising(GIVE_Q):
-            (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
-        return solution_of(mesh, first, SETTINGS)
+            (first,) = run_first_step(Task(mesh, now, held, held, passive, SETTINGS))
+        return assemble_solution(mesh, first, SETTINGS)
     solver = Solver.of(mesh, passive)
     (phase,) = phases(loaded, now)
     switching = Switching(mesh, phase, solver.border.ties)
@@ -100,21 +100,21 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         rows = constraint_rows(mesh).of(phase.active)
         with advising(GIVE_Q):
             at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
-    solver.load_at(0.0, at, rest[0], rest[0])
-    start_undeformed(solver, at, rest[0], rest[0])
-    joints = equilibrium(solver, at, "statics")
+    solver.update_loads(0.0, at, rest[0], rest[0])
+    begin_undeformed(solver, at, rest[0], rest[0])
+    joints = find_equilibrium(solver, at, "statics")
     out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     iterations = solver.solve_instant(STATICS, joints, "statics")
-    record_instant(solver, 0, out)
+    write_instant(solver, 0, out)
     out.iterations[0] = iterations
     joint_motion = at[None].copy(), rest, rest.copy()
     fill_passive(mesh, out.motion, passive, *joint_motion)
     first = FirstStep(out, now, joint_motion, compute_applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
-        first = with_closures(mesh, first, switching)
+        first = add_closure_forces(mesh, first, switching)
     from flexinv.linearized.natural_modes import SLOWEST, unstable_motions
 
-    found = solution_of(mesh, first, SETTINGS)
+    found = assemble_solution(mesh, first, SETTINGS)
     unstable, all_of_them = unstable_motions(solver, joints)  # a word on whether a structure stays there
     slowest = (
         f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked "
@@ -133,7 +133,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     return replace(found, stable=False, notes=(*notes, note))
 
 
-def _force(mechanism: Mechanism, load: Load, number: int) -> Force:
+def _make_force(mechanism: Mechanism, load: Load, number: int) -> Force:
     """The force of a load; raises InputError for one on a link that there is not."""
     if load.link not in mechanism.link_of:
         known = f"'{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.constraints.loop_starts import SAGGED, TYPED_DIGITS, check_branch, check_rates, picked_start, stated_of
-from flexinv.dynamics.generalized_alpha import EXACT, Scheme, generalized_alpha
+from flexinv.dynamics.generalized_alpha import EXACT, Scheme, build_generalized_alpha
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, build
@@ -17,7 +17,7 @@ from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_at, start_coordinates
 from flexinv.typing import Array, Triple
-from flexinv.validation import choice, function, number, of_kind, seconds, whole
+from flexinv.validation import check_callable, check_choice, check_kind, check_number, check_seconds, check_whole_number
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
 MOST_SAMPLES = 5_000_000
@@ -49,7 +49,9 @@ class Settings:
     @property
     def scheme(self) -> Scheme:
         """Return the scheme of the time integration [s], [-]; raises InputError for numbers that give none."""
-        return generalized_alpha(self.step, self.spectral_radius, EXACT if self.tolerance is None else self.tolerance)
+        return build_generalized_alpha(
+            self.step, self.spectral_radius, EXACT if self.tolerance is None else self.tolerance
+        )
 
     def words(self) -> Words:
         """Return the settings as a Solution records them [s], [-]."""
@@ -59,11 +61,11 @@ class Settings:
         return {name: getattr(self, name) for name in names}
 
 
-def checked(step: float, spectral_radius: float, tolerance: float, initial: str = "consistent") -> Settings:
+def check_settings(step: float, spectral_radius: float, tolerance: float, initial: str = "consistent") -> Settings:
     """Return the settings of a march at steps of ``step`` [s]; raises InputError for values that cannot be."""
-    radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
-    found = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
-    generalized_alpha(float(step), radius, found)  # numbers that give no scheme are an error here
+    radius = check_number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
+    found = check_number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
+    build_generalized_alpha(float(step), radius, found)  # numbers that give no scheme are an error here
     return Settings(float(step), radius, str(initial), tolerance=found)
 
 
@@ -103,14 +105,14 @@ class Task:
 
 def check_task(mechanism: Mechanism, motion: Motion, initial: str, every: int, progress: Progress | None) -> int:
     """Return ``every`` [-]; raises InputError for a mechanism, a motion, a start or a progress that is none."""
-    of_kind("mechanism", mechanism, Mechanism)
-    of_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
-    choice("initial", initial, INITIAL)
-    function("progress", progress, "a function of the number of steps done since its last call")
-    return whole("every", every, 1, "1 to keep all steps, or more to keep one of so many")
+    check_kind("mechanism", mechanism, Mechanism)
+    check_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
+    check_choice("initial", initial, INITIAL)
+    check_callable("progress", progress, "a function of the number of steps done since its last call")
+    return check_whole_number("every", every, 1, "1 to keep all steps, or more to keep one of so many")
 
 
-def prescribe(
+def make_prescribed_task(
     mechanism: Mechanism, motion: Motion, steps: Array, settings: Settings, start: Start, start_rate: Start,
     progress: Progress | None = None,
 ) -> Task:  # fmt: skip
@@ -121,14 +123,14 @@ def prescribe(
     mesh = build(mechanism)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
     stated = start_coordinates(mechanism, passive, start, start_rate)
-    before, after = joint_histories(motion, mechanism, stated, settings, steps)
+    before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
     if mechanism.closures and start and passive:
         now = (part[0] for part in after(steps[:1]))
         q = picked_start(mesh, float(steps[0]), stated_of(mechanism, passive), stated_of(mechanism, start), *now)
         if q is not None:  # from which the loops close where the start says, or nearest to that
             start = {name: q[mechanism.q_slices[name]] for name in passive}
             stated = start_coordinates(mechanism, passive, start, start_rate)
-            before, after = joint_histories(motion, mechanism, stated, settings, steps)
+            before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
     knots = tuple(getattr(motion, "knots", motion.jumps))
     return Task(
         mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress, knots=knots
@@ -140,13 +142,13 @@ def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: 
     mesh = task.mesh
     m = task.mesh.mechanism
     stated = start_coordinates(m, task.passive, start, start_rate)
-    told = joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
+    told = build_joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
     most = SAGGED if task.settings.initial == "static" and not m.is_rigid else TYPED_DIGITS
     check_rates(mesh, stated_of(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)
 
 
-def looked_up(task: Task) -> Task:
+def prepare_motion_samples(task: Task) -> Task:
     """Return the task with the joint motion [rad or m, s] at its instants taken from one evaluation, where that is the same."""
     m = task.mesh.mechanism
     if task.settings.every > 1 or task.jumps or (m.closures and m.is_rigid):
@@ -156,20 +158,20 @@ def looked_up(task: Task) -> Task:
     for part in (table := history(time)):
         part.flags.writeable = False
 
-    def samples(at: Array) -> Triple:
+    def read_samples(at: Array) -> Triple:
         first = int(np.searchsorted(time, at[0]))
         last = first + len(at)  # both are parts of one grid where their ends are
         if last > len(time) or time[first] != at[0] or time[last - 1] != at[-1]:
             return history(at)
         return table[0][first:last], table[1][first:last], table[2][first:last]
 
-    return replace(task, before=samples, after=samples)
+    return replace(task, before=read_samples, after=read_samples)
 
 
-def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
+def build_time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
-    step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    last = last_time(motion, end)
+    step = check_seconds("step", step, "a positive number of seconds, for example step=1e-3")
+    last = resolve_last_time(motion, end)
     given = f"step = {step:g} s"
     if step > last:
         raise InputError(f"{given} is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}")
@@ -180,12 +182,14 @@ def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Arr
     return np.asarray(step * np.arange(count + 1))
 
 
-def last_time(motion: Motion, end: float | None) -> float:
+def resolve_last_time(motion: Motion, end: float | None) -> float:
     """Return the last time [s], the motion's duration where ``end`` is None; raises InputError for one that cannot be."""
-    return seconds("end", motion.duration if end is None else end, "a positive time, or None for the motion's duration")
+    return check_seconds(
+        "end", motion.duration if end is None else end, "a positive time, or None for the motion's duration"
+    )
 
 
-def joint_histories(
+def build_joint_histories(
     motion: Motion, mechanism: Mechanism, stated: tuple[dict[str, Array], dict[str, Array]], settings: Settings, grid: Array
 ) -> tuple[JointHistory, JointHistory]:  # fmt: skip
     """Return joint motion [rad or m, s] with the passive joints where ``stated``: left-hand limits at jumps, and right-hand ones.
@@ -194,7 +198,7 @@ def joint_histories(
     """
     uniform = len(grid) > 1 and grid[1] == settings.step and grid[-1] == grid[1] * (len(grid) - 1)
 
-    def joint_motion(time: Array, side: str) -> Triple:
+    def evaluate_joint_motion(time: Array, side: str) -> Triple:
         if time is grid and side == "right" and uniform:
             q, qd, qdd = (part.copy() for part in motion_at(motion, mechanism, settings.step * np.arange(len(grid))))
         else:
@@ -205,9 +209,9 @@ def joint_histories(
             qd[:, mechanism.v_slices[name]] = value
         return q, qd, qdd
 
-    return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
+    return (lambda time: evaluate_joint_motion(time, "left")), (lambda time: evaluate_joint_motion(time, "right"))
 
 
-def still(q: Array, qd: Array, qdd: Array) -> JointHistory:
+def make_rest_history(q: Array, qd: Array, qdd: Array) -> JointHistory:
     """Return a joint motion that is at all times the state q (nq,), qd, qdd (nv,) [rad or m, s]."""
     return lambda time: (np.tile(q, (len(time), 1)), np.tile(qd, (len(time), 1)), np.tile(qdd, (len(time), 1)))

@@ -8,15 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
-from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
-from flexinv.analysis.task import Task, looked_up
+from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
+from flexinv.analysis.loops import Switching, add_closure_forces, make_closed_task, solve_rigid_loops
+from flexinv.analysis.task import Task, prepare_motion_samples
 from flexinv.constraints.closures import Phase, constraint_rows, phases
-from flexinv.dynamics.generalized_alpha import ACCELERATIONS, EARLY, SUBSTEPS, early_rows, early_times, start_up
-from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
-from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Solver, record_instant, step_failure
-from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
+from flexinv.dynamics.generalized_alpha import (
+    ACCELERATIONS,
+    EARLY,
+    SUBSTEPS,
+    build_start_scheme,
+    list_early_rows,
+    list_early_times,
+)
+from flexinv.dynamics.initial_state import begin_motion, begin_step, compute_joint_motion, end_early
+from flexinv.dynamics.loads import build_load_table
+from flexinv.dynamics.solver import Solver, make_solve_error, write_instant
+from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, integrate_instants
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
@@ -41,32 +48,34 @@ Marched = tuple[Mesh, Collection[str]]  # and the names of the joints that were 
 Status = tuple[int, int, int, float]
 
 
-def first_step(task: Task) -> Iterator[FirstStep]:
+def run_first_step(task: Task) -> Iterator[FirstStep]:
     """Yield the first step [m, rad, s, N] of a task, part by part: here the rigid, the closed and the flexible way part.
 
     Raises InputError for closures that contradict the task, ConvergenceError with the time, the increment and what to try.
     """
     m = task.mesh.mechanism
     marched = bool(task.passive) or task.efforts is not None
-    task = looked_up(task) if task.efforts is None and task.part is None else task
+    task = prepare_motion_samples(task) if task.efforts is None and task.part is None else task
     if m.is_rigid and m.closures and task.efforts is None:
-        return iter((rigid_loops(task),))
+        return iter((solve_rigid_loops(task),))
     if m.is_rigid and not m.closures and not marched:
-        return rigid_motions(task)
-    return flexible_motion(closed_task(task) if m.closures and task.efforts is None else task)
+        return solve_rigid_motions(task)
+    return integrate_flexible_motion(make_closed_task(task) if m.closures and task.efforts is None else task)
 
 
-def rigid_motions(task: Task) -> Iterator[FirstStep]:
+def solve_rigid_motions(task: Task) -> Iterator[FirstStep]:
     """Yield the motion of a rigid mechanism whose joints are all moved [m, rad, s, N], part by part."""
     part = task.part or len(task.time)
     for first in range(0, max(len(task.time) - 1, 1), part):
         own = task.time if task.part is None else task.time[first : first + part + 1]
         q, qd, qdd = task.after(own)
         given = MotionBetween(lambda times: rigid_motion(task.mesh, *task.after(times)), task.knots)
-        yield replace(rigid_motion_of(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None)
+        yield replace(
+            build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None
+        )
 
 
-def flexible_motion(task: Task) -> Iterator[FirstStep]:
+def integrate_flexible_motion(task: Task) -> Iterator[FirstStep]:
     """Yield the flexible trajectory of a task [m, rad, s, N], part by part, by time integration: M, C and K act.
 
     Each part begins with the last sample of that before.  The compiled loop over time steps is called for many of them at once,
@@ -89,7 +98,7 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
     chunk = PLANAR_CHUNK if march.flat is not None else max(1, SPATIAL_CHUNK // task.mesh.size)
     for stop in sorted({*stops, *switches, *ends, last}):
         while start <= stop:
-            kernel, arguments, arrive = march.leg(start, min(start + chunk, stop + 1))
+            kernel, arguments, arrive = march.prepare_leg(start, min(start + chunk, stop + 1))
             first = start
             start = arrive(kernel(*arguments))
             if task.progress is not None:
@@ -98,13 +107,13 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
             march.restart(stop, switches.get(stop))
         if stop in ends:
             yield march.moved(ends=False)
-            march.go_on(stop // every)
+            march.begin_next_part(stop // every)
     if march.solver is None and march.flat is not None:  # its arrays are for the next that is in the plane alone
         march.flat.release(task.passive)
     yield march.moved(ends=task.part is None)
 
 
-def planar_march_of(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
+def build_planar_march(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
     return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.acquire(mesh, passive)
 
@@ -126,7 +135,7 @@ class _March:
         mesh = task.mesh
         self.phases = phases(task.mesh.mechanism, task.steps)
         self.last: Array | None = None
-        self.flat = None if task.efforts is not None else planar_march_of(mesh, task.passive)
+        self.flat = None if task.efforts is not None else build_planar_march(mesh, task.passive)
         never_switches = len(self.phases) == 1 and self.phases[0].active.all()
         alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
         self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
@@ -134,7 +143,7 @@ class _March:
         self.out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh).closure))
         self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
-    def go_on(self, origin: int) -> None:
+    def begin_next_part(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
         rows = len(self.out.iterations)
         left = len(self.task.time) - origin
@@ -159,30 +168,32 @@ class _March:
         self.last = q[-1]
         applied = compute_applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
-        return with_closures(mesh, first, self.switching) if mesh.mechanism.closures else first
+        return add_closure_forces(mesh, first, self.switching) if mesh.mechanism.closures else first
 
     def begin(self) -> int:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done."""
         solver = self.solver
         flat = self.flat
         time = self.task.steps[:1]
-        self.pace(0)
+        self.update_step(0)
         if solver is None:  # in the plane alone that is left to the first call of the compiled loop
             return 0
         motion = [part[0] for part in self.task.after(time)]
         when = f"at the start, t = {time[0]:g} s"
-        joints = stand(solver, motion, float(time[0]), self.task.settings.initial, when)
-        record_instant(solver, 0, self.out)
+        joints = begin_motion(solver, motion, float(time[0]), self.task.settings.initial, when)
+        write_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
             flat.copy_from_space(solver.state, solver.border.ties)
         return 1
 
-    def leg(self, first: int, last: int) -> tuple[Callable[..., Status], tuple[Any, ...], Callable[[Status], int]]:
+    def prepare_leg(
+        self, first: int, last: int
+    ) -> tuple[Callable[..., Status], tuple[Any, ...], Callable[[Status], int]]:
         """Return the call that marches from the sample ``first`` to before ``last``, or less far [-]: kernel and arguments.
 
         With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do after it.
-        Last what takes the result of the call and returns the first sample that is not done, or raises the error of `failure`.
+        Last what takes the result of the call and returns the first sample that is not done, or raises the error of `make_march_error`.
         """
         mesh = self.task.mesh
         scheme = self.scheme
@@ -192,27 +203,27 @@ class _March:
         row = self.rows(first, last)
         if self.early > 0:
             last = min(last, first + self.early)
-            scheme = start_up(scheme)
+            scheme = build_start_scheme(scheme)
             parts = SUBSTEPS
-            time = early_times(self.task.steps[first - 1 : last])
-            row = early_rows(self.rows(first, last))
+            time = list_early_times(self.task.steps[first - 1 : last])
+            row = list_early_rows(self.rows(first, last))
         given = self.task.before(time[1:] if begins else time)
         whole: Trajectory | None = None  # a trajectory of all instants, of which those that are kept are taken
-        kernel: Callable[..., Status] = march if self.flat is None else integrate_planar_motion
+        kernel: Callable[..., Status] = integrate_instants if self.flat is None else integrate_planar_motion
         if self.flat is not None:
             start = self.task.after(time[:1]) if begins else None
             arguments = self.flat.arguments(scheme, start, given, row, self.out)
         else:
-            solver = self._in_space()
+            solver = self._resolve_spatial_solver()
             if (np.diff(row) == 1).all() and row[0] >= 0:
                 out = self.out.rows(int(row[0]), int(row[-1]) + 1)
             else:
                 out = whole = Trajectory.empty(len(row), mesh, self.out.multipliers.shape[1])
             rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(mesh, *given)))
-            instants = Instants(rel, load_table(mesh, time), solver.drives(time), solver.given(*given))
+            instants = Instants(rel, build_load_table(mesh, time), solver.drives(time), solver.given(*given))
             arguments = solver.arguments(scheme, instants, out)
 
-        def arrive(result: Status) -> int:
+        def end_leg(result: Status) -> int:
             if whole is not None:
                 self.out.put(row[row >= 0], whole, row >= 0)
             self.check(result, time, begins, parts)
@@ -221,15 +232,17 @@ class _March:
                 return first + result[1]
             self.early -= last - first
             if self.early == 0:
-                end_early((self.flat or self._in_space()).system.state)
+                end_early((self.flat or self._resolve_spatial_solver()).system.state)
             return last
 
-        return kernel, arguments, arrive
+        return kernel, arguments, end_leg
 
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
-        """Raise the error [-] of `failure` if there is one."""
-        turned = (self._in_space() if self.flat is None else self.flat).turned
-        if error := failure((self.task.mesh, self.task.passive), result, time, self.scheme.h, begins, turned, parts):
+        """Raise the error [-] of `make_march_error` if there is one."""
+        turned = (self._resolve_spatial_solver() if self.flat is None else self.flat).turned
+        if error := make_march_error(
+            (self.task.mesh, self.task.passive), result, time, self.scheme.h, begins, turned, parts
+        ):
             raise error
 
     def rows(self, first: int, last: int) -> Indices:
@@ -238,11 +251,11 @@ class _March:
         every = self.task.settings.every
         return np.where(samples % every == 0, samples // every - self.origin, -1)
 
-    def _in_space(self) -> Solver:
+    def _resolve_spatial_solver(self) -> Solver:
         assert self.solver is not None
         return self.solver
 
-    def pace(self, sample: int) -> None:
+    def update_step(self, sample: int) -> None:
         """Take the step [s] that the task makes after a sample; nothing to do where all steps are equal."""
         steps = self.task.steps
         if self.task.seams and sample + 1 < len(steps):
@@ -252,7 +265,7 @@ class _March:
 
     def restart(self, sample: int, phase: Phase | None) -> None:
         """Solve the accelerations anew where those of the task jump, or go over to a phase; record the right-hand limit."""
-        self.pace(sample)
+        self.update_step(sample)
         flat = self.flat
         row = self.rows(sample, sample + 1)
         time = self.task.steps[sample : sample + 1]
@@ -264,26 +277,26 @@ class _March:
             self.check(result, time, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return
-        solver = self._in_space()
+        solver = self._resolve_spatial_solver()
         q, qd, qdd = (part[0] for part in motion)
         s = solver.state
-        joints = instant(self.task.mesh, q, qd, qdd)
+        joints = compute_joint_motion(self.task.mesh, q, qd, qdd)
         if flat is not None:
             flat.copy_to_space(s, solver.border.ties)
-        solver.load_at(now, q, qd, qdd)
+        solver.update_loads(now, q, qd, qdd)
         if phase is not None:
-            self.switching.switch(solver, phase, joints, qd, now, self.out)
+            self.switching.begin_phase(solver, phase, joints, qd, now, self.out)
         else:
             s.u[:], s.du[:] = s.u0, s.du0
             solver.solve_instant(ACCELERATIONS, joints, when)
             if row[0] >= 0:
-                record_instant(solver, int(row[0]), self.out)
+                write_instant(solver, int(row[0]), self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
             flat.copy_from_space(s, solver.border.ties)
 
 
-def failure(
+def make_march_error(
     marched: Marched,
     result: Status,
     time: Array,
@@ -306,4 +319,4 @@ def failure(
         divided = f", after a sudden start in {parts} parts" if parts > 1 else ""
         when = f"at t = {time[instant]:g} s (step {step:g} s{divided})"
     bent = turned(count) if turned is not None else 0.0
-    return step_failure(*marched, (status, count, size), when, step, bent)
+    return make_solve_error(*marched, (status, count, size), when, step, bent)

@@ -32,7 +32,7 @@ from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import base_parameters, sample_states, torque_regressor
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -132,14 +132,14 @@ def info(model: Path) -> None:
     mechanism = read_model(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
-    mass = sum(overview.link_mass(link) for link in mechanism.links)
+    mass = sum(overview.compute_link_mass(link) for link in mechanism.links)
     fixed = f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     size = f"nq = {mechanism.nq}, nv = {mechanism.nv}"
     click.echo(f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, {size}, {fixed}")
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
     if mechanism.closures:
-        click.echo(overview.mobility_line(mechanism, next(iter(cases.values()), None)))
-    for title, table in overview.overview_tables(mechanism).items():
+        click.echo(overview.describe_mobility(mechanism, next(iter(cases.values()), None)))
+    for title, table in overview.build_overview_tables(mechanism).items():
         if len(table):
             click.echo(f"\n{title}")
             show(table)
@@ -185,7 +185,7 @@ def modes(
     at = None
     if name is not None:
         case = choose(load_cases(folder(model), mechanism), name, model)
-        mechanism, at = case.meshed(mechanism), overview.start_of(mechanism, case)
+        mechanism, at = case.meshed(mechanism), overview.resolve_start_configuration(mechanism, case)
     rates = by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
     if rates or damped:
         if accuracy is not None:
@@ -271,7 +271,7 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
     if name is None:
         raise InputError(f"{model} has {len(cases)} cases: write --case with one of {', '.join(cases)}")
     if name not in cases:
-        like = nearest(name, cases)
+        like = find_nearest_word(name, cases)
         advice = f"write --case {like}" if like else f"write one of {', '.join(cases)}"
         raise InputError(f"--case {name}: {model} has no such case; {advice}")
     return cases[name]

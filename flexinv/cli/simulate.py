@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from flexinv.analysis.simulate import simulate
-from flexinv.analysis.solution import effort_labels, effort_units
+from flexinv.analysis.solution import list_effort_labels, list_effort_units
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, show, write
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
@@ -65,7 +65,7 @@ def _numbers(text: str) -> list[float]:
 
 def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
-    drives = [label for label, driven in zip(effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
+    drives = [label for label, driven in zip(list_effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
     if file is None or not drives:
@@ -117,7 +117,7 @@ def follow_task(
     way = found.path
     click.echo(f"{way.text} of {way.length:.4g} m in {way.duration:g} s, from {found.time[0]:.4g} s on")
     rows = {}
-    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    units = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     for kind, solution in found.feed_forwards.items():
         off = found.distance(found.replay(kind))
         peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)

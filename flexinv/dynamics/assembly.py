@@ -47,7 +47,7 @@ LARGEST_TURN = 2.5  # [rad]
 
 
 @jit_inner
-def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangent):
+def run_forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangent):
     """Set ``frames`` and ``variation`` of all nodes from ``state`` and the prescribed motion of ``joints`` [m, rad, s]."""
     for n in range(len(topology.parent)):
         columns = topology.size[topology.block[n]] if want_tangent else 0
@@ -55,16 +55,16 @@ def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangen
             for by in (variation.x, variation.t, variation.v, variation.w, variation.a, variation.al):
                 put(by[n, k], 0, ZERO)
         if topology.independent[n]:
-            _place_section(n, topology.offset[topology.block[n]], columns, state, frames, variation, cv, ca)
+            _fill_section_motion(n, topology.offset[topology.block[n]], columns, state, frames, variation, cv, ca)
         else:
             if topology.freedoms[n] > 0:
-                _place_passive(n, topology, state, joints, variation, cv, ca, columns)
+                _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
             carry(n, topology.parent[n], frames, joints)
             carry_variation(n, topology.parent[n], columns, frames, joints, variation)
 
 
 @jit_inner
-def _place_section(n, o, columns, state, frames, variation, cv, ca):
+def _fill_section_motion(n, o, columns, state, frames, variation, cv, ca):
     psi = vec_at(state.d, o + 3)
     put(frames.x[n], 0, add(vec(state.x[n]), vec_at(state.d, o)))
     vec3.put_block(frames.r[n], 0, 0, vec3.mul(mat(state.r[n]), exp(psi)))
@@ -85,7 +85,7 @@ def _place_section(n, o, columns, state, frames, variation, cv, ca):
 
 
 @jit_inner
-def passive_psi(n, topology, state, first):
+def compute_joint_rotation(n, topology, state, first):
     """Return the rotation vector [rad] that a passive joint has turned since the start of the step."""
     psi = ZERO
     for k in range(topology.freedoms[n]):
@@ -94,10 +94,10 @@ def passive_psi(n, topology, state, first):
 
 
 @jit_inner
-def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
+def _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns):
     """Relative motion of a passive joint, and with ``columns`` its variation."""
     first = topology.offset[topology.block[n]] + topology.column[n]
-    psi = passive_psi(n, topology, state, first)
+    psi = compute_joint_rotation(n, topology, state, first)
     inverse = inverse_tangent(psi)
     p = vec(state.x[n])
     dp = ZERO
@@ -130,7 +130,7 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
 
 
 @jit_inner
-def node_wrenches(topology, frames, variation, level, work, want_tangent):
+def compute_node_wrenches(topology, frames, variation, level, work, want_tangent):
     """Set every node's own wrench P = m (a - g), Q = J al + w x J w, and its variation; ``level`` of g acts [N], [N m]."""
     gravity = scale(level, vec(topology.gravity))
     for n in range(len(topology.parent)):
@@ -203,7 +203,7 @@ def _add_diagonal(topology, variation, nodes, count, tangent, dwrench):
     root = nodes[0]
     for k in range(topology.size[topology.block[root]]):
         for i in range(6):
-            dwrench[root, k, i] += by_root(tangent, i, root, k, variation)
+            dwrench[root, k, i] += compute_root_derivative(tangent, i, root, k, variation)
     for node in range(1, count):
         for k in range(6):
             for i in range(6):
@@ -211,7 +211,7 @@ def _add_diagonal(topology, variation, nodes, count, tangent, dwrench):
 
 
 @jit_inner
-def by_root(tangent, row, root, k, variation):
+def compute_root_derivative(tangent, row, root, k, variation):
     """Return the derivative of an element's force by unknown k of its root's block, pose and velocity [N/m], [N], [N m]."""
     by = tangent[row]
     last = tangent.shape[1] - 6
@@ -222,7 +222,7 @@ def by_root(tangent, row, root, k, variation):
 
 
 @jit_inner
-def gather(system, joints, cv, ca, want_tangent):
+def assemble_residual(system, joints, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
     topology = system.topology
     work = system.work
@@ -237,14 +237,14 @@ def gather(system, joints, cv, ca, want_tangent):
                     work.diagonal[b, i, k] = work.dwrench[n, k, i]
             continue
         if topology.freedoms[n] > 0:
-            _passive_rows(n, columns, system, cv, ca)
+            _fill_passive_rows(n, columns, system, cv, ca)
         if m >= 0:
             bring_back(n, m, system.frames, joints, work.wrench)
-            _bring_back_variation(n, m, columns, system, joints)
+            _add_variation_to_parent(n, m, columns, system, joints)
 
 
 @jit_inner
-def _bring_back_variation(n, m, columns, system, joints):
+def _add_variation_to_parent(n, m, columns, system, joints):
     """Add the variation of node n's wrench to its parent's; its pose there varies with the joint's own freedoms only."""
     topology = system.topology
     work = system.work
@@ -267,7 +267,7 @@ def _bring_back_variation(n, m, columns, system, joints):
 
 
 @jit_inner
-def _passive_rows(n, columns, system, cv, ca):
+def _fill_passive_rows(n, columns, system, cv, ca):
     """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
     # Work by itself: where formulas are inlined Numba takes writes into what a tuple of records was unpacked to for dead code.
     work = system.work
@@ -282,7 +282,7 @@ def _passive_rows(n, columns, system, cv, ca):
     frame = mat(frames.r[m]) if m >= 0 else EYE
     force = tapply(frame, vec(work.wrench[n]))
     moment = vec_at(work.wrench[n], 3)
-    inverse = inverse_tangent(passive_psi(n, topology, state, first))
+    inverse = inverse_tangent(compute_joint_rotation(n, topology, state, first))
     level = loads.level[0]
     whole = take_joint_law(topology.drives, n)
     law = JointLaw(whole.rotor, whole.damping, whole.friction, level * whole.stiffness, whole.rest)

@@ -37,7 +37,7 @@ POSITION = 0
 DIRECTION = 1
 PULL = 2
 COUPLING = 3
-# What `tie_rows` sets: phi, its rate, or its second rate.
+# What `evaluate_ties` sets: phi, its rate, or its second rate.
 VALUES = 0
 RATES = 1
 SECOND_RATES = 2
@@ -103,7 +103,7 @@ class Ties(NamedTuple):
     layout: Layout
 
 
-def layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indices) -> Layout:
+def build_layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indices) -> Layout:
     """Return the layout of a border [-] whose rows have to do with the blocks of their ``nodes`` a and b, -1 the world.
 
     tree : `dofs.Topology`, in a plane `planar.tree.PlanarTree`
@@ -125,21 +125,21 @@ def layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indices) -> 
     coupled = np.array([touched[first:last].any(axis=0) for first, last in pairwise(ends)], dtype=bool)
     sides = [np.concatenate([[0], 1 + np.flatnonzero(column)]) for column in touched.T]
     (first_part, part), (first_unknown, unknown) = (
-        (_ends(one.sum(axis=1)), np.nonzero(one)[1].astype(np.int64)) for one in (touched, entries)
+        (_compute_offsets(one.sum(axis=1)), np.nonzero(one)[1].astype(np.int64)) for one in (touched, entries)
     )
     return Layout(
         tree.span, first_part, part, first_unknown, unknown,
-        first_side=_ends([len(side) for side in sides]), side=np.concatenate(sides).astype(np.int64),
+        first_side=_compute_offsets([len(side) for side in sides]), side=np.concatenate(sides).astype(np.int64),
         blocks=build_blocks(lengths.tolist(), coupled.reshape(-1, parts).T),
         whole=build_blocks([count], np.ones((1, 1), dtype=bool)),
     )  # fmt: skip
 
 
-def _ends(counts: Any) -> Indices:
+def _compute_offsets(counts: Any) -> Indices:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
+def build_border_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
     """Return the border's rows of a mesh: the constraints of its closures [m], [-], then three for each spring [N].
 
     by_unknown : (nv, unknowns) 1 where an unknown of the march is a joint coordinate
@@ -157,10 +157,10 @@ def closing_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties:
         np.concatenate([one, np.broadcast_to(other, (3 * len(springs), *one.shape[1:]))])
         for one, other in zip(of_closures, of_springs, strict=True)
     )
-    return ties(kind, (a, b), vectors, gear, layout(topology, (a, b), gear, group))
+    return build_ties(kind, (a, b), vectors, gear, build_layout(topology, (a, b), gear, group))
 
 
-def ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear: Array, layout: Layout) -> Ties:
+def build_ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear: Array, layout: Layout) -> Ties:
     """Return rows of the border that all act, without force [m], [-], [N]; vectors : place_a, place_b, u, w."""
     a, b = nodes
     place_a, place_b, u, w = vectors
@@ -173,7 +173,7 @@ def ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array], gear
     )  # fmt: skip
 
 
-def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
+def update_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
     """Let the closures of ``acting`` (closures,) act, with the frames [m], [-] that ``rows`` have now; others carry nothing."""
     n = len(rows.closure)
     constraints.acting[:n] = acting[rows.closure]
@@ -183,7 +183,7 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 
 
 @jit_inner
-def tie_rows(constraints, state, frames, wanted):
+def evaluate_ties(constraints, state, frames, wanted):
     """Set value and gradient of every constraint, and return nothing [m], [-]: phi, phi', or phi'' = u''.w + 2 u'.w' + u.w''."""
     for k in range(len(constraints.a)):
         if constraints.kind[k] == PULL:
@@ -214,11 +214,11 @@ def tie_rows(constraints, state, frames, wanted):
             constraints.value[k] = dot(u[1], w[0]) + dot(u[0], w[1])
         else:
             constraints.value[k] = dot(u[0], w[0])
-        set_gradient(k, constraints, frames, u[0], w[0])
+        fill_gradient(k, constraints, frames, u[0], w[0])
 
 
 @jit_inner
-def set_gradient(row, constraints, frames, vector, second):
+def fill_gradient(row, constraints, frames, vector, second):
     """Set the gradient g of a row [-], [m], of phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), w in the nodes' own frames.
 
     vector : u, which turns with a, or a fixed one where the row's u is zero; second : d or w; all in the world
@@ -263,7 +263,7 @@ def add_gears(constraints, residual):
 
 
 @jit_inner
-def tie_sides(topology, constraints, variation, residual):
+def fill_right_sides(topology, constraints, variation, residual):
     """Put -C, by unknowns, into the right sides 1.. of the solve [N], [N m] per unit multiplier; A = C^T for constraints."""
     plan = constraints.layout
     for k in range(len(constraints.a)):
@@ -291,7 +291,7 @@ def tie_sides(topology, constraints, variation, residual):
 
 
 @jit_inner
-def any_acts(constraints):
+def has_acting_closure(constraints):
     """Return True if a closure acts [-]; what springs do needs no second phase of a step."""
     acts = False
     for k in range(len(constraints.a)):
@@ -304,13 +304,13 @@ REDUNDANT_PIVOT = 1e-10
 
 
 @jit_inner
-def factorise_border(constraints, blocks, y):
+def compute_border_factors(constraints, blocks, y):
     """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the layout."""
     for e in range(blocks.entry.shape[0]):
         i = blocks.entry[e, 0]
         j = blocks.entry[e, 1]
         own = 1.0 if i == j and constraints.kind[i] == PULL else 0.0
-        constraints.border[i, j] = -_along(constraints, i, y[1 + j]) - own
+        constraints.border[i, j] = -_compute_row_product(constraints, i, y[1 + j]) - own
     factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 
@@ -323,7 +323,7 @@ def solve_border(constraints, blocks, unit, y):
     plan = constraints.layout
     for k in range(len(constraints.a)):
         given = constraints.value[k] / (1.0 if constraints.kind[k] == PULL else unit)
-        constraints.value[k] = _along(constraints, k, y[0]) - given
+        constraints.value[k] = _compute_row_product(constraints, k, y[0]) - given
     solve_blocks(constraints.border, blocks, constraints.pivots, constraints.value, constraints.step)
     for k in range(len(constraints.a)):
         constraints.multiplier[k] += constraints.step[k]
@@ -333,7 +333,7 @@ def solve_border(constraints, blocks, unit, y):
 
 
 @jit_inner
-def _along(constraints, k, y):
+def _compute_row_product(constraints, k, y):
     """-A y of row k."""
     total = 0.0
     across = constraints.across[k]

@@ -59,7 +59,7 @@ class Topology(NamedTuple):
 
 
 @kept_with_owner()
-def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
+def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
 
     Raises InputError for a passive joint that cannot be.
@@ -97,7 +97,7 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
         turn[node] = mesh.turn[node]
         triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
         drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
-    offset, span = laid_out(size, part)
+    offset, span = compute_offsets(size, part)
     # Convergence is judged on increments over the length of the mechanism for translations, over 1 for rotations.
     scale = np.ones(int(size.sum()))
     gravity = np.array(mesh.mechanism.gravity, dtype=float)
@@ -113,7 +113,7 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     )  # fmt: skip
 
 
-def laid_out(size: Indices, part: Indices) -> tuple[Indices, Indices]:
+def compute_offsets(size: Indices, part: Indices) -> tuple[Indices, Indices]:
     """Return the first unknown of each block and of each part [-], part by part, from the sizes and parts of the blocks."""
     order = np.argsort(part, kind="stable")
     offset = np.empty_like(size)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.assembly import passive_psi
+from flexinv.dynamics.assembly import compute_joint_rotation
 from flexinv.errors import InputError
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
@@ -79,7 +79,7 @@ STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ACCELERATIONS = Scheme(ACCELERATION, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def generalized_alpha(step: float, spectral_radius: float, tolerance: float = EXACT) -> Scheme:
+def build_generalized_alpha(step: float, spectral_radius: float, tolerance: float = EXACT) -> Scheme:
     """Return the scheme of one ``step`` [s] whose high frequencies shrink by ``spectral_radius`` [-] per step.
 
     alpha_m = (2 rho - 1)/(rho + 1), alpha_f = rho/(rho + 1), gamma = 1/2 + alpha_f - alpha_m, beta = (gamma + 1/2)^2 / 4.
@@ -103,20 +103,20 @@ def generalized_alpha(step: float, spectral_radius: float, tolerance: float = EX
     return Scheme(DYNAMIC, step, gamma / (beta * step), ca, beta, gamma, alpha_m, alpha_f, tolerance)
 
 
-def start_up(scheme: Scheme) -> Scheme:
+def build_start_scheme(scheme: Scheme) -> Scheme:
     """Return the scheme [s] of the parts of the first steps after a sudden start."""
-    return generalized_alpha(scheme.h / SUBSTEPS, 0.0, scheme.tolerance)
+    return build_generalized_alpha(scheme.h / SUBSTEPS, 0.0, scheme.tolerance)
 
 
-def early_times(time: Array) -> Array:
+def list_early_times(time: Array) -> Array:
     """Return the ends [s] of all parts of the steps between the instants ``time`` (steps + 1,); every last one is an instant."""
     ends = time[:-1, None] + np.diff(time)[:, None] * (np.arange(1, SUBSTEPS + 1) / SUBSTEPS)
     ends[:, -1] = time[1:]
     return np.asarray(ends.reshape(-1))
 
 
-def early_rows(row: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows of the histories for `early_times`, (parts,) [-], from those of the ends of the steps."""
+def list_early_rows(row: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows of the histories for `list_early_times`, (parts,) [-], from those of the ends of the steps."""
     rows = np.full((len(row), SUBSTEPS), -1, dtype=np.int64)
     rows[:, -1] = row
     return rows.reshape(-1)
@@ -141,7 +141,7 @@ def copy(values, to):
 
 
 @jit_inner
-def predict(scheme, state):
+def prepare_step(scheme, state):
     """Start a step where auxiliary accelerations go on as a parabola (order 2), a line (1) or as they are (0) [m, rad, s]."""
     order = state.order[0]
     for k in range(len(state.d)):
@@ -151,7 +151,7 @@ def predict(scheme, state):
 
 
 @jit_inner
-def pseudo_acceleration(scheme, state, k):
+def compute_acceleration(scheme, state, k):
     """Return the auxiliary acceleration A_(n+1) of unknown k [m/s^2], [rad/s^2], from the increment of the step."""
     h = scheme.h
     beta = scheme.beta
@@ -162,14 +162,14 @@ def pseudo_acceleration(scheme, state, k):
 def update_rates(scheme, state):
     """Set velocities and accelerations that belong to the increments of the step [m, rad, s]."""
     for k in range(len(state.d)):
-        pseudo = pseudo_acceleration(scheme, state, k)
+        pseudo = compute_acceleration(scheme, state, k)
         state.u[k] = state.u0[k] + scheme.h * ((1 - scheme.gamma) * state.pseudo[k] + scheme.gamma * pseudo)
         both = (1 - scheme.alpha_m) * pseudo + scheme.alpha_m * state.pseudo[k] - scheme.alpha_f * state.du0[k]
         state.du[k] = both / (1 - scheme.alpha_f)
 
 
 @jit_inner
-def correct(topology, scheme, state, y):
+def apply_increment(topology, scheme, state, y):
     """Apply Newton's increments y (unknowns,) [m], [rad]; rotation vectors by d += H(d)^-1 theta."""
     if scheme.mode == ACCELERATION or scheme.mode == RESOLVED:
         for k in range(len(y)):
@@ -182,7 +182,7 @@ def correct(topology, scheme, state, y):
             add_to(state.d, o + 3, apply(inverse_tangent(vec_at(state.d, o + 3)), vec_at(y, o + 3)))
         elif topology.freedoms[n] > 0:
             first = o + topology.column[n]
-            turned = inverse_tangent(passive_psi(n, topology, state, first))
+            turned = inverse_tangent(compute_joint_rotation(n, topology, state, first))
             for k in range(topology.freedoms[n] if topology.triple[n] < 0 else topology.triple[n]):
                 state.d[first + k] += y[first + k]
             if topology.triple[n] >= 0:
@@ -193,7 +193,7 @@ def correct(topology, scheme, state, y):
 
 
 @jit_inner
-def advance_unknowns(scheme, state, scale):
+def update_unknowns(scheme, state, scale):
     """Let the unknowns at the end of a step start the next [m, rad, s], with the order that would have predicted it.
 
     scale : (unknowns,) [m], [-], over which predictions are compared
@@ -202,7 +202,7 @@ def advance_unknowns(scheme, state, scale):
     line = 0.0
     parabola = 0.0
     for k in range(len(state.d) if scheme.mode == DYNAMIC else 0):
-        pseudo = pseudo_acceleration(scheme, state, k)
+        pseudo = compute_acceleration(scheme, state, k)
         trend = pseudo - state.pseudo[k]
         bend = trend - state.trend[k]
         still = still + abs(trend) / scale[k]
@@ -219,7 +219,7 @@ def advance_unknowns(scheme, state, scale):
 
 
 @jit_inner
-def advance(topology, scheme, state):
+def end_step(topology, scheme, state):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
     for n in range(len(topology.parent)):
         o = topology.offset[topology.block[n]]
@@ -230,12 +230,12 @@ def advance(topology, scheme, state):
             first = o + topology.column[n]
             for k in range(topology.freedoms[n]):
                 add_to(state.x[n], 0, scale(state.d[first + k], vec(topology.slide[n, k])))
-            put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(passive_psi(n, topology, state, first))))
-    advance_unknowns(scheme, state, topology.scale)
+            put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(compute_joint_rotation(n, topology, state, first))))
+    update_unknowns(scheme, state, topology.scale)
 
 
 @jit_inner
-def largest_increment(y, scale):
+def find_largest_increment(y, scale):
     """Return the largest increment relative to its scale [-]; not finite if one of them is not."""
     largest = 0.0
     for k in range(len(y)):

@@ -11,8 +11,8 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
 from flexinv.dynamics.constraint_rows import PULL
-from flexinv.dynamics.initial_state import start_undeformed
-from flexinv.dynamics.linearization import matrices
+from flexinv.dynamics.initial_state import begin_undeformed
+from flexinv.dynamics.linearization import compute_matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
@@ -34,16 +34,16 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     topology = solver.topology
     neutral = mesh.mechanism.neutral
     still = np.zeros(mesh.mechanism.nv)
-    joints = start_undeformed(solver, neutral, still, still)
+    joints = begin_undeformed(solver, neutral, still, still)
     try:
-        found = matrices(solver, joints)
+        found = compute_matrices(solver, joints)
     except ConvergenceError:
         return []
-    columns, owner = _columns(solver)
+    columns, owner = _list_passive_columns(solver)
     ties = solver.border.ties
     rows = [part[:, columns].toarray() for part in found]
-    rows = [_relative(topology.scale[:, None] * part * topology.scale[columns]) for part in rows]
-    rows.append(_relative(ties.sides[ties.kind != PULL][:, columns] * topology.scale[columns]))
+    rows = [_scale_to_largest(topology.scale[:, None] * part * topology.scale[columns]) for part in rows]
+    rows.append(_scale_to_largest(ties.sides[ties.kind != PULL][:, columns] * topology.scale[columns]))
     free = scipy.linalg.null_space(np.concatenate(rows), rcond=RESISTED)
     moves = np.abs(free) > MOVED * np.abs(free).max(initial=0.0)
     pairs = scipy.sparse.csr_array(moves.astype(float) @ moves.T)
@@ -56,7 +56,7 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     return list(names.values())
 
 
-def explain_idle(mesh: Mesh, passive: frozenset[str]) -> str:
+def describe_idle_joints(mesh: Mesh, passive: frozenset[str]) -> str:
     """Return the sentence of an error on passive joints that nothing resists, with advice; empty without such joints."""
     said = []
     for names in find_idle(mesh, passive):
@@ -74,7 +74,7 @@ def explain_idle(mesh: Mesh, passive: frozenset[str]) -> str:
     return "; ".join(said)
 
 
-def _columns(solver: Solver) -> tuple[Indices, list[str]]:
+def _list_passive_columns(solver: Solver) -> tuple[Indices, list[str]]:
     """Return the unknowns that are coordinates of passive joints, (columns,), and the joint of each."""
     topology = solver.topology
     mesh = solver.mesh
@@ -88,7 +88,7 @@ def _columns(solver: Solver) -> tuple[Indices, list[str]]:
     return np.array(columns, dtype=np.int64), owner
 
 
-def _relative(part: Array) -> Array:
+def _scale_to_largest(part: Array) -> Array:
     """Return a matrix over its largest entry [-], or as it is where all are zero."""
     largest = float(np.abs(part).max(initial=0.0))
     return part / largest if largest > 0.0 else part

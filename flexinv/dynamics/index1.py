@@ -9,20 +9,20 @@ Masses are lumped in the nodes, so M has one small matrix for each block of unkn
 forces stay as they are: positions and velocities do not change.
 
 M may be singular: a section without rotary inertia that carries a hinge turns one way, what hangs on the hinge the other, and
-nothing resists.  Such a motion has no acceleration of its own (`hold_massless`).
+nothing resists.  Such a motion has no acceleration of its own (`add_mass_to_block`).
 """
 
 from __future__ import annotations
 
-from flexinv.dynamics.assembly import forward_pass, node_wrenches
+from flexinv.dynamics.assembly import compute_node_wrenches, run_forward_pass
 from flexinv.dynamics.constraint_rows import (
     PULL,
     SECOND_RATES,
     add_ties,
-    factorise_border,
+    compute_border_factors,
+    evaluate_ties,
+    fill_right_sides,
     solve_border,
-    tie_rows,
-    tie_sides,
 )
 from flexinv.dynamics.tree_solver import solve_block
 from flexinv.kernels.jit import jit_inner
@@ -36,7 +36,7 @@ NO_INERTIA = 1e-13
 
 
 @jit_inner
-def project_accelerations(system, joints, y):
+def update_accelerations(system, joints, y):
     """Change accelerations state.du [m/s^2], [rad/s^2], multipliers, frames and wrenches [N], [N m] into those of index 1.
 
     work.residual[0] : what Newton has left
@@ -50,26 +50,26 @@ def project_accelerations(system, joints, y):
     level = system.loads.level[0]
     full = work.projection[0]
     change = work.projection[1]
-    forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
+    run_forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
     for n in range(len(topology.parent)):
         for i in range(6):
             full[n, i] = work.wrench[n, i]
-    node_wrenches(topology, frames, variation, level, work, False)
+    compute_node_wrenches(topology, frames, variation, level, work, False)
     for n in range(len(topology.parent)):
         for i in range(6):
             change[n, i] = -work.wrench[n, i]
-    tie_rows(ties, state, frames, SECOND_RATES)
-    tie_sides(topology, ties, variation, work.residual)
+    evaluate_ties(ties, state, frames, SECOND_RATES)
+    fill_right_sides(topology, ties, variation, work.residual)
     for k in range(len(ties.a)):  # springs keep their forces
         if ties.kind[k] == PULL:
             ties.value[k] = 0.0
     solve_masses(system, y)
-    factorise_border(ties, ties.layout.blocks, y)
+    compute_border_factors(ties, ties.layout.blocks, y)
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.du[i] += y[0, i]
-    forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
-    node_wrenches(topology, frames, variation, level, work, False)
+    run_forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
+    compute_node_wrenches(topology, frames, variation, level, work, False)
     for n in range(len(topology.parent)):
         for i in range(6):
             change[n, i] += work.wrench[n, i]
@@ -112,19 +112,19 @@ def solve_masses(system, y):
                 own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
             own[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
-    largest = largest_inertia(topology, diagonal)
+    largest = find_largest_inertia(topology, diagonal)
     plan = ties.layout
     for b in range(len(topology.size)):
         first = topology.offset[b]
         scale = topology.scale[first : first + topology.size[b]]
-        hold_massless(diagonal[b], topology.size[b], scale, largest, system.work.system)
+        add_mass_to_block(diagonal[b], topology.size[b], scale, largest, system.work.system)
     for b in range(len(topology.size)):
         part = topology.part[b]
         solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
 
 
 @jit_inner
-def largest_inertia(topology, diagonal):
+def find_largest_inertia(topology, diagonal):
     """Return the largest inertia of all blocks, as it is felt over one length of the mechanism or one radian [kg m^2]."""
     largest = 0.0
     for b in range(len(topology.size)):
@@ -136,7 +136,7 @@ def largest_inertia(topology, diagonal):
 
 
 @jit_inner
-def hold_massless(m, size, scale, largest, left):
+def add_mass_to_block(m, size, scale, largest, left):
     """Make motions of one block that have no inertia so heavy that their accelerations stay as they are [kg], [kg m^2].
 
     Gauss elimination of the symmetric m (size, size), the last freedom first: where all behind a freedom follow freely and its
@@ -159,12 +159,12 @@ def hold_massless(m, size, scale, largest, left):
 
 
 @jit_inner
-def weigh_massless(topology, diagonal):
+def add_missing_masses(topology, diagonal):
     """Make freedoms without inertia (no term in ca) so heavy that their acceleration stays as it is [kg], [kg m^2].
 
     Inertias are compared in lengths of the mechanism.
     """
-    largest = largest_inertia(topology, diagonal)
+    largest = find_largest_inertia(topology, diagonal)
     for b in range(len(topology.size)):
         for k in range(topology.size[b]):
             unit = topology.scale[topology.offset[b] + k] ** 2

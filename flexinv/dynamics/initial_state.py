@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 
 from flexinv.dynamics import generalized_alpha as integrator
-from flexinv.dynamics.generalized_alpha import ACCELERATIONS, RESOLVED, STATICS, Scheme, generalized_alpha, is_sudden
-from flexinv.dynamics.solver import Solver, by_unknown
+from flexinv.dynamics.generalized_alpha import (
+    ACCELERATIONS,
+    RESOLVED,
+    STATICS,
+    Scheme,
+    build_generalized_alpha,
+    is_sudden,
+)
+from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
 from flexinv.errors import ConvergenceError, ModelWarning
@@ -26,12 +33,12 @@ Failure = tuple[int, int, float]  # what `Solver.newton` returns
 CERTAIN = 30.0  # times what the last digit of places does: accelerations beyond that are no rounding
 
 
-def instant(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
+def compute_joint_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     """Return the relative motion of all nodes at one instant, q (nq,), qd, qdd (nv,) [m, rad, s]."""
     return Joints(*(part[0] for part in relative_motion(mesh, q[None], qd[None], qdd[None])))
 
 
-def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
+def begin_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
     """Set the unknowns to the rigid motion of the stress-free mechanism at one instant [m, rad, s]; return that of its joints."""
     mesh = solver.mesh
     t = solver.topology
@@ -39,15 +46,15 @@ def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
         i = mesh.q_index[n]
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
         solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle
-    joints = instant(mesh, q, qd, qdd)
-    _start(solver, rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
+    joints = compute_joint_motion(mesh, q, qd, qdd)
+    _fill_initial_unknowns(solver, rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
     return joints
 
 
-def _start(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
+def _fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
     t = solver.topology
     s = solver.state
-    moved = by_unknown(solver.mesh, solver.topology)
+    moved = build_coordinate_map(solver.mesh, solver.topology)
     free = np.flatnonzero(t.independent)
     held = t.freedoms > 0
     at = t.offset[t.block[free], None] + np.arange(6)
@@ -63,10 +70,10 @@ def _start(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: 
         own = t.offset[t.block[n]] + t.column[n] + np.arange(3)
         s.u[own] = joints.dp[n] @ solver.mesh.rotation[n]
         s.du[own] = joints.ddp[n] @ solver.mesh.rotation[n]
-    accept(s)
+    begin_from_state(s)
 
 
-def accept(state: State) -> None:
+def begin_from_state(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
     state.d[:] = 0.0
@@ -94,15 +101,15 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
             solver.solve_instant(scheme._replace(mode=RESOLVED), joints, when)
         sudden = is_sudden(scheme, scale, found, s.du)
         left = np.abs((found - s.du) / scale).max()
-        sudden = sudden and not left <= CERTAIN * _accelerations_of_rounding(solver, joints, found)
+        sudden = sudden and not left <= CERTAIN * _compute_rounding_effect(solver, joints, found)
     if not sudden:
         s.du[:] = found
         multiplier[:] = forces
-    accept(s)
+    begin_from_state(s)
     return sudden
 
 
-def _accelerations_of_rounding(solver: Solver, joints: Joints, found: Array) -> float:
+def _compute_rounding_effect(solver: Solver, joints: Joints, found: Array) -> float:
     """Return by how much accelerations, over the length or in radians [1/s^2], change where nodes move by their last digit.
 
     So far the accelerations ``found`` are known where the mechanism stands.  The unknowns are left as they were.
@@ -148,21 +155,21 @@ MOST_STEPS = 500
 MOST_JUDGED = 3000
 
 
-def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
+def find_equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     """Find the rest position under gravity, springs and the solver's loads [N], [N m] that belongs to the starting position.
 
     Where every joint is held the loads are raised from zero in steps as large as converge.  With passive joints there are several
-    rest positions: every caller gets the one to which the mechanism sinks from its start (`_sink`).
+    rest positions: every caller gets the one to which the mechanism sinks from its start (`_find_rest_position`).
 
     The unknowns must hold a starting position, and are at rest afterwards; returns the relative motion of the prescribed joints.
     Raises ConvergenceError, naming what was reached.
     """
     nv = solver.mesh.mechanism.nv
-    joints = instant(solver.mesh, q, np.zeros(nv), np.zeros(nv))
+    joints = compute_joint_motion(solver.mesh, q, np.zeros(nv), np.zeros(nv))
     solver.state.u[:] = 0.0
     solver.state.du[:] = 0.0
     if solver.topology.freedoms.any():
-        _sink(solver, joints, when)
+        _find_rest_position(solver, joints, when)
         return joints
     level = solver.loads.level
     reached = 0.0
@@ -177,11 +184,11 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
         solver.state.d[:] = 0.0
         part = 0.5 * part
         if part < 0.5**MOST_HALVINGS:
-            raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
+            raise solver.make_step_error(status, count, size, f"{when}, {reached:.1%} of the load")
     return joints
 
 
-def _sink(solver: Solver, joints: Joints, when: str) -> None:
+def _find_rest_position(solver: Solver, joints: Joints, when: str) -> None:
     """Bring a mechanism at rest under its whole load [N], [N m] to the rest position below it; the unknowns change.
 
     A step of h from rest, with a scheme that keeps no rates, ends where  f(x + d) = 2 M d / h^2:  a step down the slope of the
@@ -200,15 +207,15 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
     last = np.zeros(len(begin))
     for _ in range(MOST_STEPS):
         before = solver.state.place.copy()
-        moved, failed = _moved(solver, joints, generalized_alpha(step, 0.0), LONGEST_MOVE)
+        moved, failed = _move_one_step(solver, joints, build_generalized_alpha(step, 0.0), LONGEST_MOVE)
         if moved is None:
             step /= STEP_FACTOR
             if step < shortest:
-                raise solver.complain(*failed, f"{when}, on the way down to a rest position")
+                raise solver.make_step_error(*failed, f"{when}, on the way down to a rest position")
             continue
         last = solver.state.place - before
         # Close by Newton's method may find the rest position; where a motion is free of forces, standing still will do.
-        if moved < NEAR_REST and _moved(solver, joints, STATICS, STEP_FACTOR * NEAR_REST)[0] is not None:
+        if moved < NEAR_REST and _move_one_step(solver, joints, STATICS, STEP_FACTOR * NEAR_REST)[0] is not None:
             return
         if step >= longest and moved < STILL:
             return
@@ -222,7 +229,7 @@ def _explain_motion(solver: Solver, way: Array, last: Array, when: str) -> Conve
     way, last : (unknowns,) what the unknowns have moved by in all, and in the last step that was kept [rad], [m]
     """
     mechanism = solver.mesh.mechanism
-    of_joints = by_unknown(solver.mesh, solver.topology)
+    of_joints = build_coordinate_map(solver.mesh, solver.topology)
     most = int(np.abs(of_joints @ (last / solver.topology.scale)).argmax())
     name = next(name for name, own in mechanism.v_slices.items() if own.start <= most < own.stop)
     unit = "m" if slides(mechanism)[most] else "rad"
@@ -234,13 +241,13 @@ def _explain_motion(solver: Solver, way: Array, last: Array, when: str) -> Conve
     )
 
 
-def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> tuple[float | None, Failure]:
+def _move_one_step(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> tuple[float | None, Failure]:
     """Make one step from rest; return how far it went [-], None (and why) where it failed, went too far or climbed."""
     s = solver.state
     multiplier = solver.border.ties.multiplier
     s.u[:] = 0.0
     s.du[:] = 0.0
-    accept(s)
+    begin_from_state(s)
     before = [part.copy() for part in (s.x, s.r, s.place, multiplier)]
     solver.evaluate(STATICS, joints)
     load = -solver.work.residual[0]
@@ -249,7 +256,7 @@ def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> t
     moved = float(np.abs(gone / solver.topology.scale).max(initial=0.0))
     s.u[:] = 0.0
     s.du[:] = 0.0
-    accept(s)
+    begin_from_state(s)
     if failed[0] == CONVERGED and moved <= farthest and (moved < CLOSING or float(load @ gone) >= 0.0):
         return moved, failed
     for part, kept in zip((s.x, s.r, s.place, multiplier), before, strict=True):
@@ -257,18 +264,18 @@ def _moved(solver: Solver, joints: Joints, scheme: Scheme, farthest: float) -> t
     return None, (NOT_CONVERGED, failed[1], moved) if failed[0] == CONVERGED else failed
 
 
-def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
-    """Begin in the `equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
+def begin_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
+    """Begin in the `find_equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
     from flexinv.linearized.natural_modes import unstable_motions
 
-    joints = equilibrium(solver, q, when)
+    joints = find_equilibrium(solver, q, when)
     s = solver.state
     loads = solver.loads
     ties = solver.border.ties
     parts = (s.x, s.r, s.place, loads.wrench, loads.effort, ties.multiplier, ties.acting, solver.topology.freedoms)
     # all that the stiffness of a rest position follows from, beside the mesh
     here = b"".join(part.tobytes() for part in (*parts, *solver.frames))
-    stable = _stable(solver.mesh)
+    stable = _list_stable_positions(solver.mesh)
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
     unstable, _ = unstable_motions(solver, joints)
@@ -287,12 +294,12 @@ def start_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
 
 
 @kept_with_owner()
-def _stable(mesh: Mesh) -> set[bytes]:
+def _list_stable_positions(mesh: Mesh) -> set[bytes]:
     """The rest position of a mesh, in bytes, that was found stable last: marches begin in it again and again."""
     return set()
 
 
-def start_held(solver: Solver, q: Array, time: float, when: str) -> bool:
+def begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -> bool:
     """Put a mechanism that torques move into its equilibrium at a time [s] with all driven joints held at q (nq,) [rad], [m].
 
     Were they free, joints with nothing to hold them (a vertical axis) would have no one equilibrium, and a first torque seldom
@@ -309,9 +316,9 @@ def start_held(solver: Solver, q: Array, time: float, when: str) -> bool:
     acting.acting[:] = own.acting
     acting.place_b[:] = own.place_b
     acting.w[:] = own.w
-    start_undeformed(held, q, still, still)
-    held.load_at(time, q, still, still)
-    start_at_equilibrium(held, q, when)
+    begin_undeformed(held, q, still, still)
+    held.update_loads(time, q, still, still)
+    begin_at_equilibrium(held, q, when)
     nodes = held.topology.independent | (held.topology.freedoms > 0)
     solver.state.x[nodes] = held.state.x[nodes]
     solver.state.r[nodes] = held.state.r[nodes]
@@ -340,21 +347,21 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
     shape.r[held] = solver.state.r[held]
     moving = NodalMotion.unwritten(1, mesh.size)
     carry_samples(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
-    _start(solver, moving, shape, qd, qdd)
+    _fill_initial_unknowns(solver, moving, shape, qd, qdd)
 
 
-def stand(solver: Solver, motion: Sequence[Array], time: float, initial: str, when: str) -> Joints:
+def begin_motion(solver: Solver, motion: Sequence[Array], time: float, initial: str, when: str) -> Joints:
     """Start at a motion q (nq,), qd, qdd (nv,) [m, rad, s], with the accelerations that belong to it; return that of the joints.
 
     initial : "consistent" (undeformed) or "static" (in equilibrium at a time [s]).  Raises ConvergenceError.
     """
     q, qd, qdd = motion
-    joints = start_undeformed(solver, q, qd, qdd)
-    solver.load_at(time, q, qd, qdd)
+    joints = begin_undeformed(solver, q, qd, qdd)
+    solver.update_loads(time, q, qd, qdd)
     if initial == "static":
-        steady = solver.efforts is None or start_held(solver, q, time, when)
+        steady = solver.efforts is None or begin_with_fixed_drives(solver, q, time, when)
         if solver.efforts is None:
-            start_at_equilibrium(solver, q, when)
+            begin_at_equilibrium(solver, q, when)
         if steady:
             move_as_rigid(solver, joints, qd, qdd)
     solver.solve_instant(ACCELERATIONS, joints, when)

@@ -4,7 +4,7 @@
 
 with y increments of the pose, a rotation's in the node's own frame.  The linearisation of a time step is affine in the factors
 cv = du/dy and ca = du'/dy of its scheme, T(cv, ca) = K + cv C + ca M, so that three evaluations give all of them.
-Nodes couple along the tree only: of a large mechanism nearly all entries are zero, and `matrices` keeps the others alone.
+Nodes couple along the tree only: of a large mechanism nearly all entries are zero, and `compute_matrices` keeps the others alone.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.dynamics.assembly import by_root
+from flexinv.dynamics.assembly import compute_root_derivative
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.solver import Solver
@@ -38,7 +38,7 @@ class Matrices(NamedTuple):
     stiffness: Sparse
 
 
-def matrices(solver: Solver, joints: Joints) -> Matrices:
+def compute_matrices(solver: Solver, joints: Joints) -> Matrices:
     """Return M [kg], C [N s/m] and K [N/m] where the solver stands; forces of springs between points follow the motion.
 
     Raises ConvergenceError where an element turns too much to be linearised.
@@ -49,10 +49,10 @@ def matrices(solver: Solver, joints: Joints) -> Matrices:
     values = np.zeros((3, count))
     springs = list[Sparse]()
     for which in range(3):
-        if (bad := solver.evaluate(weighed(which), joints)) >= 0:
-            raise solver.complain(TURNED_TOO_MUCH, bad, 0.0, "where it is linearised")
-        entries(solver.system, at, values[which])
-        springs.append(_springs(solver))
+        if (bad := solver.evaluate(make_weighted_scheme(which), joints)) >= 0:
+            raise solver.make_step_error(TURNED_TOO_MUCH, bad, 0.0, "where it is linearised")
+        fill_sparse_entries(solver.system, at, values[which])
+        springs.append(_compute_spring_matrix(solver))
     values[1:] = (values[1:] - values[0]) / LARGE_FACTOR
     springs[1:] = [(one - springs[0]) / LARGE_FACTOR for one in springs[1:]]
     parts = [scipy.sparse.csc_array((value, (at[0], at[1])), shape=(size, size)) for value in values]
@@ -72,7 +72,7 @@ def _count_entries(solver: Solver) -> int:
     return count
 
 
-def _springs(solver: Solver) -> Sparse:
+def _compute_spring_matrix(solver: Solver) -> Sparse:
     """Give the part of springs between points in the linearisation, -C A of their rows in the border."""
     ties = solver.border.ties
     pulls = ties.kind == PULL
@@ -81,7 +81,7 @@ def _springs(solver: Solver) -> Sparse:
 
 
 @jit_formula
-def weighed(which: int) -> Scheme:
+def make_weighted_scheme(which: int) -> Scheme:
     """Return the scheme [-] of which the linearisation is K (0), K + LARGE_FACTOR C (1) or K + LARGE_FACTOR M (2)."""
     return Scheme(
         DYNAMIC, 0.0, LARGE_FACTOR if which == 1 else 0.0, LARGE_FACTOR if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -89,10 +89,10 @@ def weighed(which: int) -> Scheme:
 
 
 @jit_inner
-def differentiate(system, joints, out):
+def fill_dense_matrices(system, joints, out):
     """Fill K, C and M (3, unknowns, unknowns) [N/m], [N s/m], [kg]; return -1 or the element that turned too much."""
     for which in range(3):
-        bad = evaluate(system, weighed(which), joints, True)
+        bad = evaluate(system, make_weighted_scheme(which), joints, True)
         if bad >= 0:
             return bad
         fill(system, which, out)
@@ -100,7 +100,7 @@ def differentiate(system, joints, out):
 
 
 @jit
-def entries(system, at, values):
+def fill_sparse_entries(system, at, values):
     """Fill the places (2, entries) and values (entries,) [any unit] of the linearisation without springs between points."""
     work = system.work  # by itself: it is written to (`assembly._passive_rows`)
     topology = system.topology
@@ -142,7 +142,7 @@ def _list(block, rows, columns, at, values, n):
 
 @jit
 def fill(system, which, out):
-    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `weighed`.
+    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `make_weighted_scheme`.
 
     Forces of springs between points are in it by -C A of their rows in the border.
     """
@@ -198,4 +198,4 @@ def _add_coupling(topology, variation, nodes, first, second, tangent, at, out):
                 out[rows + r, columns + 3 + a] += by_t[a]
         else:
             for c in range(topology.size[topology.block[root]]):
-                out[rows + r, columns + c] += by_root(tangent, 6 * first + r, root, c, variation)
+                out[rows + r, columns + c] += compute_root_derivative(tangent, 6 * first + r, root, c, variation)

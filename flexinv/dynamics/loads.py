@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.equations import gap
-from flexinv.dynamics.constraint_rows import Ties, set_gradient
+from flexinv.dynamics.constraint_rows import Ties, fill_gradient
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
@@ -55,7 +55,7 @@ class Loads(NamedTuple):
     level: Array
 
 
-def loads_of(mesh: Mesh, unknowns: int) -> Loads:
+def build_loads(mesh: Mesh, unknowns: int) -> Loads:
     """Return the given forces of a mechanism on its links, wrenches [N], [N m] and efforts still zero."""
     forces = [f for f in mesh.mechanism.forces if attachment_node(mesh, f.at) >= 0]
     nodes = np.array([attachment_node(mesh, f.at) for f in forces], dtype=np.int64)
@@ -64,8 +64,8 @@ def loads_of(mesh: Mesh, unknowns: int) -> Loads:
     return Loads(nodes, place, follower, np.zeros((len(forces), 6)), np.zeros(unknowns), np.ones(1))
 
 
-def load_table(mesh: Mesh, time: Array) -> Array:
-    """Return the wrenches of `loads_of` over ``time`` (samples,) [s], (samples, loads, 6) [N], [N m]."""
+def build_load_table(mesh: Mesh, time: Array) -> Array:
+    """Return the wrenches of `build_loads` over ``time`` (samples,) [s], (samples, loads, 6) [N], [N m]."""
     forces = [f for f in mesh.mechanism.forces if attachment_node(mesh, f.at) >= 0]
     out = np.zeros((len(time), len(forces), 6))
     for k, force in enumerate(forces):
@@ -77,7 +77,7 @@ def load_table(mesh: Mesh, time: Array) -> Array:
 
 
 @jit_inner
-def set_loads(loads, wrenches, efforts):
+def update_loads(loads, wrenches, efforts):
     """Set the wrenches (loads, 6) [N], [N m] and, where there are any, the drives' efforts (unknowns,) [N m], [N]."""
     for k in range(len(loads.node)):
         for i in range(6):
@@ -133,16 +133,18 @@ class Pulls(NamedTuple):
     slope: Array
 
 
-def pulls(mesh: Mesh, constraints: Ties) -> Pulls:
+def build_pulls(mesh: Mesh, constraints: Ties) -> Pulls:
     """Return the springs of a mechanism [N/m], [m], [N s/m], whose rows are the last of ``constraints``."""
     springs = mesh.mechanism.springs
     values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = np.arange(len(constraints.a) - 3 * len(springs), len(constraints.a), 3, dtype=np.int64)
     stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
-    return Pulls(rows, stiffness, rest, damping, *_laws(springs), np.zeros((len(springs), 3, 6)))
+    return Pulls(rows, stiffness, rest, damping, *_build_law_tables(springs), np.zeros((len(springs), 3, 6)))
 
 
-def _laws(springs: Sequence[Spring]) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
+def _build_law_tables(
+    springs: Sequence[Spring],
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
     laws = [spring.law for spring in springs]
     kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
     gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
@@ -152,7 +154,7 @@ def _laws(springs: Sequence[Spring]) -> tuple[NDArray[np.int64], Array, NDArray[
 
 
 @jit_inner
-def pull_law(springs, k, length):
+def evaluate_pull(springs, k, length):
     """Return the pull [N] of a spring at a length [m], and its slope [N/m]."""
     if springs.law[k] == GAS:
         force = springs.gas[k, 0]
@@ -172,7 +174,7 @@ def pull_law(springs, k, length):
 
 
 @jit_inner
-def pull_rows(springs, constraints, frames, level):
+def evaluate_spring_rows(springs, constraints, frames, level):
     """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
@@ -181,7 +183,7 @@ def pull_rows(springs, constraints, frames, level):
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)
-        pull, stiffness = pull_law(springs, k, length)
+        pull, stiffness = evaluate_pull(springs, k, length)
         pull = level * pull
         stiffness = level * stiffness
         damping = level * springs.damping[k]
@@ -197,11 +199,11 @@ def pull_rows(springs, constraints, frames, level):
         put_block(springs.slope[k], 0, 3, vec3.mscale(-damping, vec3.outer(n, n)))
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
-            set_gradient(row + i, constraints, frames, vec3.EYE[i], d)
+            fill_gradient(row + i, constraints, frames, vec3.EYE[i], d)
 
 
 @jit_inner
-def pull_sides(topology, springs, constraints, frames, variation):
+def fill_spring_sides(topology, springs, constraints, frames, variation):
     """Set the equations of all springs by the unknowns [N] per unit, with the rates that go with them."""
     plan = constraints.layout
     for k in range(len(springs.row)):

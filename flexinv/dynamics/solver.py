@@ -10,11 +10,11 @@ import numpy as np
 
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import closing_rows
-from flexinv.dynamics.dofs import Topology, topology
+from flexinv.dynamics.constraint_rows import build_border_rows
+from flexinv.dynamics.dofs import Topology, build_topology
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.dynamics.loads import Loads, load_table, loads_of, pulls
-from flexinv.dynamics.stepper import CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
+from flexinv.dynamics.loads import Loads, build_load_table, build_loads, build_pulls
+from flexinv.dynamics.stepper import CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, apply_impact, integrate_instants
 from flexinv.dynamics.system import Border, Instants, State, System, Trajectory, Work
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
@@ -29,7 +29,7 @@ from flexinv.typing import Array
 Efforts = Callable[[Array, bool], Array]
 
 
-def by_unknown(mesh: Mesh, topology: Topology) -> Array:
+def build_coordinate_map(mesh: Mesh, topology: Topology) -> Array:
     """Return (nv, unknowns) [-]: 1 where an unknown of the march is a coordinate of a passive joint."""
     out = np.zeros((mesh.mechanism.nv, len(topology.scale)))
     for n in np.flatnonzero(topology.freedoms):
@@ -58,7 +58,7 @@ class Solver:
     @classmethod
     def of(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
-        t = topology(mesh, frozenset(passive))
+        t = build_topology(mesh, frozenset(passive))
         unknowns = len(t.scale)
         widest = max(int(t.size.max(initial=0)), 1)
         state = State.of(mesh.size, unknowns)
@@ -66,8 +66,8 @@ class Solver:
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
-        tied = closing_rows(mesh, t, by_unknown(mesh, t))
-        loads = loads_of(mesh, unknowns)
+        tied = build_border_rows(mesh, t, build_coordinate_map(mesh, t))
+        loads = build_loads(mesh, unknowns)
         elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
         size = np.append(t.size[t.block], 0)  # of the block of each node, and of no node, -1
         rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
@@ -84,7 +84,7 @@ class Solver:
         )  # fmt: skip
         instant = Trajectory.empty(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
         increment = np.zeros((1 + len(tied.a), unknowns))
-        border = Border(tied, pulls(mesh, tied))
+        border = Border(tied, build_pulls(mesh, tied))
         return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
 
     @property
@@ -105,14 +105,14 @@ class Solver:
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
-        status, _, count, size = march(*self.arguments(scheme, self._now(joints), self.instant))
+        status, _, count, size = integrate_instants(*self.arguments(scheme, self._make_instant(joints), self.instant))
         return int(status), int(count), float(size)
 
     def solve_instant(self, scheme: Scheme, joints: Joints, when: str) -> int:
-        """Solve one instant under the present loads; return the iterations [-], or raise a ConvergenceError (`step_failure`)."""
+        """Solve one instant under the present loads; return the iterations [-], or raise a ConvergenceError (`make_solve_error`)."""
         status, count, size = self.newton(scheme, joints)
         if status != CONVERGED:
-            raise self.complain(status, count, size, when)
+            raise self.make_step_error(status, count, size, when)
         return count
 
     def evaluate(self, scheme: Scheme, joints: Joints) -> int:
@@ -121,20 +121,22 @@ class Solver:
         The kernel is the march's own: a second one for this alone would take as long to compile.
         Return -1 or the element that turned too much.
         """
-        return int(march(self.system, scheme, self._now(joints), self.increment[:0], self.instant)[2])
+        return int(
+            integrate_instants(self.system, scheme, self._make_instant(joints), self.increment[:0], self.instant)[2]
+        )
 
-    def _now(self, joints: Joints) -> Instants:
+    def _make_instant(self, joints: Joints) -> Instants:
         """One instant under the present loads."""
         one = Joints(*(part[None] for part in joints))
         wrench = self.loads.wrench[None].copy()
         return Instants(one, wrench, np.empty((1, 0)), np.empty((1, 0, 3)))
 
-    def collide(self, joints: Joints) -> Array:
+    def apply_impact(self, joints: Joints) -> Array:
         """Stop the velocities that the acting closures do not allow; return their impulses, (rows,) [N s], [N m s]."""
-        collide(self.system, joints, self.increment)
+        apply_impact(self.system, joints, self.increment)
         return self.border.ties.step[: self.instant.multipliers.shape[1]].copy()
 
-    def load_at(self, time: float, q: Array, qd: Array, qdd: Array) -> None:
+    def update_loads(self, time: float, q: Array, qd: Array, qdd: Array) -> None:
         """Set the given forces [N], [N m], the drives' efforts and the given part of couplings to what they are at a time [s].
 
         q (nq,), qd, qdd (nv,) of the joints with a motion [rad], [m], [1/s]
@@ -142,7 +144,7 @@ class Solver:
         given = self.given(q[None], qd[None], qdd[None])[0]
         self.border.ties.given[: len(given)] = given
         now = np.array([time])
-        self.loads.wrench[:] = load_table(self.mesh, now)[0]
+        self.loads.wrench[:] = build_load_table(self.mesh, now)[0]
         if self.efforts is not None:
             self.loads.effort[:] = self.drives(now, before=False)[0]
 
@@ -154,7 +156,7 @@ class Solver:
         rows = constraint_rows(self.mesh)
         if not rows.gear.any():
             return np.empty((len(q), 0, 3))
-        moved = by_unknown(self.mesh, self.topology).any(axis=1)
+        moved = build_coordinate_map(self.mesh, self.topology).any(axis=1)
         of_given = rows._replace(gear=np.where(moved, 0.0, rows.gear))
         return np.stack(coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
 
@@ -165,11 +167,11 @@ class Solver:
         """
         if self.efforts is None:
             return np.empty((len(time), 0))
-        return np.asarray(self.efforts(time, before) @ by_unknown(self.mesh, self.topology))
+        return np.asarray(self.efforts(time, before) @ build_coordinate_map(self.mesh, self.topology))
 
-    def complain(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
-        """Return the error that says where and how the solve failed, see `step_failure`; size [-], step [s]."""
-        return step_failure(self.mesh, self.passive, (status, count, size), when, step, self.turned(count))
+    def make_step_error(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
+        """Return the error that says where and how the solve failed, see `make_solve_error`; size [-], step [s]."""
+        return make_solve_error(self.mesh, self.passive, (status, count, size), when, step, self.turned(count))
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
@@ -189,7 +191,7 @@ BENT_TOO_FAR = LARGEST_TURN / 2  # [rad]
 Failed = tuple[int, int, float]  # status, iterations or element, last relative increment [-]
 
 
-def step_failure(
+def make_solve_error(
     mesh: Mesh, passive: Collection[str], failed: Failed, when: str, step: float = 0.0, turned: float = 0.0
 ) -> ConvergenceError:
     """Return the error that says where and how a solve failed and what to try.
@@ -197,7 +199,7 @@ def step_failure(
     passive : the joints that were free
     step : of the march [s], 0 without; turned : of the element where the step has begun, `Solver.turned` [rad]
     """
-    from flexinv.dynamics.idle_joints import explain_idle
+    from flexinv.dynamics.idle_joints import describe_idle_joints
 
     status, count, size = failed
     name = mesh.mechanism.name
@@ -214,7 +216,7 @@ def step_failure(
                 f"{shorter}check that forces, moments and stiffness are what you mean"
             )
         return ConvergenceError(f"{where} {what}; {advice}")
-    if status == NOT_FINITE and (idle := explain_idle(mesh, frozenset(passive))):
+    if status == NOT_FINITE and (idle := describe_idle_joints(mesh, frozenset(passive))):
         return ConvergenceError(f"mechanism '{name}', {when}: {idle}")
     what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"
     return ConvergenceError(
@@ -223,7 +225,7 @@ def step_failure(
     )
 
 
-def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
+def write_instant(solver: Solver, sample: int, out: Trajectory) -> None:
     """Copy the instant that was solved last into the histories [m, rad, s, N]."""
     for history, value in zip(out[:-1], solver.instant[:-1], strict=True):  # not the iterations
         history[sample] = value[0]

@@ -5,11 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.dynamics import constraint_rows, generalized_alpha
-from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
-from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, solve_border, tie_rows, tie_sides
-from flexinv.dynamics.generalized_alpha import ACCELERATION, DYNAMIC, RESOLVED, STATIC, advance, copy, correct, predict
-from flexinv.dynamics.index1 import project_accelerations, solve_masses, weigh_massless
-from flexinv.dynamics.loads import add_loads, pull_rows, pull_sides, set_loads, turn_arms
+from flexinv.dynamics.assembly import add_elements, assemble_residual, compute_node_wrenches, run_forward_pass
+from flexinv.dynamics.constraint_rows import (
+    PULL,
+    RATES,
+    VALUES,
+    add_gears,
+    add_ties,
+    evaluate_ties,
+    fill_right_sides,
+    solve_border,
+)
+from flexinv.dynamics.generalized_alpha import (
+    ACCELERATION,
+    DYNAMIC,
+    RESOLVED,
+    STATIC,
+    apply_increment,
+    copy,
+    end_step,
+    prepare_step,
+)
+from flexinv.dynamics.index1 import add_missing_masses, solve_masses, update_accelerations
+from flexinv.dynamics.loads import add_loads, evaluate_spring_rows, fill_spring_sides, turn_arms, update_loads
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
@@ -55,26 +73,26 @@ def evaluate(system, scheme, joints, want_tangent):
     loads = system.loads
     level = loads.level[0]
     rated = scheme.mode == ACCELERATION or scheme.mode == RESOLVED
-    forward_pass(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
-    node_wrenches(topology, frames, variation, level, work, want_tangent)
+    run_forward_pass(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
+    compute_node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
-    tie_rows(ties, system.state, frames, constraint_rows.SECOND_RATES if rated else VALUES)
-    pull_rows(pulls, ties, frames, level)
+    evaluate_ties(ties, system.state, frames, constraint_rows.SECOND_RATES if rated else VALUES)
+    evaluate_spring_rows(pulls, ties, frames, level)
     add_ties(ties, ties.multiplier, work.wrench)
     bad = add_elements(topology, system.elements, frames, variation, work, scheme.mode != STATIC, want_tangent)
     if bad < 0:
         if want_tangent:
             turn_arms(topology, pulls, ties, frames, variation, work.dwrench)
-        gather(system, joints, scheme.cv, scheme.ca, want_tangent)
+        assemble_residual(system, joints, scheme.cv, scheme.ca, want_tangent)
         add_gears(ties, work.residual)
         if want_tangent:
-            tie_sides(topology, ties, variation, work.residual)
-            pull_sides(topology, pulls, ties, frames, variation)
+            fill_right_sides(topology, ties, variation, work.residual)
+            fill_spring_sides(topology, pulls, ties, frames, variation)
     return bad
 
 
 @jit_inner
-def newton(system, scheme, joints, y, most):
+def run_newton(system, scheme, joints, y, most):
     """Solve one instant in at ``most`` iterations; return status, iterations or the bad element, last increment [-]."""
     topology = system.topology
     ties = system.border.ties
@@ -86,33 +104,33 @@ def newton(system, scheme, joints, y, most):
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
         if last or y.shape[1] == 0:
-            slipped = slips(topology, system.elements, scheme, system.state, system.frames)
+            slipped = find_overturned_element(topology, system.elements, scheme, system.state, system.frames)
             return (SLIPPED, slipped, size) if slipped >= 0 else (CONVERGED, iteration, size)
         stays = iteration > 0 and scheme.mode == DYNAMIC and size < BORDER_STAYS
         if scheme.mode == ACCELERATION:
             solve_masses(system, y)
         else:
             if scheme.mode == RESOLVED:
-                weigh_massless(topology, work.diagonal)
+                add_missing_masses(topology, work.diagonal)
             elif scheme.mode == STATIC and len(ties.a) > 0:
-                _hold_loose(topology, work.diagonal)
+                _add_passive_stiffness(topology, work.diagonal)
             solve_tree(topology, system.elements, system.variation, work, ties.layout, stays, y)
         # At rest loose joints make it nearly singular, and equilibria need not be stable: pivots are sought among all rows.
         blocks = ties.layout.whole if scheme.mode == STATIC else ties.layout.blocks
         if not stays:
-            constraint_rows.factorise_border(ties, blocks, y)
+            constraint_rows.compute_border_factors(ties, blocks, y)
         solve_border(ties, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
-        size = generalized_alpha.largest_increment(y[0], topology.scale)
+        size = generalized_alpha.find_largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
-        correct(topology, scheme, system.state, y[0])
+        apply_increment(topology, scheme, system.state, y[0])
         last = size < INCREMENT or generalized_alpha.SQUARED * size * size < scheme.tolerance
         last = last or scheme.mode == ACCELERATION or scheme.mode == RESOLVED
     return NOT_CONVERGED, most, size
 
 
 @jit_inner
-def _hold_loose(topology, diagonal):
+def _add_passive_stiffness(topology, diagonal):
     """Give passive freedoms a stiffness of their own in the linearisation, HELD_STIFFNESS of the largest; the residual has none.
 
     Stiffnesses are compared in lengths of the mechanism: N m/rad and N/m of small ones are far apart.
@@ -129,7 +147,7 @@ def _hold_loose(topology, diagonal):
 
 
 @jit
-def march(system, scheme, instants, y, out):
+def integrate_instants(system, scheme, instants, y, out):
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.  Without room for increments, y
     (0, unknowns), the first instant is evaluated with its linearisation where the system stands, and nothing moves.
 
@@ -147,7 +165,7 @@ def march(system, scheme, instants, y, out):
     size = 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
-        set_loads(system.loads, instants.table[sample], instants.efforts[sample])
+        update_loads(system.loads, instants.table[sample], instants.efforts[sample])
         for k in range(instants.given.shape[1]):
             put(ties.given[k], 0, vec(instants.given[sample, k]))
         if y.shape[0] == 0:
@@ -159,8 +177,10 @@ def march(system, scheme, instants, y, out):
         copy(ties.multiplier, ties.kept)
         while True:
             if moves:
-                predict(scheme, state)
-            status, count, size = newton(system, scheme, j, y, PREDICTED_ITERATIONS if predicted else MOST_ITERATIONS)
+                prepare_step(scheme, state)
+            status, count, size = run_newton(
+                system, scheme, j, y, PREDICTED_ITERATIONS if predicted else MOST_ITERATIONS
+            )
             if status == CONVERGED or not predicted:
                 break
             copy(ties.kept, ties.multiplier)  # where something has just let go, the past says little about what comes
@@ -168,24 +188,24 @@ def march(system, scheme, instants, y, out):
             state.order[0] = 0
         if status != CONVERGED:
             return status, sample, count, size
-        projects = moves and constraint_rows.any_acts(ties)
+        projects = moves and constraint_rows.has_acting_closure(ties)
         if projects:
             copy(ties.multiplier, ties.kept)
             copy(state.du, state.kept)
-            project_accelerations(system, j, y)
-        record(sample, system.frames, system.work, out)
+            update_accelerations(system, j, y)
+        write_sample(sample, system.frames, system.work, out)
         for k in range(out.multipliers.shape[1]):
             out.multipliers[sample, k] = ties.multiplier[k]
         out.iterations[sample] = count
         if projects:  # the integrator goes on with its own
             copy(ties.kept, ties.multiplier)
             copy(state.kept, state.du)
-        advance(topology, scheme, state)
+        end_step(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
 
 
 @jit_inner
-def slips(topology, elements, scheme, state, frames):
+def find_overturned_element(topology, elements, scheme, state, frames):
     """Return the element of which a section turns by more than pi [rad] in a step beside what carries it, else -1.
 
     An element sees turns between its sections only up to 2 pi: Newton may have converged some turns away.
@@ -206,7 +226,7 @@ def slips(topology, elements, scheme, state, frames):
 
 
 @jit
-def collide(system, joints, y):
+def apply_impact(system, joints, y):
     """Let the acting closures stop the velocities that they do not allow, perfectly plastic: state.u changes [m/s], [rad/s].
 
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
@@ -214,7 +234,7 @@ def collide(system, joints, y):
     ties = system.border.ties
     state = system.state
     evaluate(system, generalized_alpha.ACCELERATIONS, joints, True)
-    tie_rows(ties, state, system.frames, RATES)
+    evaluate_ties(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
         system.work.residual[0, i] = 0.0
     copy(ties.multiplier, ties.kept)
@@ -222,7 +242,7 @@ def collide(system, joints, y):
         if ties.kind[k] == PULL:
             ties.value[k] = 0.0
     solve_masses(system, y)
-    constraint_rows.factorise_border(ties, ties.layout.blocks, y)
+    constraint_rows.compute_border_factors(ties, ties.layout.blocks, y)
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]
@@ -230,7 +250,7 @@ def collide(system, joints, y):
 
 
 @jit_inner
-def record(sample, frames, work, out):
+def write_sample(sample, frames, work, out):
     """Copy one instant into the histories [m, rad, s, N, J]."""
     for n in range(frames.x.shape[0]):
         put_block(out.r[sample, n], 0, 0, mat(frames.r[n]))

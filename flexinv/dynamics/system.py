@@ -164,7 +164,7 @@ class Trajectory(NamedTuple):
     @classmethod
     def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return the arrays of `empty`, large histories uncleared: every sample will be written [m, rad, s, N, J]."""
-        *motion, wrench, internal = make_adjacent_arrays(*history_shapes(mesh, samples))
+        *motion, wrench, internal = make_adjacent_arrays(*list_history_shapes(mesh, samples))
         if has_padding(mesh):
             internal[:] = 0.0
         series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)
@@ -176,7 +176,7 @@ class Trajectory(NamedTuple):
         return cls._make(np.zeros_like(part) for part in cls.unwritten(samples, mesh, rows))
 
 
-def history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+def list_history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
     """Return the shapes of the nodes' motion, of wrenches and of stress resultants in a `Trajectory` [-]."""
     vector = (samples, mesh.size, 3)
     return [vector, (*vector, 3), *4 * [vector], (samples, mesh.size, 6), (samples, *mesh.elements.weight.shape, 6)]

@@ -7,7 +7,7 @@ The parts of a mechanism (`dynamics.dofs`) share nothing: each is solved for the
 
 from __future__ import annotations
 
-from flexinv.dynamics.assembly import by_root
+from flexinv.dynamics.assembly import compute_root_derivative
 from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import dot, vec
@@ -22,17 +22,19 @@ def solve_tree(topology, elements, variation, work, plan, first_only, y):
     """
     for k in range(len(elements.order) - 1, -1, -1):
         part = topology.part[topology.block[elements.nodes[k, 0]]]
-        sides = plan.side[plan.first_side[part] : side_end(plan, part, first_only)]
-        _condense(topology, elements, variation, work, k, sides)
+        sides = plan.side[plan.first_side[part] : find_side_end(plan, part, first_only)]
+        _solve_element_blocks(topology, elements, variation, work, k, sides)
     for part in range(len(topology.span) - 1):
-        solve_block(topology, work, part, plan.side[plan.first_side[part] : side_end(plan, part, first_only)], y)
+        solve_block(topology, work, part, plan.side[plan.first_side[part] : find_side_end(plan, part, first_only)], y)
     for k in range(len(elements.order)):
         part = topology.part[topology.block[elements.nodes[k, 0]]]
-        _expand(topology, elements, work, y, k, plan.side[plan.first_side[part] : side_end(plan, part, first_only)])
+        _solve_element_unknowns(
+            topology, elements, work, y, k, plan.side[plan.first_side[part] : find_side_end(plan, part, first_only)]
+        )
 
 
 @jit_inner
-def side_end(plan, part, first_only):
+def find_side_end(plan, part, first_only):
     """Return the end of the right sides of a part in plan.side [-]."""
     return plan.first_side[part] + 1 if first_only else plan.first_side[part + 1]
 
@@ -55,7 +57,7 @@ def solve_block(topology, work, b, sides, y):
 
 
 @jit_inner
-def _row(topology, nodes, i):
+def _find_first_row(topology, nodes, i):
     """First row of node i among the unknowns of an element's own blocks; for i = count their number."""
     row = topology.size[0] - topology.size[0]  # zero, of the type of the sizes: one compiled version serves every call
     for q in range(1, i):
@@ -64,20 +66,20 @@ def _row(topology, nodes, i):
 
 
 @jit_inner
-def _condense(topology, elements, variation, work, k, sides):
+def _solve_element_blocks(topology, elements, variation, work, k, sides):
     """Solve for the element's own blocks in terms of its first block, and add what they do to it."""
     nodes = elements.nodes[k]
     count = elements.order[k] + 1
     system = work.system
     tangent = work.tangent[k]
-    rows = _row(topology, nodes, count)
+    rows = _find_first_row(topology, nodes, count)
     columns = topology.size[topology.block[nodes[0]]]
     for r in range(rows):
         for c in range(rows + columns + len(sides)):
             system[r, c] = 0.0
     for i in range(1, count):
         b = topology.block[nodes[i]]
-        at = _row(topology, nodes, i)
+        at = _find_first_row(topology, nodes, i)
         for r in range(topology.size[b]):
             for c in range(topology.size[b]):
                 system[at + r, at + c] = work.diagonal[b, r, c]
@@ -85,13 +87,13 @@ def _condense(topology, elements, variation, work, k, sides):
                 system[at + r, rows + columns + s] = work.residual[sides[s], topology.offset[b] + r]
         for q in range(1, count):
             if q != i:
-                beside = _row(topology, nodes, q)
+                beside = _find_first_row(topology, nodes, q)
                 for r in range(6):
                     for c in range(6):
                         system[at + r, beside + c] = tangent[6 * i + r, 6 * q + c]
         for r in range(6):
             for c in range(columns):
-                system[at + r, rows + c] = by_root(tangent, 6 * i + r, nodes[0], c, variation)
+                system[at + r, rows + c] = compute_root_derivative(tangent, 6 * i + r, nodes[0], c, variation)
     solve_dense(system, rows, rows + columns + len(sides))
     for r in range(rows):
         for c in range(columns + len(sides)):
@@ -108,7 +110,7 @@ def _add_to_first(topology, elements, variation, work, k, sides):
     first = topology.block[nodes[0]]
     columns = topology.size[first]
     for i in range(1, count):
-        at = _row(topology, nodes, i)
+        at = _find_first_row(topology, nodes, i)
         for q in range(6):
             column = 6 * i + q
             by_x = tangent[0, column], tangent[1, column], tangent[2, column]
@@ -122,7 +124,7 @@ def _add_to_first(topology, elements, variation, work, k, sides):
 
 
 @jit_inner
-def _expand(topology, elements, work, y, k, sides):
+def _solve_element_unknowns(topology, elements, work, y, k, sides):
     """Unknowns of the element's own blocks, once those of its first block are known."""
     nodes = elements.nodes[k]
     count = elements.order[k] + 1
@@ -131,7 +133,7 @@ def _expand(topology, elements, work, y, k, sides):
     o = topology.offset[first]
     for i in range(1, count):
         b = topology.block[nodes[i]]
-        at = _row(topology, nodes, i)
+        at = _find_first_row(topology, nodes, i)
         for r in range(topology.size[b]):
             for s in range(len(sides)):
                 value = -work.solved[k, at + r, columns + s]

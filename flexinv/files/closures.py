@@ -15,7 +15,7 @@ from flexinv.files.toml_tables import Location, Table, key, one_of, optional, to
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Pair, Positive, Text, Vector
 from flexinv.model.attachments import COUPLED_JOINTS, GasLaw, TableLaw
 from flexinv.model.mechanism import CLOSURES, GEARED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 CLOSURE_NAMES = (
     '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
@@ -165,7 +165,7 @@ def read_closure(
         for other in gear.factors:
             if other not in scalar:
                 expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
-                near = nearest(other, scalar)
+                near = find_nearest_word(other, scalar)
                 raise where.wrong("factors", f'"{other}"', expected, f"{near} = 1" if near else write)
         used = tuple((j, factor) for j, factor in gear.factors.items() if factor)
         if len(used) < 2:
@@ -180,7 +180,7 @@ def read_closure(
         expected = "intervals [start, end] with start < end, one after the other [s]"
         raise where.wrong("active_s", f"active_s = {given}", expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     if table.impact not in IMPACTS:
-        write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
+        write = f'impact = "{find_nearest_word(table.impact, IMPACTS) or "plastic"}"'
         raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)
     for word, stated in (("capture", table.capture), ("impact", table.impact != "error")):
         if stated and not table.active_s:
@@ -254,7 +254,7 @@ def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple
 def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Attachment:
     """Return the frame on a link or the world [m], [rad], [-].  Raises InputError: no such link, or a station off a beam."""
     if table.link != WORLD and table.link not in links:
-        near = nearest(table.link, [WORLD, *links])
+        near = find_nearest_word(table.link, [WORLD, *links])
         expected = f'"{WORLD}" or one of the links ' + ", ".join(list(links)[:20])
         write = f'link = "{near}"' if near else "the name of one of these"
         raise where.wrong("link", f'link = "{table.link}"', expected, write)

@@ -25,8 +25,8 @@ from flexinv.files.values import LARGEST_NUMBER, LONGEST_NAME
 from flexinv.model.links import impossible
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.typing import Array
-from flexinv.validation import floats, names, nearest, refuse, shown
-from flexinv.validation import path as path_of
+from flexinv.validation import check_names, convert_to_floats, find_nearest_word, refuse, shown
+from flexinv.validation import check_path as path_of
 
 URDF_KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")} | {"floating": "free"}
 NO_LIMIT = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
@@ -51,7 +51,7 @@ def from_urdf(
     of a rigid robot is defined with them): each with ModelWarning and a note.  Raises InputError.
     """
     file = Path(path_of("path", path, "a URDF file"))
-    names("lock", lock, "joints")
+    check_names("lock", lock, "joints")
     if isinstance(packages, str | PathLike) or not isinstance(packages, Iterable):
         refuse("packages", packages, "a list of folders", f"[{shown(packages)}]" * isinstance(packages, str | PathLike))
     folders = [path_of(f"packages[{k}]", folder, "a folder") for k, folder in enumerate(packages)]
@@ -67,7 +67,7 @@ def read_urdf(
     """Read as ``from_urdf`` [-]; also return what deserves a warning, by subject ("mimic", "inertia")."""
     if not isinstance(base, str) or base not in ("fixed", "free"):
         raise InputError(f'base = "{base}": expected "fixed" or "free"; write base="fixed"')
-    pull = np.array(floats("gravity", gravity))
+    pull = np.array(convert_to_floats("gravity", gravity))
     if pull.shape != (3,) or not np.all(np.isfinite(pull)):
         expected = f"expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
         raise InputError(f"gravity = {gravity}: {expected}")
@@ -82,7 +82,7 @@ def read_urdf(
     known = [name for name in sorted(stated) if stated[name].nv]
     for name in lock:  # such joints become fixed where they are at zero
         if name not in known:
-            near = nearest(name, known) or (known[0] if known else "no joint")
+            near = find_nearest_word(name, known) or (known[0] if known else "no joint")
             raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
         j = stated[name]
         stated[name] = Joint(name, "fixed", j.parent, j.child, j.placement, actuated=False)
@@ -139,7 +139,7 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
         raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
     if words := describe_kind(path):
         known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
-        near = nearest(table.path, known)
+        near = find_nearest_word(table.path, known)
         write = f'path = "{near}"' if near else "the path of a URDF that exists"
         raise where.wrong("path", f'path = "{table.path}", {words}', f"a URDF in {start}", write)
     return path, packages
@@ -189,7 +189,11 @@ def _joint(element: Element, path: Path) -> Joint:
     kind = element.get("type", "")
     where = location(path, element)
     if kind not in URDF_KINDS:
-        near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, URDF_KINDS) or "revolute"
+        near = (
+            "two prismatic and one revolute joint"
+            if kind == "planar"
+            else find_nearest_word(kind, URDF_KINDS) or "revolute"
+        )
         expected = f"one of {', '.join(URDF_KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
         raise complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
     ends = []
@@ -268,7 +272,11 @@ def read_xml(path: Path) -> Element:
 
     InputError says what is wrong.
     """
-    near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
+    near = (
+        find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.urdf")))
+        if path.parent.is_dir()
+        else None
+    )
     existing = near or "the path of a file that exists"
     data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
     try:

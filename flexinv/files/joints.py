@@ -15,7 +15,7 @@ from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, 
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import WORLD, Drive, Joint, Limits, Placement
 from flexinv.typing import Array
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 
 class MotorTable(Table):
@@ -349,7 +349,7 @@ def check_ends(joints: Sequence[Joint], parents: Iterable[str], links: Iterable[
         for end, known in ends.items():
             name = getattr(joint, end)
             if name not in known:
-                near = nearest(name, known)
+                near = find_nearest_word(name, known)
                 expected = "one of the links " + ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")
                 advice = f'{end} = "{near}"' if near else f"a link {name}, or the name of one that exists"
                 raise complaint(where("joint", joint.name, end), f'{end} = "{name}"', expected, advice)

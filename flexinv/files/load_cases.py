@@ -27,7 +27,7 @@ from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
-from flexinv.validation import nearest, of_kind
+from flexinv.validation import check_kind, find_nearest_word
 
 # Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
 WHOLE_QUOTIENT = 1e-9
@@ -116,7 +116,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    of_kind("mechanism", mechanism, Mechanism)
+    check_kind("mechanism", mechanism, Mechanism)
     file, table = schema.read_cases(path)
     check_names(file, cases=table.cases)
     where = Location(file, "cases")
@@ -148,7 +148,7 @@ def _case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, 
     if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
         measured = where.file.parent / table.measured
         if Path(table.measured).name != table.measured or not measured.is_file():
-            near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
+            near = find_nearest_word(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
             write = f'measured = "{near}"' if near else "the name of a file that exists"
             given = f'measured = "{table.measured}"'
             expected = "the name of a CSV file in the same folder"
@@ -241,7 +241,7 @@ def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     movable = [joint.name for joint in mechanism.joints if joint.nv]
     if name in movable:
         return mechanism.joint_of[name]
-    near = nearest(name, movable)
+    near = find_nearest_word(name, movable)
     given = f"a motion for joint {name}" + (", which is fixed" if name in mechanism.joint_of else "")
     expected = f"a joint of {mechanism.name} that moves: {', '.join(movable[:20])}"
     write = f"{near} instead of {name}" if near and near != name else "one of these"
@@ -273,7 +273,7 @@ def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, 
     passive = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in given]
     for name in tables:
         if name not in passive:
-            near = nearest(name, passive)
+            near = find_nearest_word(name, passive)
             moved = f"a start for joint {name}" + (", which the motion moves" if name in given else "")
             expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
             other = near and name not in given
@@ -289,7 +289,7 @@ def read_places(
     out = {}
     for name, data in tables.items():
         if name not in joints:
-            near = nearest(name, joints)
+            near = find_nearest_word(name, joints)
             expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
@@ -363,7 +363,11 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Lines that are not empty, with their numbers."""
-    near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.csv"))) if path.parent.is_dir() else None
+    near = (
+        find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.csv")))
+        if path.parent.is_dir()
+        else None
+    )
     data = read_bytes(path, LARGEST_FILE, "a CSV file", near or "the name of a file that exists", "fewer samples")
     try:
         reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
@@ -391,7 +395,7 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
         raise complaint(where, given, "time_s, the time [s]", ",".join(["time_s", *reversed(first_units.values())]))
     for k, name in enumerate(header[1:], 2):
         if name not in known:
-            near = nearest(name, known)
+            near = find_nearest_word(name, known)
             expected = "a coordinate with its unit: " + ", ".join(list(known)[:12])
             raise complaint(f"{where}, column {k}", name, expected, near or "one of these")
     columns = [known[name] for name in header[1:]]

@@ -20,7 +20,7 @@ from flexinv.files.sections import CrossSection, read_section, section_along
 from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
 from flexinv.model.links import WORLD, Beam, Body, Inertia, Link, Placement
 from flexinv.model.mechanism import Joint, Mechanism, ModalDamping, expanded, with_retardation
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 
 def load_mechanism(path: str | Path) -> Mechanism:
@@ -169,7 +169,7 @@ def _overlaid(
     for kind, known, tables in (("link", links, table.links), ("joint", joints, table.joints)):
         for name in tables:
             if name not in known:
-                near = nearest(name, known)
+                near = find_nearest_word(name, known)
                 write = f"[overlay.{kind}s.{near}]" if near else f"one of {', '.join(list(known)[:20])}"
                 raise top.inner(f"{kind}s.{name}").wrong("", f'a {kind} "{name}"', f"a {kind} of the URDF", write)
     for name, data in table.links.items():
@@ -218,7 +218,7 @@ def _flexible(
     """The link as a beam from its root point straight to one of its joints, its joints placed on that beam, and a note."""
     outward = {name: joint for name, joint in joints.items() if joint.parent == link.name}
     if table.to_joint not in outward:
-        near = nearest(table.to_joint, outward) or next(iter(outward), None)
+        near = find_nearest_word(table.to_joint, outward) or next(iter(outward), None)
         expected = f"a joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
         write = f'to_joint = "{near}"' if near else "a beam for a link that carries a joint"
         raise where.wrong("to_joint", f'to_joint = "{table.to_joint}"', expected, write)

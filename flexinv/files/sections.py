@@ -16,7 +16,7 @@ from flexinv.files.toml_tables import Location, Table, key, one_of, optional, to
 from flexinv.files.values import Fraction, Name, Number, Positive, Text
 from flexinv.model.mechanism import Section
 from flexinv.typing import Array
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 RETARDATION = key(
     "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
@@ -199,7 +199,7 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
         raise where.wrong("section", f"at = {at.tolist()}", expected, advice)
     for name in (table.section for table in tables):
         if name not in sections:
-            near = nearest(name, sections)
+            near = find_nearest_word(name, sections)
             expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
             write = f'section = "{near}"' if near else f"a table [sections.{name}]"
             raise where.wrong("section", f'section = "{name}"', expected, write)

@@ -58,7 +58,7 @@ def one_of(data: Any, where: Location, name: str, known: Collection[str], expect
     """Return the value of the key that decides what a table is [-], ``""`` where it is absent; InputError for an unknown one."""
     value = data.get(name) if isinstance(data, dict) else None
     if value is not None and (not isinstance(value, str) or value not in known):
-        write = f'{name} = "{arguments.nearest(str(value), known) or default}"'
+        write = f'{name} = "{arguments.find_nearest_word(str(value), known) or default}"'
         raise where.wrong(name, f"{name} = {toml_text(value)}", expected, write)
     return value or ""
 
@@ -122,7 +122,7 @@ ROBOT_FILES = (".urdf", ".xml", ".sdf", ".usd", ".usda", ".usdc", ".xacro")
 
 def toml_file(path: str | Path, name: str) -> Path:
     """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
-    path = Path(arguments.path("path", path, f"a folder that has a {name}"))
+    path = Path(arguments.check_path("path", path, f"a folder that has a {name}"))
     if path.suffix in ROBOT_FILES and path.is_file():
         given = "a robot file, which states no motion and none of what only a mechanism.toml says"
         write = (
@@ -140,7 +140,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     smaller = "sampled motions as CSV; geometry is not needed at all"
     folder = path.parent if path.parent.is_dir() else path.parent.parent
     names = sorted(p.parent.name for p in folder.glob(f"*/{path.name}")) if folder.is_dir() else []
-    near = arguments.nearest(path.parent.name, names)
+    near = arguments.find_nearest_word(path.parent.name, names)
     existing = f"{folder / near}" if near else f"the path of a folder that has a {path.name}"
     data = read_bytes(path, LARGEST_FILE, "a TOML file", existing, smaller)
     if LONG_KEY.search(data):
@@ -223,7 +223,7 @@ def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]
             write = f"{right} = {toml_text(number)}" if number is not None else (info.examples or [right])[0]
             expected = f"{right}, {info.description} (a key ends in its unit)"
             return str(complaint(inner.key(name), given, expected, write)), ".".join(map(str, [*loc[:-1], right]))
-        near = arguments.nearest(name, known)
+        near = arguments.find_nearest_word(name, known)
         advice = f"{near} instead of {name}" if near else "one of these, or remove it"
         fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
         return str(complaint(inner.key(name), given, f"one of {', '.join(known)}", advice)), fixed

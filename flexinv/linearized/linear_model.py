@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.dynamics.solver import Solver, by_unknown
+from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import slides
 from flexinv.linearized.closed_motions import allowed_motions
@@ -31,7 +31,7 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Complex, Sparse
-from flexinv.validation import names, of_kind, whole
+from flexinv.validation import check_kind, check_names, check_whole_number
 
 # Of the largest entry of C, what rounding leaves of its symmetry where nothing is gyroscopic.
 GYROSCOPIC = 1e-9
@@ -165,12 +165,12 @@ def linear_model(
     Raises InputError as `steady_modes`, and for joints that cannot be accelerated.
     """
     if modes is not None:
-        modes = whole("modes", modes, 0, "0 or more, or None for all")
+        modes = check_whole_number("modes", modes, 0, "0 or more, or None for all")
     rates = numbers_of_rates(rates)
-    of_kind("mechanism", mechanism, Mechanism)
+    check_kind("mechanism", mechanism, Mechanism)
     if free is not None:
-        names("free", free, "joints")
-    names("accelerated", accelerated, "joints")
+        check_names("free", free, "joints")
+    check_names("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
     freed = (*(moving if free is None else free), *accelerated)
     for name in accelerated:
@@ -185,7 +185,7 @@ def linear_model(
     mesh, at, chosen_names = chosen(mechanism, q, freed, None)
     motion = steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
-    coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
+    coordinates = build_coordinate_map(mesh, motion.solver.topology)  # (nv, unknowns)
     basis = _basis(motion, coordinates[joints], modes)
     moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
     driven = [v for v in moved if v not in joints]

@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
 from flexinv.constraints.open_loops import GIVE_Q, advising
-from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
-from flexinv.dynamics.initial_state import equilibrium, start_undeformed
-from flexinv.dynamics.linearization import Matrices, matrices
+from flexinv.dynamics.generalized_alpha import STATICS, apply_increment, end_step
+from flexinv.dynamics.initial_state import begin_undeformed, find_equilibrium
+from flexinv.dynamics.linearization import Matrices, compute_matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.errors import ConvergenceError, InputError, ModelWarning
 from flexinv.kernels.jit import jit
@@ -44,7 +44,15 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
 from flexinv.typing import Array, Complex, Sparse
-from flexinv.validation import floats, names, number, of_kind, seconds, table, whole
+from flexinv.validation import (
+    check_kind,
+    check_mapping,
+    check_names,
+    check_number,
+    check_seconds,
+    check_whole_number,
+    convert_to_floats,
+)
 
 # Freedoms of a mesh up to which all modes are found where no count is written, and how many slowest ones of a larger mesh.
 ALL_MODES = 1000
@@ -147,8 +155,8 @@ class Modes(Shapes):
 @jit
 def update_start(topology, scheme, state, y):
     """Move the unknowns s by Newton's increments y (unknowns,) [m], [rad], and start from there."""
-    correct(topology, scheme, state, y)
-    advance(topology, scheme, state)
+    apply_increment(topology, scheme, state, y)
+    end_step(topology, scheme, state)
 
 
 @kept_with_owner()
@@ -186,7 +194,7 @@ def natural_modes(
     if accuracy is not None:
         if count is None:
             raise InputError("natural_modes: accuracy needs a count, as the fastest modes of a mesh are none of a beam")
-        limit = seconds("accuracy", accuracy, "a part of each frequency above 0 [-], for example 1e-3")
+        limit = check_seconds("accuracy", accuracy, "a part of each frequency above 0 [-], for example 1e-3")
         return _accurate(natural_modes(mechanism, q, free, count), limit)
     mesh, at, moving = chosen(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
@@ -254,12 +262,12 @@ def chosen(
     """Return the mesh, the configuration (nq,) [rad], [m], loops closed, and the names of the free joints that are asked for.
     Raises InputError for arguments of another kind, for unknown joints, a wrong q and where nothing can move.
     """
-    of_kind("mechanism", mechanism, Mechanism)
+    check_kind("mechanism", mechanism, Mechanism)
     if free is not None:
-        names("free", free, "joints")
+        check_names("free", free, "joints")
     if count is not None:
-        whole("count", count, 1, "1 or more, or None for all")
-    at = mechanism.neutral if q is None else np.array(floats("modes: q", q))
+        check_whole_number("count", count, 1, "1 or more, or None for all")
+    at = mechanism.neutral if q is None else np.array(convert_to_floats("modes: q", q))
     moves = [j.name for j in mechanism.joints if j.nv]
     for name in free or ():
         if name not in moves:
@@ -289,8 +297,8 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     mesh = solver.mesh
     nothing = np.zeros(solver.mesh.mechanism.nv)
     held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
-    joints = start_undeformed(solver, q, nothing, nothing)
-    solver.load_at(0.0, q, nothing, nothing)
+    joints = begin_undeformed(solver, q, nothing, nothing)
+    solver.update_loads(0.0, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
         load_springs(solver, joints)
         if count := constraints(solver):  # the forces G^T lambda = r of least norm that hold it where it stands
@@ -298,9 +306,9 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
             solver.border.ties.multiplier[:count] = closing_forces(solver, solver.work.residual[0])
         return joints, held
     if held is not solver:
-        start_undeformed(held, q, nothing, nothing)
-        held.load_at(0.0, q, nothing, nothing)
-    found = equilibrium(held, q, "rest position for modes")
+        begin_undeformed(held, q, nothing, nothing)
+        held.update_loads(0.0, q, nothing, nothing)
+    found = find_equilibrium(held, q, "rest position for modes")
     held.solve_instant(STATICS, found, "rest position for modes")
     sections = solver.topology.independent
     solver.state.x[sections] = held.state.x[sections]
@@ -333,7 +341,7 @@ def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
     force = ties.multiplier.copy()
     tied = stiffness_of_ties(solver, joints)
     ties.multiplier[:n] = 0.0
-    mass, damping, stiffness = matrices(solver, joints)
+    mass, damping, stiffness = compute_matrices(solver, joints)
     ties.multiplier[:] = force
     return Matrices(mass, damping, scipy.sparse.csc_array(stiffness + tied))
 
@@ -386,5 +394,7 @@ def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
 
 def numbers_of_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
     """Return rates [rad/s] by joint as floats, none for None."""
-    given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
-    return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}
+    given = check_mapping("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
+    return {
+        name: check_number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()
+    }

@@ -24,11 +24,11 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.solution import beyond
+from flexinv.analysis.solution import find_outboard_nodes
 from flexinv.constraints.allocation import REDUNDANT
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
-from flexinv.dynamics.initial_state import instant
-from flexinv.dynamics.linearization import Matrices, matrices
+from flexinv.dynamics.initial_state import compute_joint_motion
+from flexinv.dynamics.linearization import Matrices, compute_matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import INCREMENT, MOST_ITERATIONS
 from flexinv.errors import ConvergenceError, InputError
@@ -161,7 +161,7 @@ def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
     m = mesh.mechanism
     at = mesh.joint_node[joint.name]
     why = ""
-    carried = beyond(mesh, at)
+    carried = find_outboard_nodes(mesh, at)
     above = int(mesh.parent[at])
     while above >= 0:
         if mesh.kind[above] == SECTION:
@@ -183,7 +183,7 @@ def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
 def _check_across(mesh: Mesh, joint: Joint, axis: Array) -> None:
     """Refuse gravity and dead loads that are not along the axis of rotation."""
     m = mesh.mechanism
-    carried = beyond(mesh, mesh.joint_node[joint.name])
+    carried = find_outboard_nodes(mesh, mesh.joint_node[joint.name])
     loads: list[tuple[str, Array]] = [(f.name, part) for f in m.forces for part in f.wrench.reshape(-1, 3)
              if not f.follower and f.at.link != WORLD and carried[attachment_node(mesh, f.at)]]  # fmt: skip
     for what, vector in [("gravity", m.gravity), *loads]:
@@ -204,7 +204,7 @@ def _set_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: float
         qd[mesh.mechanism.v_slices[name]] = part * rate
     for n in np.flatnonzero(t.freedoms == 1):
         solver.state.u[t.offset[t.block[n]] + t.column[n]] = qd[mesh.v_index[n]]
-    return instant(mesh, q, qd, np.zeros(mesh.mechanism.nv))
+    return compute_joint_motion(mesh, q, qd, np.zeros(mesh.mechanism.nv))
 
 
 def _turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning:
@@ -213,7 +213,7 @@ def _turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning
     for name, rate in rates.items():
         if rate:
             node = mesh.joint_node[name]
-            carried = beyond(mesh, mesh.joint_node[name])
+            carried = find_outboard_nodes(mesh, mesh.joint_node[name])
             axis = solver.frames.r[node] @ mesh.axis[node]
             _check_across(mesh, mesh.mechanism.joint_of[name], axis)
             out.rate[carried] = part * rate * axis
@@ -262,7 +262,7 @@ def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
         at_rest.load_springs(solver, joints)
-        stiffness = _matrices(matrices(solver, joints), solver, turning).stiffness
+        stiffness = _matrices(compute_matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
         y = _increment(solver, stiffness, residual)
         ties.multiplier[:n] += closing_forces(solver, residual + stiffness @ y)

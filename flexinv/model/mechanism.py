@@ -36,7 +36,7 @@ from flexinv.model.links import (
     read_only,
 )  # fmt: skip
 from flexinv.typing import Array
-from flexinv.validation import of_kind, whole
+from flexinv.validation import check_kind, check_whole_number
 
 __all__ = [
     "CLOSURES", "GEARED", "IMPACTS", "WORLD",
@@ -227,14 +227,14 @@ class Mechanism(Frozen):
 
     def refined(self, elements: int = 1, order: int = 0) -> Mechanism:
         """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
-        times = whole("elements", elements, 1)
-        more = whole("order", order, 0)
+        times = check_whole_number("elements", elements, 1)
+        more = check_whole_number("order", order, 0)
         return self._with_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
 
     def with_mesh(self, elements: int, order: int) -> Mechanism:
         """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
-        count = whole("elements", elements, 1)
-        degree = whole("order", order, 1)
+        count = check_whole_number("elements", elements, 1)
+        degree = check_whole_number("order", order, 1)
         return self._with_beams(lambda b: replace(b, elements=count, order=degree))
 
     def with_body(self, link: str, body: Body) -> Mechanism:
@@ -242,7 +242,7 @@ class Mechanism(Frozen):
 
         Raises InputError for a link that the mechanism has not, and for a station that is missing or not meant.
         """
-        of_kind("body", body, Body)
+        check_kind("body", body, Body)
         owner = self.link_of.get(link) if isinstance(link, str) else None
         if owner is None:
             raise InputError(f"with_body: there is no link {link!r}; {self.name} has {', '.join(self.link_of)}")

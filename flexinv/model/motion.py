@@ -44,7 +44,7 @@ class Motion(ByValue):
         """Raise InputError unless it is made of tracks and has a duration [s]."""
         if not isinstance(self.tracks, tuple) or not all(isinstance(track, Track) for track in self.tracks):
             arguments.refuse("tracks", self.tracks, "a tuple, each a Track", "Motion.point_to_point(...)")
-        arguments.seconds("duration", self.duration, "a time, 0 or more [s]", zero=True)
+        arguments.check_seconds("duration", self.duration, "a time, 0 or more [s]", zero=True)
 
     def __hash__(self) -> int:
         """Return the hash of its duration [s] and of the names of its joints."""
@@ -63,9 +63,9 @@ class Motion(ByValue):
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
-        duration = arguments.seconds("duration", duration, "a positive time [s]")
+        duration = arguments.check_seconds("duration", duration, "a positive time [s]")
         rests = ("hold", hold), ("delay", delay)
-        hold, delay = (arguments.seconds(name, t, "a time, 0 or more [s]", zero=True) for name, t in rests)
+        hold, delay = (arguments.check_seconds(name, t, "a time, 0 or more [s]", zero=True) for name, t in rests)
         names, first, widths = _row(start, "start")
         names_end, last, widths_end = _row(end, "end")
         if names != names_end:
@@ -90,9 +90,11 @@ class Motion(ByValue):
         max_gap : longest interval [s] that the spline may cross, default 10 times the median interval
         An angle of a continuous joint may wrap; it is unwrapped.  Raises InputError: unsorted, gap, NaN, too few.
         """
-        degree = arguments.whole("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
-        sampling = Sampling(_frozen(time, "time"), degree, arguments.flag("rest", rest))
-        longest = None if max_gap is None else arguments.number("max_gap", max_gap, "the longest interval [s], or None")
+        degree = arguments.check_whole_number("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
+        sampling = Sampling(_frozen(time, "time"), degree, arguments.check_flag("rest", rest))
+        longest = (
+            None if max_gap is None else arguments.check_number("max_gap", max_gap, "the longest interval [s], or None")
+        )
         if longest is not None and not longest > 0.0:
             arguments.refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
         sampling.check(longest)
@@ -104,7 +106,7 @@ class Motion(ByValue):
     def merge(*motions: Motion) -> Motion:
         """Join motions of different joints; it lasts as long as the longest [s], the others rest at their end."""
         for motion in motions:
-            arguments.of_kind("merge: motion", motion, Motion)
+            arguments.check_kind("merge: motion", motion, Motion)
         tracks = tuple(track for motion in motions for track in motion.tracks)
         if not tracks:
             raise InputError("merge: expected at least one motion")
@@ -137,7 +139,7 @@ class Motion(ByValue):
 
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
-        arguments.of_kind("mechanism", mechanism, Mechanism)
+        arguments.check_kind("mechanism", mechanism, Mechanism)
         given = {joint.name for track in self.tracks for joint, _ in parts(mechanism, track)}
         missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
         if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
@@ -157,7 +159,7 @@ class Motion(ByValue):
         at = _frozen(time, "time")
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
-        arguments.choice("side", side, {"left": "before a jump", "right": "after it"})
+        arguments.check_choice("side", side, {"left": "before a jump", "right": "after it"})
         self.joints(mechanism)
         left = np.full(at.shape, side == "left") | (np.abs(at - self.duration) <= SNAP * self.duration)
         q = np.tile(mechanism.neutral, (at.size, 1))
@@ -229,7 +231,7 @@ def _table(values: Values, names: tuple[str, ...] | list[str] | None, samples: i
         parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    own = None if names is None else tuple(arguments.names("names", names, "joints"))
+    own = None if names is None else tuple(arguments.check_names("names", names, "joints"))
     if own is not None and len(set(own)) != len(own):
         raise InputError(f"names: {listed(own)}: expected each joint once")
     return own, _matrix(values, samples, "q"), None
@@ -245,7 +247,7 @@ def _matrix(values: ArrayLike, samples: int, where: str) -> Array:
 
 def _frozen(values: ArrayLike, where: str) -> Array:
     """A read-only copy as floats; InputError where a number is missing, not finite or not a number."""
-    copy: Array = np.array(arguments.floats(where, values))
+    copy: Array = np.array(arguments.convert_to_floats(where, values))
     if not np.all(np.isfinite(copy)):
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(copy))[0])
         place = f" at sample {index[0]}" if index else ""
@@ -262,8 +264,8 @@ def start_coordinates(
 
     Raises InputError for a joint that is not ``passive`` and for numbers that are none or too many.
     """
-    start = arguments.table("start", start, "a table of joints and their coordinates", 'start={"joint": 0.1}')
-    rate = arguments.table("start_rate", rate, "a table of joints and their rates", 'start_rate={"joint": 0.1}')
+    start = arguments.check_mapping("start", start, "a table of joints and their coordinates", 'start={"joint": 0.1}')
+    rate = arguments.check_mapping("start_rate", rate, "a table of joints and their rates", 'start_rate={"joint": 0.1}')
     for label, given in (("start", start), ("start_rate", rate)):
         for name in given:
             if name not in passive:
@@ -285,7 +287,7 @@ def start_coordinates(
 
 def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:
     try:
-        numbers = np.array(np.atleast_1d(arguments.floats(label, value)))
+        numbers = np.array(np.atleast_1d(arguments.convert_to_floats(label, value)))
     except InputError:
         numbers = np.empty(0)
     if numbers.ndim != 1 or numbers.size not in counts or not np.isfinite(numbers).all():

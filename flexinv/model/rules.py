@@ -16,13 +16,13 @@ from flexinv.validation import (
     ARRAY_TYPE,
     FLOAT_TYPE,
     LARGEST_INTEGER,
-    finite_array,
-    flag,
-    in_words,
-    number,
-    of_kind,
+    check_finite_array,
+    check_flag,
+    check_kind,
+    check_number,
+    check_whole_number,
+    format_shape,
     refuse,
-    whole,
 )
 
 Rule = Callable[[str, Any], Any]
@@ -47,7 +47,7 @@ def real(
     expected = f"{words} [{unit}]"
 
     def rule(name: str, value: Any) -> float:
-        given = value if type(value) is float else number(name, value, expected)
+        given = value if type(value) is float else check_number(name, value, expected)
         unbounded = infinite and (given == np.inf or (given == -np.inf and least == -LARGEST_REAL))
         inside = least <= given <= most and not (above and given == least)
         if not (inside or unbounded):
@@ -59,10 +59,10 @@ def real(
 
 def real_array(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST_REAL) -> Rule:
     """Return the rule of an array [any unit] of finite numbers of a shape (None: any number), none below ``least``."""
-    words = f"{in_words(shape)} [{unit}]"
+    words = f"{format_shape(shape)} [{unit}]"
 
     def rule(name: str, value: Any) -> Any:
-        given = finite_array(name, value, shape, unit)
+        given = check_finite_array(name, value, shape, unit)
         if least > -LARGEST_REAL and (given < least).any():
             refuse(f"{name}, smallest {float(given.min()):g}", value, f"numbers {words}, {least:g} or more")
         return frozen_copy(given)
@@ -72,7 +72,7 @@ def real_array(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST
 
 def unit_vector(name: str, value: Any) -> Any:
     """Return a direction of length 1, (3,) [-]; raises InputError for another length."""
-    given = finite_array(name, value, (3,), "-")
+    given = check_finite_array(name, value, (3,), "-")
     length = float(np.linalg.norm(given))
     if abs(length - 1.0) > NOT_UNIT:
         advice = str((given / length).round(9).tolist()) if length else "[0, 0, 1]"
@@ -84,7 +84,7 @@ def rotation(name: str, value: Any) -> Any:
     """Return a rotation matrix R, (3, 3) [-]; raises InputError unless R R^T = 1 and det R = 1."""
     if value is IDENTITY:
         return value
-    given = finite_array(name, value, (3, 3), "-")
+    given = check_finite_array(name, value, (3, 3), "-")
     off = float(np.abs(given @ given.T - np.eye(3)).max())
     if off > NOT_UNIT or np.linalg.det(given) < 0.0:
         why = f"R R^T is off the identity by {off:.3g}" if off > NOT_UNIT else "det R = -1, a reflection"
@@ -115,14 +115,18 @@ def text(name: str, value: Any) -> str:
 
 def truth(name: str, value: Any) -> bool:
     """Return True or False [-]; raises InputError for what is neither."""
-    return value if type(value) is bool else flag(name, value)
+    return value if type(value) is bool else check_flag(name, value)
 
 
 def count(least: int) -> Rule:
     """Return the rule of a whole number [-], ``least`` or more."""
 
     def rule(name: str, value: Any) -> int:
-        return value if type(value) is int and least <= value <= LARGEST_INTEGER else whole(name, value, least)
+        return (
+            value
+            if type(value) is int and least <= value <= LARGEST_INTEGER
+            else check_whole_number(name, value, least)
+        )
 
     return rule
 
@@ -144,7 +148,7 @@ def of(*kinds: type) -> Rule:
     def rule(name: str, value: Any) -> Any:
         if not isinstance(value, kinds):
             if len(kinds) == 1:
-                of_kind(name, value, kinds[0])
+                check_kind(name, value, kinds[0])
             refuse(name, value, " or ".join(f"a {kind.__name__}" for kind in kinds))
         return value
 

@@ -30,7 +30,7 @@ from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
-from flexinv.validation import nearest, shown
+from flexinv.validation import find_nearest_word, shown
 
 HOLE = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace
 UNIT_NORM = 1e-2  # components written with two decimals leave the norm this uncertain
@@ -100,7 +100,7 @@ def find_law(name: str) -> Law:
     """Return the law of that name; InputError names the laws [-] that exist."""
     if not isinstance(name, str) or name not in LAWS:
         known = ", ".join(LAWS)
-        like = nearest(str(name), LAWS)
+        like = find_nearest_word(str(name), LAWS)
         raise InputError(f"law = {shown(name)}: expected one of {known}" + (f"; write {like!r}" if like else ""))
     return LAWS[name]
 
@@ -359,7 +359,7 @@ def _named(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
     movable = {j.name: j for j in mechanism.joints if j.nv}
     for name in names or ():
         if name not in movable:
-            like = nearest(name, movable)
+            like = find_nearest_word(name, movable)
             why = "is fixed" if name in mechanism.joint_of else "does not exist" + (f"; write {like!r}" if like else "")
             moved = listed(tuple(movable))
             raise InputError(f"a motion for joint {name!r}, which {why}; {mechanism.name} moves by {moved}")

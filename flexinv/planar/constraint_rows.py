@@ -9,7 +9,7 @@ and g the gradient of phi by x, y, theta of both nodes.  The border's factors la
 
 from __future__ import annotations
 
-from flexinv.dynamics.constraint_rows import DIRECTION, factorise_border
+from flexinv.dynamics.constraint_rows import DIRECTION, compute_border_factors
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
@@ -119,4 +119,4 @@ def compute_tie_factors(system):
     for part in range(len(plan.first_side) - 1):
         for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
             solve_part(system.tree, system.elements, system.factors, part, work.residual[side], work.y[side])
-    factorise_border(ties, plan.blocks, work.y)
+    compute_border_factors(ties, plan.blocks, work.y)

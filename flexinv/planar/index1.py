@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.constraint_rows import add_ties, factorise_border, solve_border
-from flexinv.dynamics.index1 import hold_massless
+from flexinv.dynamics.constraint_rows import add_ties, compute_border_factors, solve_border
+from flexinv.dynamics.index1 import add_mass_to_block
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
@@ -69,7 +69,7 @@ def update_accelerations(system):
                 y[side, first + i] = -residual[side, first + i] * over[i]
     for b in range(len(masses.block)):
         _solve_block_acceleration(b, tree, plan, masses, frames, residual, y)
-    factorise_border(ties, plan.blocks, y)
+    compute_border_factors(ties, plan.blocks, y)
     solve_border(ties, plan.blocks, 1.0, y)
     # accelerations and wrenches are linear in those of unknowns and in multipliers
     changes = masses.change
@@ -117,7 +117,7 @@ def _solve_block_acceleration(b, tree, plan, masses, frames, residual, y):
             m[tree.column[n], tree.column[n]] += tree.drives[0, n]
     for i in range(columns):  # inertias are compared in lengths of the mechanism
         largest = max(largest, m[i, i] * tree.scale[first + i] ** 2)
-    hold_massless(m, columns, tree.scale[first : first + columns], largest, masses.rest)
+    add_mass_to_block(m, columns, tree.scale[first : first + columns], largest, masses.rest)
     invert_scaled(m, columns, 0.0, masses.weight, masses.left)
     part = tree.part[block]
     for i in range(columns):

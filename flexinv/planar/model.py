@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, layout, ties
-from flexinv.dynamics.dofs import Topology, laid_out, topology
+from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, build_layout, build_ties
+from flexinv.dynamics.dofs import Topology, build_topology, compute_offsets
 from flexinv.elements.planar_beam import POINTS_AT_ONCE, PlanarElements
 from flexinv.kernels.memory import copy_aligned
 from flexinv.kernels.so3 import log_so3
@@ -72,7 +72,7 @@ class PlanarModel:
 def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
     plane = find_plane(mesh)
-    t = topology(mesh, passive)
+    t = build_topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
     rows = constraint_rows(mesh)
     row = np.flatnonzero(find_planar_rows(plane, rows)).astype(np.int64)
@@ -114,7 +114,7 @@ def _build_tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     offset_p = convert_to_plane(plane, mesh.parent, mesh.offset)
     axis = convert_to_plane(plane, np.arange(mesh.size), mesh.axis)
     scale = np.ones(int(size.sum()))
-    offset, span = laid_out(size, topology.part)
+    offset, span = compute_offsets(size, topology.part)
     column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
     part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
     first = offset[topology.block]
@@ -217,7 +217,7 @@ def _build_ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree) -> Tie
     vectors = [np.ascontiguousarray(convert_to_plane(plane, node, v[row])[:, :2]) for node, v in pairs]
     gear = np.zeros((len(row), len(tree.scale)))
     kind = np.where(rows.direction[row], DIRECTION, POSITION)
-    return ties(kind, (a, b), vectors, gear, layout(tree, (a, b), gear, rows.closure[row]))
+    return build_ties(kind, (a, b), vectors, gear, build_layout(tree, (a, b), gear, rows.closure[row]))
 
 
 def _build_masses(tree: PlanarTree) -> BlockMasses:

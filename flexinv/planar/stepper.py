@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics import generalized_alpha, stepper
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import Ties, add_ties, any_acts, solve_border
-from flexinv.dynamics.generalized_alpha import ACCELERATION, ACCELERATIONS, DYNAMIC, PASSES, SQUARED, copy, predict
+from flexinv.dynamics.constraint_rows import Ties, add_ties, has_acting_closure, solve_border
+from flexinv.dynamics.generalized_alpha import ACCELERATION, ACCELERATIONS, DYNAMIC, PASSES, SQUARED, copy, prepare_step
 from flexinv.dynamics.stepper import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_MUCH
 from flexinv.dynamics.system import State
 from flexinv.elements import planar_beam
@@ -183,7 +183,7 @@ def run_newton(system, scheme, given, slow, most):
         solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
         solve_border(ties, ties.layout.blocks, 1.0, work.y)
         before = size
-        size = generalized_alpha.largest_increment(work.y[0], tree.scale)
+        size = generalized_alpha.find_largest_increment(work.y[0], tree.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         for i in range(len(state.d)):
@@ -266,7 +266,7 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
     work = system.work
     count = 0
     size = 0.0
-    acts = any_acts(ties)
+    acts = has_acting_closure(ties)
     if start_at.shape[0] > 0:
         begin_undeformed(tree, state, start_at, frames)
         begin_from_state(state)
@@ -279,12 +279,12 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
         if n == 0 or (n == 1 and still):
             passes.fill_independent_variations(tree, frames, scheme.cv, scheme.ca)
         if moves:
-            predict(step, state)
+            prepare_step(step, state)
         copy(ties.multiplier, ties.kept)
         status, count, size = run_newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
-            predict(step, state)
+            prepare_step(step, state)
             copy(ties.kept, ties.multiplier)
             status, count, size = run_newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
@@ -304,7 +304,7 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
             continue
         if projects:
             copy(ties.kept, ties.multiplier)
-        generalized_alpha.advance_unknowns(step, state, tree.scale)
+        generalized_alpha.update_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
 
 

@@ -16,7 +16,7 @@ from flexinv.kernels.simd import ASTRAY
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, floats, of_kind, shown
+from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, check_kind, convert_to_floats, shown
 
 Order = Literal["samples", "coordinates"]
 LABELS = ("q", "qd", "qdd")
@@ -24,7 +24,7 @@ LABELS = ("q", "qd", "qdd")
 
 def convert_to_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> list[Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked for `joint_torques`."""
-    check_rigid(of_kind("mechanism", mechanism, Mechanism))
+    check_rigid(check_kind("mechanism", mechanism, Mechanism))
     if mechanism.closures:
         names = ", ".join(c.name for c in mechanism.closures)
         raise InputError(
@@ -69,7 +69,7 @@ def convert_to_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: 
     found = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
         own = type(given) is ARRAY_TYPE and given.dtype is FLOAT_TYPE and given.flags.aligned
-        a: Array = given if own else floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
+        a: Array = given if own else convert_to_floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
             shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"

@@ -36,7 +36,7 @@ from flexinv.rnea.body_table import Bodies, build_bodies
 from flexinv.rnea.loop_layout import LoopPlan
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, list_closure_ends, plan_loops, sample_configurations
 from flexinv.typing import Array
-from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, flag, of_kind, whole
+from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, check_flag, check_kind, check_whole_number
 
 THREADS = "1 or more, or None for one per processor"
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
@@ -283,9 +283,9 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
 
 def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> int:
     """The number of threads."""
-    of_kind("mechanism", mechanism, Mechanism)
-    flag("passive", passive)
-    return count_processors() if threads is None else whole("threads", threads, 1, THREADS)
+    check_kind("mechanism", mechanism, Mechanism)
+    check_flag("passive", passive)
+    return count_processors() if threads is None else check_whole_number("threads", threads, 1, THREADS)
 
 
 @kept_with_owner(typed=True, frozen=False)

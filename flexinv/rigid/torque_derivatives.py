@@ -16,7 +16,7 @@ from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodie
 from flexinv.rigid.joint_arrays import convert_to_states
 from flexinv.rigid.prepare import NODAL_SAMPLES, prepare
 from flexinv.typing import Array
-from flexinv.validation import flag
+from flexinv.validation import check_flag
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ def torque_derivatives(
     Equals Pinocchio's ``computeRNEADerivatives`` to rounding; equations at the head of `derivative_kernel`.
     """
     states = convert_to_states(mechanism, q, qd, qdd)
-    passive = flag("passive", passive)
+    passive = check_flag("passive", passive)
     for what in ("springs", "forces"):
         if getattr(mechanism, what):
             raise InputError(

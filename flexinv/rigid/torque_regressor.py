@@ -28,7 +28,7 @@ from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import convert_to_states
 from flexinv.rigid.regressor_kernel import PARAMETERS, fill_regressor
 from flexinv.typing import Array
-from flexinv.validation import flag, of_kind, whole
+from flexinv.validation import check_flag, check_kind, check_whole_number
 
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
@@ -111,7 +111,7 @@ def torque_regressor(
     Raises InputError for a flexible mechanism, closures, wrong shapes, values that are not finite.
     Source of the form: Atkeson, An, Hollerbach, *Estimation of inertial parameters*, IJRR 5(3), 1986.
     """
-    of_kind("mechanism", mechanism, Mechanism)
+    check_kind("mechanism", mechanism, Mechanism)
     if not mechanism.is_rigid:
         beams = ", ".join(link.name for link in mechanism.beams)
         raise InputError(
@@ -119,7 +119,7 @@ def torque_regressor(
             'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
         )
     states = convert_to_states(mechanism, q, qd, qdd)
-    drives = flag("drives", drives)
+    drives = check_flag("drives", drives)
     mesh = build(mechanism)
     matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
@@ -165,7 +165,7 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     from `sample_states` these are the mechanism's base parameters (minimal set); with a measured motion what it identifies.
     Source: Gautier, *Numerical calculation of the base inertial parameters*, J. Robotic Systems 8(4), 1991.
     """
-    y = of_kind("regressor", regressor, Regressor).stacked()
+    y = check_kind("regressor", regressor, Regressor).stacked()
     size = np.linalg.norm(y, axis=0)
     if not size.any():
         raise InputError("base parameters: the regressor is zero; give a motion that moves the mechanism")
@@ -194,9 +194,9 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
 
 def sample_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] that move everything, in all directions."""
-    of_kind("mechanism", mechanism, Mechanism)
-    samples = whole("samples", samples, 0)
-    random = np.random.default_rng(whole("seed", seed, 0))
+    check_kind("mechanism", mechanism, Mechanism)
+    samples = check_whole_number("samples", samples, 0)
+    random = np.random.default_rng(check_whole_number("seed", seed, 0))
     q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
     for joint in mechanism.joints:
         part = mechanism.q_slices[joint.name]

@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
-from flexinv.dynamics.initial_state import instant
-from flexinv.dynamics.linearization import differentiate
-from flexinv.dynamics.loads import load_table, set_loads
-from flexinv.dynamics.solver import Solver, by_unknown
-from flexinv.dynamics.stepper import evaluate, record
+from flexinv.dynamics.initial_state import compute_joint_motion
+from flexinv.dynamics.linearization import fill_dense_matrices
+from flexinv.dynamics.loads import build_load_table, update_loads
+from flexinv.dynamics.solver import Solver, build_coordinate_map
+from flexinv.dynamics.stepper import evaluate, write_sample
 from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
@@ -91,13 +91,13 @@ def evaluate_instants(system, joints, motion, frame, out):
             state.u[i] = motion.u[k, i]
             state.du[i] = motion.du[k, i]
             state.place[i] = motion.place[k, i]
-        set_loads(system.loads, motion.table[k], state.d[:0])
-        bad = differentiate(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
+        update_loads(system.loads, motion.table[k], state.d[:0])
+        bad = fill_dense_matrices(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
         if bad >= 0:
             return k, bad
         for i in range(len(state.d)):
             out.residual[k, i] = system.work.residual[0, i]
-        record(k, system.frames, system.work, out.histories)
+        write_sample(k, system.frames, system.work, out.histories)
         if want:
             out.reach[k] = 0.0
             for c in range(size):  # the frame's Jacobian by the unknowns of its block
@@ -108,16 +108,16 @@ def evaluate_instants(system, joints, motion, frame, out):
 
 
 @jit
-def _inverse_many(psi, out):
+def _fill_inverse_tangents(psi, out):
     for i in range(psi.shape[0]):
         put_block(out[i], 0, 0, inverse_tangent(vec(psi[i])))
 
 
-def inverse_tangents(psi: Array) -> Array:
+def compute_inverse_tangents(psi: Array) -> Array:
     """Return H(psi)^-1, (..., 3, 3) [-], of rotation vectors (..., 3) [rad]: d log(R) = H^-1 times the body increment of R."""
     psi = np.array(psi, dtype=float, order="C")
     out = np.empty((*psi.shape, 3))
-    _inverse_many(psi.reshape(-1, 3), out.reshape(-1, 3, 3))
+    _fill_inverse_tangents(psi.reshape(-1, 3), out.reshape(-1, 3, 3))
     return out
 
 
@@ -149,7 +149,7 @@ class FreeLayout:
         m = mesh.mechanism
         zero = np.zeros(mesh.mechanism.nv)
         self.solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
-        self.joints, t = instant(mesh, m.neutral, zero, zero), self.solver.topology
+        self.joints, t = compute_joint_motion(mesh, m.neutral, zero, zero), self.solver.topology
         first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
         self.node = np.flatnonzero(t.independent | (t.triple >= 0))
         self.section = np.flatnonzero(t.independent)
@@ -158,10 +158,10 @@ class FreeLayout:
         springless = replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints))  # springs stay in the plane
         plane = find_plane(build(springless))
         self.planar = isinstance(plane, Plane)
-        self.pick = _in_plane(mesh, self.solver, plane) if isinstance(plane, Plane) else np.eye(len(t.scale))
-        self.drives = by_unknown(mesh, t)[m.actuated]
+        self.pick = _build_planar_rows(mesh, self.solver, plane) if isinstance(plane, Plane) else np.eye(len(t.scale))
+        self.drives = build_coordinate_map(mesh, t)[m.actuated]
 
-    def undeformed(self, q: Array) -> Placed:
+    def compute_undeformed_poses(self, q: Array) -> Placed:
         """Return the poses of the stress-free mechanism at q (samples, nq) [rad], [m]."""
         mesh = self.solver.mesh
         t = self.solver.topology
@@ -217,7 +217,7 @@ class FreeLayout:
         return u, du, delta
 
 
-def _in_plane(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
+def _build_planar_rows(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
     """(rows, unknowns): components along the plane's axes, turns about its normal, and the joints' own coordinates."""
     t = solver.topology
     rows = []
@@ -272,7 +272,7 @@ class Horizon:
     @cached_property
     def rigid(self) -> Placed:
         """Return the poses of the rigid mechanism on the path [m], [rad]."""
-        return self.layout.undeformed(self.reach.q)
+        return self.layout.compute_undeformed_poses(self.reach.q)
 
     def evaluate(self, at: Placed, stiffness: float = 1.0, want: bool = True) -> Linearised:
         """Return residuals and derivatives at ``at`` [m, rad], beams ``stiffness`` times as stiff [-].  Raises TurnedTooMuch."""
@@ -298,19 +298,19 @@ class Horizon:
             reach = np.zeros((wanted, 6, unknowns))
             now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own)
             free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
-            motion = FreeMotion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
+            motion = FreeMotion(x, r, at.flat[part], u[part], du[part], build_load_table(mesh, self.time[part]))
             instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
             if instant_ >= 0:
                 raise TurnedTooMuch(f"t = {self.time[first + instant_]:g} s, element {element}")
             out.residual[part] = now.residual @ pick.T
-            out.missed[part], by = self._missed(part, at, own, reach)
+            out.missed[part], by = self._compute_task_errors(part, at, own, reach)
             if want:
                 for which in range(3):
                     out.tangent[which, part] = pick @ tangent[:, which] @ pick.T
                 out.by[part] = by @ pick.T
         return out
 
-    def _missed(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
+    def _compute_task_errors(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""
         wanted = self.wanted
         frame = self.way.frame
@@ -327,7 +327,9 @@ class Horizon:
             turn = log_so3(np.swapaxes(wanted.rotation[part], 1, 2) @ now.rotation)
             off = np.hstack([off, length * turn])
             if len(reach):
-                by = np.concatenate([by, length * inverse_tangents(turn) @ (frame.turn.T @ reach[:, 3:])], axis=1)
+                by = np.concatenate(
+                    [by, length * compute_inverse_tangents(turn) @ (frame.turn.T @ reach[:, 3:])], axis=1
+                )
         across, idle = (np.swapaxes(basis[part], 1, 2) for basis in (self.reach.within, self.reach.idle))
         away = (at.flat[part] - self.rigid.flat[part]) @ drives.T
         missed = np.hstack([np.einsum("str,sr->st", across, off), np.einsum("std,sd->st", idle, away)])
@@ -335,11 +337,11 @@ class Horizon:
 
     def step(self, at: Placed, now: Linearised) -> Array:
         """Return Newton's increments y (samples, unknowns) [m], [rad]."""
-        return np.asarray(self.linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
+        return np.asarray(self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
 
-    def linear_solver(self, at: Placed, now: Linearised) -> Callable[[Array, Array], Array]:
+    def build_linear_solver(self, at: Placed, now: Linearised) -> Callable[[Array, Array], Array]:
         """Return the function of residual (samples, rows) and missed (samples, tasks) that gives y (samples, rows) [m], [rad]."""
-        below, own, above = self._blocks(at, now)
+        below, own, above = self._compute_blocks(at, now)
         efforts = -self.layout.pick @ self.layout.drives.T  # (row, drive)
         rows, drives = efforts.shape
         system = [np.zeros((len(self.time), rows + drives, rows + drives)) for _ in range(3)]
@@ -359,7 +361,7 @@ class Horizon:
 
         return solve
 
-    def _blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
+    def _compute_blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
         """Derivatives of each instant's equations of motion by the poses before, at and after it."""
         h = self.h
         k, c, m = now.tangent
@@ -374,14 +376,14 @@ class Horizon:
         none = np.zeros((1, len(self.layout.triple), 3))
         after = np.concatenate([delta, none])
         before = np.concatenate([none, -delta])
-        own = k - (self._through(ahead, after, True) + self._through(back, before, True))
-        return self._through(back, before, False), own, self._through(ahead, after, False)
+        own = k - (self._apply_increment_map(ahead, after, True) + self._apply_increment_map(back, before, True))
+        return self._apply_increment_map(back, before, False), own, self._apply_increment_map(ahead, after, False)
 
-    def _through(self, block: Array, delta: Array, transposed: bool) -> Array:
+    def _apply_increment_map(self, block: Array, delta: Array, transposed: bool) -> Array:
         """A block times d(delta) by the increment of its other end (H^-1) or, ``transposed``, less that of its own (H^-T)."""
         # (sample, rotation, 3, 3)
         out = block.copy()
-        inverse = inverse_tangents(delta)
+        inverse = compute_inverse_tangents(delta)
         for k, own in enumerate(self.layout.triple):
             out[:, :, own] = block[:, :, own] @ (np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k])
         return out

@@ -19,12 +19,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.accuracy.accurate import FEWEST_IN_STRETCH, accurate, check_accuracy
+from flexinv.accuracy.accurate import FEWEST_IN_STRETCH, check_accuracy, solve_within_accuracy
 from flexinv.accuracy.refinement import Problem, StepGrid
-from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_of
+from flexinv.analysis.evaluation import FirstStep, assemble_solution, build_rigid_first_step
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import solve, with_error
+from flexinv.analysis.solve import add_error_bars, solve
 from flexinv.analysis.task import Settings
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import ConvergenceError, InputError, ModelWarning
@@ -36,10 +36,10 @@ from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import FreeLayout, Horizon, Placed, TurnedTooMuch
 from flexinv.tracking.frame_path import Path
-from flexinv.tracking.internal_motion import SWINGING, find_swings, internal_rates, name_zeros, take_step
-from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, drive_columns, frame_of
+from flexinv.tracking.internal_motion import SWINGING, describe_zeros, find_internal_rates, find_swings, take_step
+from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, list_drive_columns, resolve_frame
 from flexinv.typing import Array
-from flexinv.validation import choice, flag, of_kind, seconds
+from flexinv.validation import check_choice, check_flag, check_kind, check_seconds
 
 # Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
 LEFT = 1e-6
@@ -91,7 +91,9 @@ class Following(ByValue):
         motion = Motion.from_samples(time, given, rest=True)
         step = float(self.time[1] - self.time[0])
         # the end: rounding of the first time must not lose the last sample
-        return replace(solve(m, motion, step, end=float(time[-1]), initial=_initial(m), start=rest), time=self.time)
+        return replace(
+            solve(m, motion, step, end=float(time[-1]), initial=_resolve_initial(m), start=rest), time=self.time
+        )
 
     @property
     def feed_forwards(self) -> dict[str, Solution]:
@@ -100,20 +102,20 @@ class Following(ByValue):
 
     def distance(self, solution: Solution) -> Array:
         """Return the distance of a solution's frame from its prescribed position, (samples,) [m]."""
-        if len(of_kind("solution", solution, Solution).time) != len(self.time):
+        if len(check_kind("solution", solution, Solution).time) != len(self.time):
             raise InputError(f"solution has {len(solution.time)} samples, expected the {len(self.time)} of this path")
         return np.asarray(np.linalg.norm(self.frame.poses(solution.nodes).x - self.wanted, axis=1))
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
         ways = {RIGID_BODY: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
-        choice("name", name, ways)
+        check_choice("name", name, ways)
         torque = self.feed_forwards[name].torque
         q = self.solution.q[0]
         m = self.solution.mechanism
         step = float(self.time[1] - self.time[0])
         places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
-        return simulate(m, self.time, torque, step, spectral_radius, _initial(m), start=places)
+        return simulate(m, self.time, torque, step, spectral_radius, _resolve_initial(m), start=places)
 
 
 def follow(
@@ -140,11 +142,11 @@ def follow(
     error : also with half the step and on a refined mesh: ``solution.torque_error``, ``solution.tip_error``
     Raises InputError for a path out of reach or too rough, and for a window too short; ConvergenceError if Newton fails.
     """
-    of_kind("mechanism", mechanism, Mechanism)
-    of_kind("path", path, Path)
-    error = flag("error", error)
+    check_kind("mechanism", mechanism, Mechanism)
+    check_kind("path", path, Path)
+    error = check_flag("error", error)
     asked = check_accuracy(accuracy, step) if accuracy is not None or step is None else None
-    drive_columns(mechanism)
+    list_drive_columns(mechanism)
     for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
         if items:
             raise InputError(
@@ -153,71 +155,77 @@ def follow(
             )
     if step is None:  # the coarsest one: steps divide the path's time
         step = path.duration / FEWEST_IN_STRETCH
-    settings = _settings(seconds("step", step, "a positive number of seconds, for example step=1e-3"))
+    settings = _make_settings(check_seconds("step", step, "a positive number of seconds, for example step=1e-3"))
     # Of the last run: its equations, and what moves at both ends of the window.
     runs: list[tuple[Horizon, tuple[float, float]]] = []
 
     def way_of(meshed: Mechanism) -> RigidWay:
-        return RigidWay(mesh := build(meshed), frame_of(mesh, frame), path, start)
+        return RigidWay(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
         way = way_of(meshed)
         horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, own.step)
-        first, left = _inverted(horizon)
+        first, left = _solve_inversion(horizon)
         runs[:] = [(horizon, left)]
         if asked is None:
             _check_rest(horizon, left)
         return way.mesh, first
 
     way = way_of(mechanism)
-    time = _window(way, settings.step, before, after)
+    time = _build_window(way, settings.step, before, after)
     if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
-        return _beside_rigid(way, way.reach(time), time)
+        return _build_rigid_following(way, way.reach(time), time)
     if asked is None:
         mesh, first = run(mechanism, time, (), settings)
-        solution = solution_of(mesh, first, settings)
+        solution = assemble_solution(mesh, first, settings)
         horizon, left = runs[0]
         if error:
-            solution = with_error(solution, first, time, settings, run, 2, True)
-        return replace(_beside_rigid(way, horizon.reach, time), solution=solution, unrest=left)
-    solution = accurate(Problem(mechanism, StepGrid(time[[0, -1]], (len(time) - 1,)), run, settings, asked))
+            solution = add_error_bars(solution, first, time, settings, run, 2, True)
+        return replace(_build_rigid_following(way, horizon.reach, time), solution=solution, unrest=left)
+    solution = solve_within_accuracy(
+        Problem(mechanism, StepGrid(time[[0, -1]], (len(time) - 1,)), run, settings, asked)
+    )
     _check_rest(*runs[-1])
     way = way_of(solution.mechanism)
-    return replace(_beside_rigid(way, way.reach(solution.time), solution.time), solution=solution, unrest=runs[-1][1])
+    return replace(
+        _build_rigid_following(way, way.reach(solution.time), solution.time), solution=solution, unrest=runs[-1][1]
+    )
 
 
-def _inverted(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
+def _solve_inversion(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     """The first step [m, rad, s, N] of a mechanism that bends, and what moves at both ends of the window [-]."""
     mesh = horizon.way.mesh
     time = horizon.time
     q = horizon.reach.q.copy()
-    trajectory = stable_inversion(horizon)
+    trajectory = solve_stable_inversion(horizon)
     moves = {joint.name for joint in mesh.mechanism.joints if joint.nv}
     qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
     applied = compute_applied_forces(mesh, trajectory.motion, time)
-    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), ends_of(trajectory)
+    return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), compute_end_speeds(trajectory)
 
 
-def _beside_rigid(way: RigidWay, reach: Reach, time: Array) -> Following:
+def _build_rigid_following(way: RigidWay, reach: Reach, time: Array) -> Following:
     """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
-    first = rigid_motion_of(way.mesh, time, (reach.q, reach.qd, reach.qdd))
-    rigid = solution_of(way.mesh, first, _settings(float(time[1] - time[0])))
+    first = build_rigid_first_step(way.mesh, time, (reach.q, reach.qd, reach.qdd))
+    rigid = assemble_solution(way.mesh, first, _make_settings(float(time[1] - time[0])))
     return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
-def _window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
+def _build_window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
     """Instants (samples,) [s], 0 among them."""
     path = way.path
     for name, value in (("before", before), ("after", after)):
-        seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
+        check_seconds(
+            name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True
+        )
     move = path.duration
     ends = np.array([0.0, path.duration])
     if step > move / 4:
         raise InputError(f"step = {step:g} s is too long for a path of {move:g} s: write step = {move / 200:g}")
     if before is None or after is None:
         horizon = Horizon(FreeLayout(way.mesh), way, way.reach(ends), ends, step)
-        waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
+        waits = [_compute_fading_time(find_internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, move + last]) / step * (1 - 1e-9))
     if count.sum() > MOST_INSTANTS:
@@ -228,7 +236,7 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
     return np.asarray(step * np.arange(-max(count[0], 1), max(count[1], 1) + 1))
 
 
-def _fading(rates: NDArray[np.complex128]) -> float:
+def _compute_fading_time(rates: NDArray[np.complex128]) -> float:
     """Time [s] in which the slowest of the rates that fade has faded to LEFT; none where none does."""
     fading = rates.real[rates.real > SWINGING * np.abs(rates)]
     return float(-np.log(LEFT) / fading.min()) if len(fading) else 0.0
@@ -239,12 +247,12 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
     for name, given, sample, rest in zip(("before", "after"), ends, (0, -1), left, strict=True):
         if rest <= RESTLESS:
             continue
-        fades = _fading(rates := internal_rates(horizon, sample))
+        fades = _compute_fading_time(rates := find_internal_rates(horizon, sample))
         swings = bool(((rates.real <= SWINGING * np.abs(rates)) & (rates.imag > 0)).any())
         if given >= fades and swings and name == "after":
             warnings.warn(
                 f"mechanism '{horizon.way.mesh.mechanism.name}': when the path has ended something swings on inside at "
-                f"{rest:.1%} of the largest speed, and its drives with it ({name_zeros(rates)}): the frame stays on its path; "
+                f"{rest:.1%} of the largest speed, and its drives with it ({describe_zeros(rates)}): the frame stays on its path; "
                 "give the path more time, the swinging joint or beam damping, or follow a point further out on the tool",
                 ModelWarning,
                 stacklevel=3,
@@ -255,29 +263,29 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
             advice = f"write {name} = {fades:.3g}, in which what moves inside fades"
         raise InputError(
             f"{name} = {given:.3g} s: at that end of the window the mechanism should rest and moves at {rest:.1%} of its largest "
-            f"speed ({name_zeros(rates)}); {advice}"
+            f"speed ({describe_zeros(rates)}); {advice}"
         )
 
 
-def _initial(mechanism: Mechanism) -> str:
+def _resolve_initial(mechanism: Mechanism) -> str:
     return "static" if np.any(mechanism.gravity) or mechanism.forces else "consistent"
 
 
-def _settings(step: float) -> Settings:
+def _make_settings(step: float) -> Settings:
     return Settings(float(step), spectral_radius=1.0, initial="static", tolerance=None)
 
 
-def stable_inversion(horizon: Horizon) -> Trajectory:
+def solve_stable_inversion(horizon: Horizon) -> Trajectory:
     """Return the bounded motion [m, rad, s, N] of a frame on its path, from the rigid mechanism's as the first guess.
 
     r(y_k, u_k, u'_k) - S tau_k = 0,  c(y_k) = 0  at all instants k, at rest at the first and the last.  Where something swings
     inside that is not at rest at the last by itself, it begins at rest and swings on.
     Raises ConvergenceError where Newton finds no motion, from stiffer beams neither.
     """
-    resting, stiffness = _continued(horizon, swing=False)
-    if resting is not None and (max(ends_of(resting)) <= RESTLESS or not find_swings(horizon, 1.0).count):
+    resting, stiffness = _find_by_continuation(horizon, swing=False)
+    if resting is not None and (max(compute_end_speeds(resting)) <= RESTLESS or not find_swings(horizon, 1.0).count):
         return resting
-    swinging, softest = _continued(horizon, swing=True)
+    swinging, softest = _find_by_continuation(horizon, swing=True)
     if swinging is not None:
         return swinging
     if resting is not None:
@@ -285,24 +293,24 @@ def stable_inversion(horizon: Horizon) -> Trajectory:
     stiffness = min(stiffness, softest)
     raise ConvergenceError(
         f"mechanism '{horizon.way.mesh.mechanism.name}': no bounded motion found whose frame on '{horizon.way.frame.name}' "
-        f"follows the path, only with beams {stiffness:.3g} times as stiff ({name_zeros(internal_rates(horizon, 0))}); give the "
+        f"follows the path, only with beams {stiffness:.3g} times as stiff ({describe_zeros(find_internal_rates(horizon, 0))}); give the "
         "path more time, a smaller step, or check the stiffness"
     )
 
 
-def _continued(horizon: Horizon, swing: bool) -> tuple[Trajectory | None, float]:
+def _find_by_continuation(horizon: Horizon, swing: bool) -> tuple[Trajectory | None, float]:
     """The motion, from stiffer beams where Newton does not find it at once, and how stiff they are in the last that is found.
 
     swing : whether what swings inside may swing on at the end of the window
     """
     stiffness = 1.0
     factor = STIFF ** (1 / 4)
-    if (found := _newton(horizon, horizon.rigid, stiffness, swing)) is None:
-        found = _newton(horizon, horizon.rigid, STIFF, swing)
+    if (found := _run_newton(horizon, horizon.rigid, stiffness, swing)) is None:
+        found = _run_newton(horizon, horizon.rigid, STIFF, swing)
         stiffness = STIFF
     while found is not None and stiffness > 1.0:
         target = max(1.0, stiffness / factor)
-        if (softer := _newton(horizon, found[0], target, swing)) is not None:
+        if (softer := _run_newton(horizon, found[0], target, swing)) is not None:
             found = softer
             stiffness = target
         elif (factor := np.sqrt(factor)) < SMALLEST_FACTOR:
@@ -310,7 +318,7 @@ def _continued(horizon: Horizon, swing: bool) -> tuple[Trajectory | None, float]
     return (found[1], 1.0) if found is not None and stiffness == 1.0 else (None, stiffness)
 
 
-def _newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> tuple[Placed, Trajectory] | None:
+def _run_newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> tuple[Placed, Trajectory] | None:
     """Newton's method on all instants; None where it does not converge."""
     swings = find_swings(horizon, stiffness) if swing else None
     for iteration in range(1, MOST_ITERATIONS + 1):
@@ -333,7 +341,7 @@ def _newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> tupl
     return None
 
 
-def ends_of(trajectory: Trajectory) -> tuple[float, float]:
+def compute_end_speeds(trajectory: Trajectory) -> tuple[float, float]:
     """Return the speed just inside the start and the end of a window over the largest in it [-]: zero where it is long enough."""
     speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
     first, last = speed[[1, -2]] / (float(speed.max()) or 1.0)

@@ -22,7 +22,7 @@ from flexinv.model import rules
 from flexinv.model.links import Frozen
 from flexinv.model.track import LAWS, find_law, progress
 from flexinv.typing import Array
-from flexinv.validation import finite_array, floats, number, seconds, shown
+from flexinv.validation import check_finite_array, check_number, check_seconds, convert_to_floats, shown
 
 # u (samples,) [-] -> c, dc/du, d2c/du2 (samples, 3) [m]
 Curve = Callable[[Array], tuple[Array, Array, Array]]
@@ -66,29 +66,31 @@ class Path(Frozen):
     @staticmethod
     def line(start: ArrayLike, end: ArrayLike, duration: float, law: str = "nonic") -> Path:
         """Run straight from ``start`` to ``end``, (3,) [m] in the world, in ``duration`` [s].  Raises InputError."""
-        ends = [_point(start, "start"), _point(end, "end")]
+        ends = [_check_point(start, "start"), _check_point(end, "end")]
         spline = scipy.interpolate.make_interp_spline([0.0, 1.0], ends, k=1)
-        return _checked(partial(_spline, spline), duration, law, "line")
+        return _build_checked_path(partial(_evaluate_spline, spline), duration, law, "line")
 
     @staticmethod
     def arc(
         start: ArrayLike, centre: ArrayLike, angle: float, duration: float, axis: ArrayLike = (0, 0, 1), law: str = "nonic"
     ) -> Path:  # fmt: skip
         """Run from ``start`` (3,) [m] by ``angle`` [rad] about an ``axis`` through ``centre`` (3,) [m].  Raises InputError."""
-        a = _point(start, "start")
-        c = _point(centre, "centre")
-        n = _point(axis, "axis")
+        a = _check_point(start, "start")
+        c = _check_point(centre, "centre")
+        n = _check_point(axis, "axis")
         if not np.linalg.norm(n) > 0 or not np.linalg.norm(np.cross(n, a - c)) > 0:
             raise InputError("arc: expected an axis that is not zero, and a start that is not on the axis")
-        angle = number("angle", angle, "a finite number of radians")
+        angle = check_number("angle", angle, "a finite number of radians")
         if not np.isfinite(angle):
             raise InputError(f"arc: angle = {angle}: expected a finite number of radians")
-        return _checked(partial(_arc, a, c, float(angle) * n / np.linalg.norm(n)), duration, law, "arc")
+        return _build_checked_path(
+            partial(_evaluate_arc, a, c, float(angle) * n / np.linalg.norm(n)), duration, law, "arc"
+        )
 
     @staticmethod
     def points(points: ArrayLike, duration: float, law: str = "nonic") -> Path:
         """Run through ``points`` (n >= 2, 3) [m] on a spline (quintic from six on), evenly by chords.  Raises InputError."""
-        at = floats("points", points)
+        at = convert_to_floats("points", points)
         if at.ndim != 2 or at.shape[1] != 3 or len(at) < 2 or not np.isfinite(at).all():
             raise InputError(f"points have shape {at.shape}, expected two or more finite points (n, 3) [m]")
         chords = np.linalg.norm(np.diff(at, axis=0), axis=1)
@@ -97,11 +99,11 @@ class Path(Frozen):
         along = np.concatenate([[0.0], np.cumsum(chords)]) / chords.sum()
         degree = min(5, len(at) - 1)
         spline = scipy.interpolate.make_interp_spline(along, at, k=degree - (degree == 4))  # odd degrees are symmetric
-        return _checked(partial(_spline, spline), duration, law, f"spline through {len(at)} points")
+        return _build_checked_path(partial(_evaluate_spline, spline), duration, law, f"spline through {len(at)} points")
 
     def turning(self, start: ArrayLike, end: ArrayLike) -> Path:
         """Return the path with orientations R_W,frame (3, 3) [-] at its start and its end.  Raises InputError."""
-        pair = [floats(name, value) for name, value in (("start", start), ("end", end))]
+        pair = [convert_to_floats(name, value) for name, value in (("start", start), ("end", end))]
         turn = np.array(pair) if pair[0].shape == pair[1].shape else np.empty(0)
         orthogonal = turn.shape == (2, 3, 3) and np.allclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=ORTHOGONAL)
         if not orthogonal or (np.linalg.det(turn) < 0.0).any():
@@ -116,10 +118,10 @@ class Path(Frozen):
 
     def evaluate(self, time: ArrayLike) -> Poses:
         """Return position, velocity and acceleration [m, s], and orientation where it is given, at ``time`` (samples,) [s]."""
-        at = floats("time", time)
+        at = convert_to_floats("time", time)
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
-        s = finite_array("time", at, (None,), "s") / self.duration
+        s = check_finite_array("time", at, (None,), "s") / self.duration
         u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
         # (sample, 1)
         u1 = (speed / self.duration)[:, None]
@@ -133,28 +135,28 @@ class Path(Frozen):
         return poses._replace(rotation=rotation, omega=u1 * angle, alpha=u2 * angle)
 
 
-def _checked(curve: Curve, duration: float, law: str, text: str) -> Path:
+def _build_checked_path(curve: Curve, duration: float, law: str, text: str) -> Path:
     if find_law(law).jumps:
         smooth = ", ".join(name for name, one in LAWS.items() if not one.jumps)
         raise InputError(
             f"law = {law!r}: its acceleration jumps, and a flexible arm cannot follow a jump with a finite torque; "
             f"write law = 'nonic' (smooth laws: {smooth})"
         )
-    return Path(curve, seconds("duration", duration, "a positive time [s]"), law, text)
+    return Path(curve, check_seconds("duration", duration, "a positive time [s]"), law, text)
 
 
-def _point(value: ArrayLike, name: str) -> Array:
-    point = floats(name, value)
+def _check_point(value: ArrayLike, name: str) -> Array:
+    point = convert_to_floats(name, value)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise InputError(f"{name} = {shown(value)}: expected three finite numbers [m]")
     return point
 
 
-def _arc(start: Array, centre: Array, turn: Array, u: Array) -> tuple[Array, Array, Array]:
+def _evaluate_arc(start: Array, centre: Array, turn: Array, u: Array) -> tuple[Array, Array, Array]:
     arm = exp_so3(u[:, None] * turn) @ (start - centre)
     swing = np.cross(turn, arm)
     return centre + arm, swing, np.cross(turn, swing)
 
 
-def _spline(spline: Callable[..., Array], u: Array) -> tuple[Array, Array, Array]:
+def _evaluate_spline(spline: Callable[..., Array], u: Array) -> tuple[Array, Array, Array]:
     return spline(u), spline(u, nu=1), spline(u, nu=2)

@@ -94,7 +94,7 @@ def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0)
     return InternalMotions(rates, left, right / np.einsum("rm,rm->m", left, inert @ right), inert)
 
 
-def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
+def find_internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
     """Return the rates s [1/s] (Re >= 0, slowest first) of what moves inside while the frame rests, at one end of the window.
 
     exp(s t) before the path and exp(-s t) after it; an imaginary s swings and never ends.
@@ -113,7 +113,7 @@ def find_swings(horizon: Horizon, stiffness: float) -> Swings:
         raise InputError(
             f"mechanism '{horizon.way.mesh.mechanism.name}': inside, {len(seen[0])} motions swing where the path begins and "
             f"{len(seen[1])} where it ends, so that no bounded motion leads from rest to rest (at the start "
-            f"{name_zeros(ends[0].rates)}, at the end {name_zeros(ends[1].rates)}); follow another point of the tool or "
+            f"{describe_zeros(ends[0].rates)}, at the end {describe_zeros(ends[1].rates)}); follow another point of the tool or "
             "another path"
         )
     first = ends[0].left[:, seen[0]].real
@@ -131,7 +131,7 @@ def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> 
     h = horizon.h
     u, du, _ = horizon.layout.differences(at, h)
     first = (h * u[1] - 0.5 * h**2 * du[1]) @ pick.T  # y_1 - y_0
-    solve = horizon.linear_solver(at, now)
+    solve = horizon.build_linear_solver(at, now)
     plain = solve(now.residual, now.missed)
     none = np.zeros_like(now.missed)
     columns = []
@@ -147,7 +147,7 @@ def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> 
     return replace(at, last=last), np.asarray(y @ pick)
 
 
-def name_zeros(rates: NDArray[np.complex128]) -> str:
+def describe_zeros(rates: NDArray[np.complex128]) -> str:
     """Return the slowest zeros in words [1/s], those that swing with their frequency [Hz]."""
     unlike = np.unique(np.round(np.abs(rates), 9), return_index=True)[1][:ZEROS_NAMED]
     said = []

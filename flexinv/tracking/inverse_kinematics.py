@@ -66,8 +66,8 @@ class Frame:
             spin = np.cross(w, self.point)
             swing = np.cross(al, self.point) + np.cross(w, spin)
             x = x + r @ self.point
-            v = v + _turned(r, spin)
-            a = a + _turned(r, swing)
+            v = v + _apply_matrices(r, spin)
+            a = a + _apply_matrices(r, swing)
         return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
 
 
@@ -87,7 +87,7 @@ class Reach:
     idle: Array
 
 
-def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
+def resolve_frame(mesh: Mesh, frame: str | Attachment) -> Frame:
     """Return the frame of an attachment or, by a link's name, at its tip [m].  Raises InputError for what is not there."""
     m = mesh.mechanism
     if not isinstance(frame, str | Attachment):
@@ -108,7 +108,7 @@ def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
     return Frame(name, int(node), frame.placement.position, frame.placement.rotation)
 
 
-def drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
+def list_drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
     """Return the velocity coordinates [-] that have a drive.  Raises InputError for drives of joints that turn in space."""
     for joint in mechanism.joints:
         if joint.nv and joint.actuated and joint.kind not in SCALAR:
@@ -141,20 +141,20 @@ class RigidWay:
         """
         path = self.path
         spline = self._knots
-        self._looked_between()
+        self._check_between()
         inside = np.clip(time, 0.0, path.duration)
         moving = ((time > 0.0) & (time < path.duration))[:, None]
         guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
-        return self._finish(guess, path.evaluate(time), time)
+        return self._solve_path_motion(guess, path.evaluate(time), time)
 
     @kept_with_owner()
-    def _looked_between(self) -> bool:
+    def _check_between(self) -> bool:
         """Look at the whole path, whatever instants are asked for: limits of the drives, and singular positions."""
         self._check_limits()
         self._check_singular()
         return True
 
-    def _angles_at(self, time: Array) -> Array:
+    def _find_angles(self, time: Array) -> Array:
         """Angles (samples, nv) at times of the path, by Newton from the spline."""
         return self._settled(self._knots(time), self.path.evaluate(time), time)
 
@@ -164,7 +164,9 @@ class RigidWay:
         own = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         if not len(own):
             return
-        pieces = fit_pieces(lambda times: self._angles_at(times)[:, self._drives[own]], [0.0, self.path.duration], 1.0)
+        pieces = fit_pieces(
+            lambda times: self._find_angles(times)[:, self._drives[own]], [0.0, self.path.duration], 1.0
+        )
         opposite = replace(pieces, coefficients=-pieces.coefficients)
         for column, drive in enumerate(own.tolist()):
             for side, level, part in (("upper", upper[drive], pieces), ("lower", -lower[drive], opposite)):
@@ -189,7 +191,7 @@ class RigidWay:
         shortest = SHORTEST_PART * self.path.duration
         while len(begin):
             times = np.stack([begin, 0.5 * (begin + end), end])
-            jacobians = self._jacobian(self._angles_at(times.reshape(-1)))
+            jacobians = self._compute_jacobian(self._find_angles(times.reshape(-1)))
             values: Array = np.asarray(np.linalg.svd(jacobians, compute_uv=False), dtype=np.float64)
             rank = int((values > NEGLIGIBLE * values.max()).sum(axis=1).max())
             if rank == 0:
@@ -217,7 +219,7 @@ class RigidWay:
 
     @cached_property
     def _drives(self) -> NDArray[np.int64]:
-        return drive_columns(self.mesh.mechanism)
+        return list_drive_columns(self.mesh.mechanism)
 
     @cached_property
     def _bounds(self) -> Array:
@@ -240,10 +242,10 @@ class RigidWay:
             elif joint.stiffness:
                 first[own] = joint.rest
         for k, at in enumerate(knots):
-            angles[k] = first = self._approach(first, self.path.evaluate(np.array([at])), float(at))
+            angles[k] = first = self._find_angles_near(first, self.path.evaluate(np.array([at])), float(at))
         return scipy.interpolate.make_interp_spline(knots, angles, k=5)
 
-    def _coordinates(self, angles: Array) -> Array:
+    def _convert_angles(self, angles: Array) -> Array:
         """q (samples, nq) of angles (samples, nv)."""
         m = self.mesh.mechanism
         q = np.tile(self.mesh.mechanism.neutral, (len(angles), 1))
@@ -255,48 +257,48 @@ class RigidWay:
                 q[:, m.q_slices[joint.name]] = own
         return q
 
-    def _poses(self, angles: Array, rates: Array) -> Poses:
-        q = self._coordinates(angles)
+    def _compute_poses(self, angles: Array, rates: Array) -> Poses:
+        q = self._convert_angles(angles)
         return self.frame.poses(rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
 
-    def _rows(self, linear: Array, angular: Array | None) -> Array:
+    def _assemble_rows(self, linear: Array, angular: Array | None) -> Array:
         """(samples, 3 or 6): a vector and, where orientation is asked for, a rotation times the mechanism's length."""
         if self.path.turn is None or angular is None:
             return linear
         return np.hstack([linear, self.mesh.length * angular])
 
-    def _off(self, angles: Array, wanted: Poses) -> Array:
+    def _compute_deviation(self, angles: Array, wanted: Poses) -> Array:
         """Return the deviation from the path, (samples, rows) [m]."""
-        now = self._poses(angles, np.zeros_like(angles))
+        now = self._compute_poses(angles, np.zeros_like(angles))
         turn = None
         if self.path.turn is not None and now.rotation is not None and wanted.rotation is not None:
             turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
-        return self._rows(wanted.x - now.x, turn)
+        return self._assemble_rows(wanted.x - now.x, turn)
 
-    def _jacobian(self, angles: Array) -> Array:
+    def _compute_jacobian(self, angles: Array) -> Array:
         """(samples, rows, drives) [m]."""
         columns = []
         for drive in self._drives:
-            moving = self._poses(angles, np.tile(np.eye(angles.shape[1])[drive], (len(angles), 1)))
-            columns.append(self._rows(moving.v, moving.omega))
+            moving = self._compute_poses(angles, np.tile(np.eye(angles.shape[1])[drive], (len(angles), 1)))
+            columns.append(self._assemble_rows(moving.v, moving.omega))
         return np.stack(columns, axis=2)  # (sample, row, drive)
 
-    def _approach(self, angles: Array, wanted: Poses, at: float) -> Array:
+    def _find_angles_near(self, angles: Array, wanted: Poses, at: float) -> Array:
         """Angles (nv,) at one place of the path, by damped least squares within the limits."""
         angles = angles.copy()
         length = self.mesh.length
         before = np.inf
         for _ in range(ITERATIONS):
-            missing = self._off(angles[None], wanted)[0]
+            missing = self._compute_deviation(angles[None], wanted)[0]
             if (distance := float(np.linalg.norm(missing))) < REACHED * length:
                 break
-            jacobian = self._jacobian(angles[None])[0]
+            jacobian = self._compute_jacobian(angles[None])[0]
             # Newton's own step near the path, where the last one halved the distance at least
             factor = 0.0 if distance < 0.5 * before and distance < DAMPING * length else DAMPING
             before = distance
             angles[self._drives] = self._step(angles[self._drives], jacobian, missing, factor)
         else:
-            self._unreached(angles, distance, at)
+            self._refuse_unreachable(angles, distance, at)
         return angles
 
     def _step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
@@ -314,7 +316,7 @@ class RigidWay:
                 return np.asarray(np.clip(now + dq, lower, upper))
             free &= ~stopped
 
-    def _unreached(self, angles: Array, distance: float, at: float) -> None:
+    def _refuse_unreachable(self, angles: Array, distance: float, at: float) -> None:
         m = self.mesh.mechanism
         own = angles[self._drives]
         lower, upper = self._bounds
@@ -335,9 +337,11 @@ class RigidWay:
         """Angles (samples, nv) on the path, by Newton at all samples at once."""
         drives = self._drives
         for _ in range(ITERATIONS):
-            if np.abs(missing := self._off(angles, wanted)).max() < REACHED * self.mesh.length:
+            if np.abs(missing := self._compute_deviation(angles, wanted)).max() < REACHED * self.mesh.length:
                 return angles
-            angles[:, drives] += _turned(np.linalg.pinv(self._jacobian(angles), rcond=NEGLIGIBLE), missing)
+            angles[:, drives] += _apply_matrices(
+                np.linalg.pinv(self._compute_jacobian(angles), rcond=NEGLIGIBLE), missing
+            )
         worst = float(time[int(np.abs(missing).max(axis=1).argmax())])
         knots = np.linspace(0.0, self.path.duration, KNOTS)
         after = int(np.clip(np.searchsorted(knots, worst), 1, KNOTS - 1))
@@ -348,11 +352,11 @@ class RigidWay:
             "{...} of the joints"
         )
 
-    def _finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
+    def _solve_path_motion(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
         angles = self._settled(guess[0], wanted, time)
         drives = self._drives
-        jacobian = self._jacobian(angles)
+        jacobian = self._compute_jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
         if rank == 0:
@@ -366,13 +370,15 @@ class RigidWay:
         qd = np.zeros_like(angles)
         qdd = np.zeros_like(angles)
         stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)
-        qd[:, drives] = _turned(inverse, self._rows(wanted.v, wanted.omega)) + _turned(stay, guess[1][:, drives])
-        bent = self._poses(angles, qd)
-        fall = self._rows(wanted.a, wanted.alpha) - self._rows(bent.a, bent.alpha)
-        qdd[:, drives] = _turned(inverse, fall) + _turned(stay, guess[2][:, drives])
-        return Reach(self._coordinates(angles), qd, qdd, u[:, :, :rank], idle)
+        qd[:, drives] = _apply_matrices(inverse, self._assemble_rows(wanted.v, wanted.omega)) + _apply_matrices(
+            stay, guess[1][:, drives]
+        )
+        bent = self._compute_poses(angles, qd)
+        fall = self._assemble_rows(wanted.a, wanted.alpha) - self._assemble_rows(bent.a, bent.alpha)
+        qdd[:, drives] = _apply_matrices(inverse, fall) + _apply_matrices(stay, guess[2][:, drives])
+        return Reach(self._convert_angles(angles), qd, qdd, u[:, :, :rank], idle)
 
 
-def _turned(matrices: NDArray[np.floating], vectors: Array) -> Array:
+def _apply_matrices(matrices: NDArray[np.floating], vectors: Array) -> Array:
     """Products of matrices (samples, rows, columns) with vectors (samples, columns)."""
     return np.asarray(np.einsum("src,sc->sr", matrices, vectors))

@@ -19,7 +19,7 @@ from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, 
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
 from flexinv.tracking.frame_path import Path
 from flexinv.typing import Array
-from flexinv.validation import nearest, of_kind
+from flexinv.validation import check_kind, find_nearest_word
 
 PATH_SHAPES = ("line", "arc", "points_m")
 
@@ -98,16 +98,18 @@ def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, PathTask]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    of_kind("mechanism", mechanism, Mechanism)
+    check_kind("mechanism", mechanism, Mechanism)
     file, table = read_cases(path)
     check_names(file, tasks=table.tasks)
-    return {name: _task(data, name, mechanism, Location(file, f"tasks.{name}")) for name, data in table.tasks.items()}
+    return {
+        name: _read_task(data, name, mechanism, Location(file, f"tasks.{name}")) for name, data in table.tasks.items()
+    }
 
 
-def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> PathTask:
+def _read_task(data: Any, name: str, mechanism: Mechanism, where: Location) -> PathTask:
     table = validate(TaskTable, data, where)
     if table.frame not in mechanism.link_of:
-        near = nearest(table.frame, list(mechanism.link_of))
+        near = find_nearest_word(table.frame, list(mechanism.link_of))
         expected = f"a link of {mechanism.name}: {', '.join(list(mechanism.link_of)[:20])}"
         write = f'frame = "{near or next(iter(mechanism.link_of))}"'
         raise where.wrong("frame", f'frame = "{table.frame}"', expected, write)
@@ -123,10 +125,10 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> PathTa
         point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
         frame = Attachment(table.frame, Placement(point), table.station)
     times = table.step_s, table.before_s, table.after_s
-    return PathTask(name, table.title, frame, _path(table, where), *times, start, mesh)
+    return PathTask(name, table.title, frame, _read_path(table, where), *times, start, mesh)
 
 
-def _path(table: TaskTable, where: Location) -> Path:
+def _read_path(table: TaskTable, where: Location) -> Path:
     stated = [shape for shape in PATH_SHAPES if getattr(table, shape) is not None]
     shape = stated[0] if len(stated) == 1 else "line"
     write = str((TaskTable.model_fields[shape].examples or [""])[0])

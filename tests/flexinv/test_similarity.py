@@ -18,7 +18,7 @@ from kernels import Array
 from similar import coordinates, efforts, similar
 
 import flexinv
-from flexinv.analysis.overview import start_of
+from flexinv.analysis.overview import resolve_start_configuration
 from flexinv.constraints.continuation import mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.kinematics.mesh import build
@@ -72,7 +72,7 @@ def table(m: Mechanism, values: Array, rates: bool = False) -> dict[str, Array]:
 
 
 def start(m: Mechanism, case: Case, s: float) -> dict[str, Array]:
-    q = coordinates(m, start_of(m, case), s)
+    q = coordinates(m, resolve_start_configuration(m, case), s)
     return {name: q[m.q_slices[name]] for name in case.start}
 
 
@@ -102,14 +102,14 @@ def statics(name: str, s: float) -> Answers:
     load = flexinv.Load(
         m.beams[-1].name, force=s**2 * np.array([0.1, 0.2, 0.05]), moment=s**3 * np.array([1, 2, 1]) / 100
     )
-    found = flexinv.statics(similar(m, s), [load], q=coordinates(m, start_of(m, case), s))
+    found = flexinv.statics(similar(m, s), [load], q=coordinates(m, resolve_start_configuration(m, case), s))
     out = {"torque": efforts(m, found.torque_all, 1 / s), "q": coordinates(m, found.q, 1 / s)}
     return out | {f"deflection of {link}": bend / s for link, bend in found.deflection.items()}
 
 
 def natural_modes(name: str, s: float) -> Answers:
     m, case = model(name)
-    found = flexinv.natural_modes(similar(m, s), coordinates(m, start_of(m, case), s))
+    found = flexinv.natural_modes(similar(m, s), coordinates(m, resolve_start_configuration(m, case), s))
     return {"frequency": s * found.frequency[:12], "fast": s * found.frequency, "q": coordinates(m, found.q, 1 / s)}
 
 
@@ -121,7 +121,7 @@ def free_modes(name: str, s: float) -> Answers:
 
 def steady_modes(name: str, s: float) -> Answers:
     m, case = model(name)
-    found = flexinv.steady_modes(similar(m, s), coordinates(m, start_of(m, case), s))
+    found = flexinv.steady_modes(similar(m, s), coordinates(m, resolve_start_configuration(m, case), s))
     return {"frequency": s * found.frequency[:12]}
 
 

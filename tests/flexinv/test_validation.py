@@ -18,7 +18,7 @@ from flexinv.model.motion import Motion
 from flexinv.rigid.torque_regressor import sample_states
 from flexinv.tracking.frame_path import Path as Line
 from flexinv.tracking.task_file import load_tasks
-from flexinv.validation import floats, number, whole
+from flexinv.validation import check_number, check_whole_number, convert_to_floats
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 BENT: Any
@@ -256,16 +256,16 @@ def test_what_numpy_counts_and_measures_is_taken() -> None:
 
 def test_numbers_are_read_as_they_are() -> None:
     q = np.zeros(3)
-    assert floats("q", q) is q
+    assert convert_to_floats("q", q) is q
     for given in ([1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int8), np.array([1.0, 2], dtype=object)):
-        np.testing.assert_array_equal(floats("q", given), [1.0, 2.0])
-    assert whole("n", np.uint16(3), 1) == 3
-    assert number("x", np.float32(0.5), "") == number("x", np.array(0.5), "") == 0.5
+        np.testing.assert_array_equal(convert_to_floats("q", given), [1.0, 2.0])
+    assert check_whole_number("n", np.uint16(3), 1) == 3
+    assert check_number("x", np.float32(0.5), "") == check_number("x", np.array(0.5), "") == 0.5
     for wrong in ("1", None, 1j, [1], np.zeros(2), np.True_, object()):
         with pytest.raises(InputError, match=r"x = .*: expected a length"):
-            number("x", wrong, "a length")
+            check_number("x", wrong, "a length")
         with pytest.raises(InputError, match=r"n = .*: expected a whole number"):
-            whole("n", wrong, 0)
+            check_whole_number("n", wrong, 0)
 
 
 def test_numbers_of_other_types_are_not_looked_at_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,9 +277,9 @@ def test_numbers_of_other_types_are_not_looked_at_one_by_one(monkeypatch: pytest
 
     monkeypatch.setattr("flexinv.validation.Real", Never("Real", (), {}))
     for given in (np.ones((2, 3), dtype=np.float32), np.ones(4, dtype=int), [1.0, 2.0]):
-        assert floats("q", given).dtype == float
+        assert convert_to_floats("q", given).dtype == float
     with pytest.raises(AssertionError, match="was looked at"):
-        floats("q", np.array([1.0], dtype=object))
+        convert_to_floats("q", np.array([1.0], dtype=object))
 
 
 def test_a_flexible_controller_says_what_it_cannot_take() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.generalized_alpha import advance, predict, update_rates
+from flexinv.dynamics.generalized_alpha import end_step, prepare_step, update_rates
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.elements.beam import fill_relative_poses, fill_relative_rates
 from flexinv.elements.beam_element import (
@@ -90,13 +90,13 @@ def six(multipliers, efforts, entries, least):
 def oscillate(t, c, s, x, squared):
     """Steps of u' = -squared x for every unknown; x (steps + 1, unknowns) holds the start in its first row."""
     for step in range(1, x.shape[0]):
-        predict(c, s)
+        prepare_step(c, s)
         for k in range(x.shape[1]):
             s.d[k] -= (s.du[k] + squared * (x[step - 1, k] + s.d[k])) / (c.ca + squared)
         update_rates(c, s)
         for k in range(x.shape[1]):
             x[step, k] = x[step - 1, k] + s.d[k]
-        advance(t, c, s)
+        end_step(t, c, s)
 
 
 @jit_blocks

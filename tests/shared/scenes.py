@@ -8,7 +8,7 @@ import numpy as np
 from kernels import Array
 
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
-from flexinv.dynamics.initial_state import instant, start_undeformed
+from flexinv.dynamics.initial_state import begin_undeformed, compute_joint_motion
 from flexinv.dynamics.solver import Solver
 from flexinv.kernels.so3 import exp_so3, tangent3
 from flexinv.kinematics.mesh import build
@@ -148,9 +148,9 @@ def scene(mechanism: Mechanism) -> Scene:
     passive = {joint.name for joint in mechanism.joints if not joint.actuated}
     solver = Solver.of(build(mechanism), passive)
     qd, qdd = rng.normal(size=(2, mechanism.nv))
-    start_undeformed(solver, mechanism.neutral, qd, qdd)
-    solver.load_at(0.0, mechanism.neutral, qd, qdd)
+    begin_undeformed(solver, mechanism.neutral, qd, qdd)
+    solver.update_loads(0.0, mechanism.neutral, qd, qdd)
     solver.border.ties.multiplier[:] = rng.normal(size=len(solver.border.ties.a))
     unknowns = solver.increment.shape[1]
-    joints = instant(solver.mesh, mechanism.neutral, qd, qdd)
+    joints = compute_joint_motion(solver.mesh, mechanism.neutral, qd, qdd)
     return Scene(solver, joints, *(0.2 * rng.normal(size=(3, unknowns))))

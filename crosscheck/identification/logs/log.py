@@ -14,7 +14,7 @@ from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
 from flexinv.files.regular_files import MISSING, describe_kind
 from flexinv.files.toml_tables import LONGEST_PATH
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 Array = NDArray[np.float64]
 LARGEST_FILE = 1 << 30  # [byte]
@@ -43,7 +43,7 @@ class Log:
     def column(self, name: str) -> Array:
         """Return a column (samples,) [unit of identify.toml].  Raises InputError: there is none, or it has gaps."""
         if name not in self.columns:
-            near = nearest(name, list(self.columns))
+            near = find_nearest_word(name, list(self.columns))
             raise InputError(
                 f"{self.name}: no column {name!r}; it has {', '.join(list(self.columns)[:40])}; "
                 f"write {near or 'one of these'} in identify.toml, or export that column"

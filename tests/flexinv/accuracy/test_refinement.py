@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from flexible_examples import arm
 
-from flexinv.accuracy.refinement import Level, Quantities, extrapolated_answer, meshed, plain_answer, rung
+from flexinv.accuracy.refinement import (
+    Level,
+    Quantities,
+    apply_mesh,
+    compute_refinement,
+    make_extrapolated_answer,
+    make_plain_answer,
+)
 from flexinv.analysis.task import Settings
 from flexinv.kinematics.mesh import build
 
@@ -26,7 +33,7 @@ def level(finer: int, error: float) -> Level:
 
 
 def test_rungs_grow_by_a_third_and_a_half() -> None:
-    assert [rung(k) for k in range(10)] == [1, 2, 3, 4, 6, 8, 12, 16, 24, 32]
+    assert [compute_refinement(k) for k in range(10)] == [1, 2, 3, 4, 6, 8, 12, 16, 24, 32]
 
 
 @pytest.mark.parametrize("power", [1.5, 3.0, 4.0, 6.0])
@@ -34,9 +41,9 @@ def test_bars_hold_whatever_power_is_left(power: float) -> None:
     """Torques with c h^2 + e h^p: the second triple's bar is above the error, and less than 10 times (p = 6: 2^(6/2) - 1)."""
     before = None
     for index in (1, 3):
-        ladder = [rung(index + k) for k in range(3)]
+        ladder = [compute_refinement(index + k) for k in range(3)]
         three = [level(n, 0.3 / n**2 + 0.1 / n**power) for n in ladder]
-        answer = extrapolated_answer((three[0], three[1], three[2]), before)
+        answer = make_extrapolated_answer((three[0], three[1], three[2]), before)
         own = [one.found.torque for one in answer.levels]
         error = np.abs(answer.weight[0] * own[0] + answer.weight[1] * own[1] - WAVE[:, None]).max() / np.ptp(WAVE)
         if before is not None:
@@ -46,16 +53,16 @@ def test_bars_hold_whatever_power_is_left(power: float) -> None:
 
 def test_steps_that_do_not_converge_have_no_plain_answer() -> None:
     apart = [level(n, e) for n, e in ((1, 0.1), (2, -0.1), (3, 0.3))]
-    assert plain_answer((apart[0], apart[1], apart[2])).bar == np.inf
+    assert make_plain_answer((apart[0], apart[1], apart[2])).bar == np.inf
     close = [level(n, 0.1 / n) for n in (1, 2, 4)]
-    answer = plain_answer((close[0], close[1], close[2]))
+    answer = make_plain_answer((close[0], close[1], close[2]))
     error = 0.1 / 4 / np.ptp(WAVE)
     assert error <= answer.bar <= 4 * error
 
 
 def test_a_mesh_of_many_linear_elements_becomes_one_of_high_order() -> None:
-    first = meshed(arm(elements=16, order=1), 0).links[0].beam
-    second = meshed(arm(elements=2, order=4), 4).links[0].beam
+    first = apply_mesh(arm(elements=16, order=1), 0).links[0].beam
+    second = apply_mesh(arm(elements=2, order=4), 4).links[0].beam
     assert first is not None
     assert second is not None
     assert (first.elements, first.order) == (1, 4)

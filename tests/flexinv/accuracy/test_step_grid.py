@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.accuracy.accurate import FEWEST_IN_RUN, GRADES, step_grid
+from flexinv.accuracy.accurate import FEWEST_IN_RUN, GRADES, build_step_grid
 
 ROUNDED = 1e-15  # of a second
 
 
 def test_breaks_are_samples_of_every_refinement() -> None:
-    grid = step_grid((0.0, 0.1234, 0.3), (), 0.0, 0.7)
+    grid = build_step_grid((0.0, 0.1234, 0.3), (), 0.0, 0.7)
     for finer in (1, 2, 3, 8):
         steps = grid.steps(finer)
         assert len(steps) == finer * grid.total + 1
@@ -22,14 +22,14 @@ def test_breaks_are_samples_of_every_refinement() -> None:
 
 
 def test_stretches_of_equal_steps_are_joined_unless_accelerations_jump_between() -> None:
-    assert step_grid((0.2,), (), 0.0, 0.5).seams(3) == ()
-    jumped = step_grid((0.2,), (0.2,), 0.0, 0.5)
+    assert build_step_grid((0.2,), (), 0.0, 0.5).seams(3) == ()
+    jumped = build_step_grid((0.2,), (0.2,), 0.0, 0.5)
     times = jumped.steps(1)[list(jumped.seams(1))]
     assert np.abs(times - 0.2).min() < ROUNDED
 
 
 def test_steps_are_short_after_a_jump_and_double() -> None:
-    grid = step_grid((), (0.0, 0.25), 0.0, 0.5)
+    grid = build_step_grid((), (0.0, 0.25), 0.0, 0.5)
     steps = np.diff(grid.steps(1))
     after = np.flatnonzero(grid.steps(1)[:-1] >= 0.25 - ROUNDED)
     for first in (0, after[0]):

@@ -10,7 +10,7 @@ from flexible_examples import HALF_TURN, STRIP, TREE_MOTION, arm, spatial_tree
 from planar_examples import PAPER_CASES
 
 import flexinv
-from flexinv.analysis.solve_many import alike, prepare_all, solve_alike
+from flexinv.analysis.solve_many import match_scenarios, prepare_all, solve_alike
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.kernels.records import join_records
 from flexinv.model.mechanism import Mechanism
@@ -52,7 +52,7 @@ def test_who_is_alike() -> None:
         (plain, HALF_TURN, {"initial": "static"}), (plain, HALF_TURN, {"step": -1.0}), (coarse, HALF_TURN, {"step": STEP}),
         (plain, HALF_TURN, {"step": "2e-3"}),
     ]  # fmt: skip
-    assert alike(prepare_all(scenarios, {"step": STEP})) == [[0, 1], [2, 9], [3], [4]]
+    assert match_scenarios(prepare_all(scenarios, {"step": STEP})) == [[0, 1], [2, 9], [3], [4]]
 
 
 @pytest.mark.parametrize("name", ["one link, 4 x order 1", "two links", "one link, damped"])

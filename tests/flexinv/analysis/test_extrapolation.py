@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.analysis.extrapolation import combined, extrapolated_rotations, weights
+from flexinv.analysis.extrapolation import compute_extrapolated_rotations, compute_weighted_sum, weights
 from flexinv.kernels.so3 import exp_so3, log_so3
 
 
@@ -28,9 +28,9 @@ def test_rotations_extrapolate_to_the_order_of_all_else() -> None:
     left = []
     for h in (0.2, 0.1):
         pair = [at(h), at(h / 2)]
-        found = extrapolated_rotations(pair, weights((1, 2)))
+        found = compute_extrapolated_rotations(pair, weights((1, 2)))
         assert np.abs(found.T @ found - np.eye(3)).max() < 1e-15
-        mixed = combined(pair, weights((1, 2)))
+        mixed = compute_weighted_sum(pair, weights((1, 2)))
         assert np.abs(mixed.T @ mixed - np.eye(3)).max() > 1e-6
         left.append(np.linalg.norm(log_so3(turn.T @ found)))
     assert abs(np.log2(left[0] / left[1]) - 4.0) < 0.1  # the next power adds some per cent

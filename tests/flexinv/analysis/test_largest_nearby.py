@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.analysis.extrapolation import NEARBY, largest_nearby
+from flexinv.analysis.extrapolation import NEARBY, find_largest_nearby
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 49, 50, 51, 1000])
@@ -15,10 +15,10 @@ def test_it_is_the_largest_of_the_window(count: int, columns: tuple[int, ...]) -
     values = np.random.default_rng(count).normal(size=(count, *columns))
     half = int(np.ceil(NEARBY * count))
     wanted = [values[max(k - half, 0) : k + half + 1].max(axis=0) for k in range(count)]
-    np.testing.assert_array_equal(largest_nearby(values), wanted)
+    np.testing.assert_array_equal(find_largest_nearby(values), wanted)
 
 
 def test_what_is_no_number_stays_none() -> None:
     values = np.zeros(100)
     values[50] = np.nan
-    assert np.isnan(largest_nearby(values)[50])
+    assert np.isnan(find_largest_nearby(values)[50])

@@ -11,7 +11,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.analysis.motor_side import friction, motor_side
+from flexinv.analysis.motor_side import evaluate_friction, motor_side
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Body, Drive, Inertia, Joint, Link, Mechanism, expanded
@@ -113,7 +113,7 @@ def test_a_rigid_gear_is_a_rotor_in_the_joint() -> None:
 def test_friction_of_stribeck() -> None:
     drive = Drive(viscous=0.1, coulomb=1.0, static=1.5, stribeck=2.0)
     np.testing.assert_allclose(
-        friction(drive, np.array([0.0, 2.0, -2.0, 100.0])),
+        evaluate_friction(drive, np.array([0.0, 2.0, -2.0, 100.0])),
         [0.0, 0.2 + 1.0 + 0.5 / np.e, -(0.2 + 1.0 + 0.5 / np.e), 11.0], rtol=1e-15,
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from sudden_sweep import COUPLES, RIGHT, damped, outcome, pushed, quantities, si
 
 import flexinv
 from flexinv.analysis import trajectory
-from flexinv.dynamics.initial_state import accept
+from flexinv.dynamics.initial_state import begin_from_state
 from flexinv.dynamics.solver import Solver
 from flexinv.inverse.balance import add_step
 from flexinv.model.mechanism import Attachment, Beam, Closure, Joint, Link, Mechanism, Placement, Section, Spring
@@ -86,7 +86,7 @@ def gripped(base: Mechanism) -> Mechanism:
 def test_a_fixed_closure_that_lets_go(in_plane: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its hub bends the arm by 0.02 rad; then the tip is free."""
     if not in_plane:
-        monkeypatch.setattr("flexinv.analysis.trajectory.planar_march_of", lambda *_: None)
+        monkeypatch.setattr("flexinv.analysis.trajectory.build_planar_march", lambda *_: None)
     motion = flexinv.Motion.point_to_point([0.0], [0.02], 0.01, hold=0.02)
     coarse, fine = (flexinv.solve(gripped(damped()), motion, step=step) for step in (5e-4, 2.5e-5))
     assert furthest_off(coarse, fine) < RIGHT
@@ -178,8 +178,8 @@ def test_a_slider_crank_whose_crank_is_pushed(root: Path) -> None:
 def test_what_a_step_resolves_starts_with_the_accelerations_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """A motion from rest to rest, and a jump that goes through rigid parts only, are marched whole, a couple in parts."""
     begun: list[object] = []
-    in_parts = trajectory.early_times
-    monkeypatch.setattr(trajectory, "early_times", lambda *given: begun.append(given) or in_parts(*given))
+    in_parts = trajectory.list_early_times
+    monkeypatch.setattr(trajectory, "list_early_times", lambda *given: begun.append(given) or in_parts(*given))
     flexinv.solve(arm(), flexinv.Motion.point_to_point([0.0], [1.0], 0.02, law="bang-bang", delay=1e-3), step=1e-4)
     flexinv.solve(damped(), flexinv.Motion.point_to_point([0.0], [1.0], 0.02), step=1e-4)
     assert not begun
@@ -194,7 +194,7 @@ def test_rounding_is_no_sudden_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     motion = flexinv.Motion.point_to_point([2.5], [4.5], 0.2)
     flat = flexinv.solve(arm(), motion, step=1e-3).torque
-    monkeypatch.setattr(trajectory, "planar_march_of", lambda *_: None)
+    monkeypatch.setattr(trajectory, "build_planar_march", lambda *_: None)
     space = flexinv.solve(arm(), motion, step=1e-3).torque
     # two forms of the same equations: rounding of strains, 1e-16, times axial stiffness over torque, 1e6, and some steps of it
     np.testing.assert_allclose(space, flat, rtol=0, atol=1e-10 * np.ptp(flat))
@@ -205,7 +205,7 @@ def test_rounding_is_no_sudden_start(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def unfiltered(solver: Solver, *_: object) -> bool:
     """What the march started with: all of the accelerations found."""
-    accept(solver.state)
+    begin_from_state(solver.state)
     return False
 
 
@@ -254,7 +254,7 @@ def test_energy_from_nowhere_is_an_error_of_a_controller() -> None:
     account = controller.flexible.instant.account
     for k in range(1, 40):
         controller.step(*(np.ascontiguousarray(part[k]) for part in (s.q, s.qd, s.qdd)))
-    held, potential, power = controller.flexible._energies(s.qd[39])
+    held, potential, power = controller.flexible._compute_energies(s.qd[39])
     assert held == pytest.approx((s.balance.kinetic + s.balance.elastic)[39], rel=1e-6)
     assert potential == pytest.approx(s.balance.potential[39], rel=1e-6)
     # torques ring at the step's own frequency: the sum over steps knows the work to some per cent

@@ -9,9 +9,9 @@ import pytest
 from flexible_examples import HALF_TURN, LENGTH, STRIP, TREE_MOTION, arm, observed_order, spatial_tree, torque_range
 
 import flexinv
-from flexinv.analysis.evaluation import FirstStep, second_step
+from flexinv.analysis.evaluation import FirstStep, run_second_step
 from flexinv.analysis.task import Settings, Task
-from flexinv.analysis.trajectory import flexible_motion
+from flexinv.analysis.trajectory import integrate_flexible_motion
 from flexinv.dynamics.system import Trajectory
 from flexinv.inverse.inverse_dynamics import compute_inverse_dynamics
 from flexinv.kernels.so3 import exp_so3
@@ -45,7 +45,7 @@ def test_rigid_links_through_the_march_give_the_exact_torque_at_every_step(law: 
         return move.evaluate(mechanism, t, "right")
 
     mesh = build(mechanism)
-    (first,) = flexible_motion(Task(mesh, time, before, after, set(), Settings(1e-3, rho), move.jumps))
+    (first,) = integrate_flexible_motion(Task(mesh, time, before, after, set(), Settings(1e-3, rho), move.jumps))
     q, qd, qdd = after(time)
     tau = compute_inverse_dynamics(mesh, first.trajectory.motion, qd, qdd).torque
     exact = flexinv.joint_torques(mechanism, q, qd, qdd)
@@ -149,7 +149,7 @@ def test_a_missing_force_breaks_the_balances() -> None:
     elastic.wrench[:, root] = np.hstack([push, own])
     elastic.energy[:, :2] = np.stack([s.balance.elastic, np.gradient(s.balance.elastic, s.time)], axis=1)
     first = FirstStep(Trajectory(*s.nodes.parts, *elastic[6:]), s.time, (s.q, s.qd, s.qdd))
-    found = second_step(weightless, first)
+    found = run_second_step(weightless, first)
     weight = 9.81 * s.mesh.mass.sum()
     assert abs(found.momentum[:, 2] - weight).max() < 1e-6 * weight  # rounding of EA, as above
     assert abs(found.power).max() > 1e3 * abs(s.power_residual).max()

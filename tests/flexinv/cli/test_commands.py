@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flexinv.analysis.overview import link_mass
+from flexinv.analysis.overview import compute_link_mass
 from flexinv.analysis.solve import solve
 from flexinv.cli.commands import main
 from flexinv.files.load_cases import load_cases
@@ -221,7 +221,7 @@ def test_mass_of_a_tapered_beam_with_a_payload() -> None:
     link = Link("b", (Body("load", Inertia(0.5), 1.0),), Beam(2.0, section))
     # constant 1 kg/m to a quarter, linear to 3 kg/m at three quarters, constant 3 kg/m: 0.5 + 2 + 1.5
     # of 2 m: 0.5 m * 1 + 1 m * 2 + 0.5 m * 3 = 4 kg
-    assert link_mass(link) == pytest.approx(4.5, rel=1e-15)
+    assert compute_link_mass(link) == pytest.approx(4.5, rel=1e-15)
 
 
 def test_warnings_are_one_line_on_stderr(model: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from loop_examples import at, rod
 
 import flexinv
-from flexinv.analysis.overview import mobility_line
+from flexinv.analysis.overview import describe_mobility
 from flexinv.cli.commands import main
 from flexinv.errors import OpenLoops
 from flexinv.files.load_cases import load_cases
@@ -229,7 +229,7 @@ def parallelograms(loops: int) -> flexinv.Mechanism:
 @pytest.mark.parametrize(("loops", "flat"), [(1, 2), (2, 3)])
 def test_info_counts_freedoms_where_mechanisms_move(loops: int, flat: int) -> None:
     """Flat they could go to either side, and seem to have a freedom more for every loop."""
-    said = mobility_line(parallelograms(loops), None)
+    said = describe_mobility(parallelograms(loops), None)
     assert said.startswith("mobility: 1 freedom = ")
     assert said.endswith(f"; singular near its zero: {flat} freedoms there")
 
@@ -237,4 +237,4 @@ def test_info_counts_freedoms_where_mechanisms_move(loops: int, flat: int) -> No
 @pytest.mark.parametrize("name", INFO)
 def test_info_without_a_case_counts_the_same(root: Path, name: str) -> None:
     """Most of them are open with all joints at zero: freedoms are counted where they close."""
-    assert mobility_line(flexinv.load_mechanism(root / "models" / name), None) == f"mobility: {INFO[name]}"
+    assert describe_mobility(flexinv.load_mechanism(root / "models" / name), None) == f"mobility: {INFO[name]}"

@@ -11,7 +11,7 @@ from kernels import Array, oscillate
 
 import flexinv
 from flexinv.dynamics.dofs import Topology
-from flexinv.dynamics.generalized_alpha import Scheme, generalized_alpha
+from flexinv.dynamics.generalized_alpha import Scheme, build_generalized_alpha
 from flexinv.dynamics.system import State
 from flexinv.errors import InputError
 
@@ -45,7 +45,7 @@ def cosine_error(h: float, rho: float) -> float:
     """Largest error of one period of cos(2 pi t)."""
     squared, steps = (2 * np.pi) ** 2, round(1 / h)
     start = np.array([[1.0], [0.0], [-squared], [-squared]])
-    x, _ = marched(generalized_alpha(h, rho), squared, steps, start)
+    x, _ = marched(build_generalized_alpha(h, rho), squared, steps, start)
     return float(np.abs(x[:, 0] - np.cos(2 * np.pi * h * np.arange(steps + 1))).max())
 
 
@@ -68,7 +68,7 @@ def amplification(scheme: Scheme, squared: float) -> Array:
 @pytest.mark.parametrize("rho", RHOS)
 def test_high_frequencies_shrink_by_the_spectral_radius(rho: float) -> None:
     frequency = 1e6  # per step
-    radius = np.abs(np.linalg.eigvals(amplification(generalized_alpha(1.0, rho), frequency**2))).max()
+    radius = np.abs(np.linalg.eigvals(amplification(build_generalized_alpha(1.0, rho), frequency**2))).max()
     # In the limit all three eigenvalues are equal: terms 1/(beta frequency^2), beta from 1/4 to 1, split them by the cube root.
     assert radius == pytest.approx(rho, abs=np.cbrt(4 / frequency**2))
 
@@ -76,7 +76,7 @@ def test_high_frequencies_shrink_by_the_spectral_radius(rho: float) -> None:
 @pytest.mark.parametrize("rho", RHOS)
 @pytest.mark.parametrize("frequency", [1e-2, 0.3, 1.0, 3.0, 30.0, 1e3])
 def test_no_frequency_grows(rho: float, frequency: float) -> None:
-    radius = np.abs(np.linalg.eigvals(amplification(generalized_alpha(1.0, rho), frequency**2))).max()
+    radius = np.abs(np.linalg.eigvals(amplification(build_generalized_alpha(1.0, rho), frequency**2))).max()
     assert radius <= 1.0 + 1e-12  # eigenvalues of a 3 x 3 matrix of size one
 
 
@@ -84,7 +84,7 @@ def test_without_damping_the_amplitude_stays() -> None:
     """rho = 1: over 1000 periods of ten steps no part of the amplitude is lost."""
     h, squared = 0.1, (2 * np.pi) ** 2
     start = np.array([[1.0], [0.0], [-squared], [-squared]])
-    kept = [marched(generalized_alpha(h, rho), squared, 10_000, start)[0][:, 0] for rho in (1.0, 0.5)]
+    kept = [marched(build_generalized_alpha(h, rho), squared, 10_000, start)[0][:, 0] for rho in (1.0, 0.5)]
     first, last = np.abs(kept[0][:100]).max(), np.abs(kept[0][-100:]).max()
     # both maxima are taken over some samples of a rotation that visits all phases: 100 samples, phase 2 pi / 100
     assert last == pytest.approx(first, rel=(2 * np.pi / 100) ** 2 / 2)
@@ -95,7 +95,7 @@ def test_without_damping_the_amplitude_stays() -> None:
                                                         (0.0, 0.8, "step = 0.0 s"), (np.inf, 0.8, "step = inf s")])  # fmt: skip
 def test_impossible_schemes_are_refused(step: float, rho: float, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
-        generalized_alpha(step, rho)
+        build_generalized_alpha(step, rho)
 
 
 def test_a_smooth_march_in_space_takes_one_iteration_a_step(root: Path) -> None:

@@ -88,7 +88,7 @@ def test_hinge_on_a_section_without_rotary_inertia(
 ) -> None:
     """Torque, hinge angle and rate go over into those of a rotary inertia that vanishes."""
     if in_space:
-        monkeypatch.setattr(trajectory, "planar_march_of", lambda mesh, passive: None)
+        monkeypatch.setattr(trajectory, "build_planar_march", lambda mesh, passive: None)
     found = []
     for name, rho_I in (("none", 0.0), ("small", SMALL)):
         mechanism = single(tmp_path / name, rho_I, gravity, spring)

@@ -19,7 +19,7 @@ from flexinv.model.joint_kinds import KINDS as COORDINATES
 from flexinv.model.links import impossible
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import nearest
+from flexinv.validation import find_nearest_word
 
 HEAD = 'source = "test"\ngravity_m_per_s2 = [0, 0, 0]\n'
 BASE = '[joints.base]\nkind = "fixed"\nparent = "world"\nchild = "link"\n'
@@ -321,9 +321,9 @@ def test_conversion_of_units() -> None:
 
 def test_the_beginning_of_a_key_is_enough_to_guess_it() -> None:
     known = ("motor_inertia_kgm2", "gear_ratio", "coulomb_Nm")
-    assert nearest("gear", known) == "gear_ratio"
-    assert nearest("gaer_ratio", known) == "gear_ratio"
-    assert nearest("wheel", known) is None
+    assert find_nearest_word("gear", known) == "gear_ratio"
+    assert find_nearest_word("gaer_ratio", known) == "gear_ratio"
+    assert find_nearest_word("wheel", known) is None
 
 
 def test_examples_of_keys_are_lines_that_can_be_written() -> None:

@@ -15,7 +15,7 @@ import pytest
 from numba.core import caching
 from numba.core.errors import TypingError
 
-from flexinv.dynamics.stepper import march
+from flexinv.dynamics.stepper import integrate_instants
 
 MODULE = """
 from flexinv.kernels.jit import jit
@@ -51,8 +51,8 @@ def was_kept(kernel: Any) -> bool:
 
 
 def test_kernels_of_the_project_are_kept() -> None:
-    assert "forgiving" in march._cache._cache_file._load_index.__qualname__
-    assert "forgiving" in march._cache._cache_file.load.__qualname__
+    assert "forgiving" in integrate_instants._cache._cache_file._load_index.__qualname__
+    assert "forgiving" in integrate_instants._cache._cache_file.load.__qualname__
 
 
 @pytest.mark.parametrize("end", ["nbi", "nbc"])  # the index, and the machine code

@@ -74,8 +74,8 @@ def test_families() -> None:
 
 def test_kernels_carry_the_stamp() -> None:
     """What Numba compares before it takes code from the disk: with the function's own file, the stamp of its family."""
-    from flexinv.dynamics.stepper import march
+    from flexinv.dynamics.stepper import integrate_instants
     from flexinv.rigid.blocks import compute_torque_blocks
 
-    assert march._cache._cache_file._source_stamp[1] == compute_source_stamp(FOLDER, "dynamics.stepper")
+    assert integrate_instants._cache._cache_file._source_stamp[1] == compute_source_stamp(FOLDER, "dynamics.stepper")
     assert compute_torque_blocks._cache._cache_file._source_stamp[1] == compute_source_stamp(FOLDER, "rigid.blocks")

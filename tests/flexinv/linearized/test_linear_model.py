@@ -13,7 +13,7 @@ import scipy.signal
 from flexible_examples import STRIP
 
 import flexinv
-from flexinv.analysis.overview import start_of
+from flexinv.analysis.overview import resolve_start_configuration
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.linearized.linear_model import linear_model
@@ -125,7 +125,7 @@ def test_what_cannot_be_accelerated_is_said(root: Path) -> None:
 def test_a_loop_has_its_drive_as_input(root: Path) -> None:
     loop = flexinv.load_mechanism(root / "models" / "four_bar")
     case = next(iter(load_cases(root / "models" / "four_bar", loop).values()))
-    model = linear_model(loop, start_of(loop, case))
+    model = linear_model(loop, resolve_start_configuration(loop, case))
     drives = [n for n, driven in zip(loop.velocity_names, loop.actuated, strict=True) if driven]
     assert model.inputs == tuple(f"{name} effort" for name in drives)
     assert model.A.shape == (2, 2)  # one freedom

@@ -16,8 +16,8 @@ from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Body, Inertia, Link
 from flexinv.tracking.collocation import FreeLayout, Horizon
-from flexinv.tracking.internal_motion import internal_rates
-from flexinv.tracking.inverse_kinematics import RigidWay, frame_of
+from flexinv.tracking.internal_motion import find_internal_rates
+from flexinv.tracking.inverse_kinematics import RigidWay, resolve_frame
 
 STROKE = 0.01  # [rad] of the hub arm: small, so that the linear theory holds to its square
 
@@ -45,7 +45,7 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
-    way = RigidWay(mesh, frame_of(mesh, link), path, start)
+    way = RigidWay(mesh, resolve_frame(mesh, link), path, start)
     return Horizon(FreeLayout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
 
 
@@ -62,9 +62,9 @@ def tangent_error(horizon: Horizon, wrong: float = 0.0) -> float:
     """Largest difference between the linearisation and central differences, over the largest entry of a direction."""
     rng = np.random.default_rng(1)
     layout = horizon.layout
-    at = layout.undeformed(horizon.reach.q)
+    at = layout.compute_undeformed_poses(horizon.reach.q)
     at = layout.moved(at, 1e-2 * rng.normal(size=at.flat.shape) * layout.solver.topology.scale)
-    below, own, above = horizon._blocks(at, horizon.evaluate(at))
+    below, own, above = horizon._compute_blocks(at, horizon.evaluate(at))
     own = own * (1 + wrong)
     y = rng.normal(size=at.flat.shape) @ layout.pick.T @ layout.pick
     step = 1e-6
@@ -230,7 +230,7 @@ def test_slow_paths_have_errors_that_cover_the_difference_to_finer_ones(root: Fo
 def test_rates_inside_are_those_of_the_zeros() -> None:
     """Torque to tip of the linear arm: zeros at the pairs +-8.8 and +-47.8 1/s, where the exact gain's numerator vanishes."""
     m = hub_arm(10)
-    rates = internal_rates(horizon_of(m, small_stroke(), "link", np.array([0.0, 1.0]), {}), 0)
+    rates = find_internal_rates(horizon_of(m, small_stroke(), "link", np.array([0.0, 1.0]), {}), 0)
     real = np.sort(rates.real[np.abs(rates.imag) < 1e-6 * np.abs(rates)])
     for rate, wanted in zip(real[real > 1.0][:2], (_zero(5.0, 15.0), _zero(30.0, 60.0)), strict=True):
         assert rate == pytest.approx(wanted, rel=1e-5)
