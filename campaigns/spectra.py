@@ -44,7 +44,7 @@ from flexinv.errors import FlexinvError, InputError
 from flexinv.linearized import linear_model as linear
 from flexinv.linearized import steady_modes as steady
 from flexinv.linearized.linear_model import linear_model
-from flexinv.linearized.natural_modes import chosen, natural_modes
+from flexinv.linearized.natural_modes import natural_modes, resolve_setup
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.typing import Array, Complex
 
@@ -72,14 +72,14 @@ class Outcome:
 
 def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], damped: bool = True) -> Spectrum:
     """Return the dense spectrum [1/s] of a mechanism where `flexinv` has found that it stands or turns."""
-    mesh, at, names = chosen(one.mechanism, None, free, None)
-    motion = steady.steady_motion(mesh, at, rates, set(names))
-    every = steady.with_coupled_rates(mesh, rates)
+    mesh, at, names = resolve_setup(one.mechanism, None, free, None)
+    motion = steady.build_steady_motion(mesh, at, rates, set(names))
+    every = steady.add_coupled_rates(mesh, rates)
     qd = np.zeros(mesh.mechanism.nv)
     for name, rate in every.items():
         qd[mesh.mechanism.v_slices[name]] = rate
     joints = compute_joint_motion(mesh, at, qd, np.zeros_like(qd))
-    turning = steady._turning(motion.solver, every, 1.0)
+    turning = steady._build_turning(motion.solver, every, 1.0)
     pencil = pencil_of(Residual(motion.solver, joints, turning))
     if not damped:
         pencil = replace(pencil, damping=np.zeros_like(pencil.damping))
@@ -120,7 +120,7 @@ def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[
             raise
         yield from _stable(one)
         return
-    yield "linear_model", compared(model.poles, linear.poles_of(model.A, model.left_out)[1], exact)
+    yield "linear_model", compared(model.poles, linear.compute_poles(model.A, model.left_out)[1], exact)
     few = linear_model(one.mechanism, None, one.rates, found.free, modes=FEW)
     if few.notes:
         slow = found.root[:FEW]

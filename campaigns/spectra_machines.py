@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import (
     WORLD,
     Attachment,
@@ -228,7 +228,7 @@ def _tied(dice: Dice, mechanism: Mechanism, moving: list[str], turning: bool) ->
 def _closed(dice: Dice, mechanism: Mechanism) -> Mechanism:
     """The mechanism with its last link tied to the world where it stands."""
     mesh, rest = build(mechanism), np.zeros((1, mechanism.nv))
-    motion = rigid_motion(mesh, mechanism.neutral[None], rest, rest)
+    motion = compute_rigid_motion(mesh, mechanism.neutral[None], rest, rest)
     link = mechanism.links[-1]
     node = mesh.tip_node.get(link.name, mesh.joint_node[mechanism.joints[-1].name])
     arm = np.zeros(3) if link.beam is not None else link.tip

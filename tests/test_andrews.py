@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.constraints.continuation import mobility
+from flexinv.constraints.continuation import compute_mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -145,7 +145,7 @@ def test_power_of_the_motor_and_the_spring_balances(solution: flexinv.Solution) 
 
 
 def test_one_freedom_and_three_redundant_constraints(solution: flexinv.Solution) -> None:
-    found = mobility(solution.mesh, solution.q[0])
+    found = compute_mobility(solution.mesh, solution.q[0])
     assert vars(found) == {"freedoms": 1, "constraints": 9, "redundant": 3}
 
 

@@ -16,8 +16,8 @@ from crosscheck.measures.record import Record, Series, effort_units, fingerprint
 from crosscheck.verdicts.compare import signal_range
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.constraints.allocation import REDUNDANT, ranks
-from flexinv.constraints.closures import constraint_jacobian, constraint_rows
+from flexinv.constraints.allocation import REDUNDANT, count_ranks
+from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
 from flexinv.inverse.inverse_dynamics import (
     compute_applied_forces,
     compute_internal_efforts,
@@ -25,7 +25,7 @@ from flexinv.inverse.inverse_dynamics import (
     compute_projected_efforts,
 )
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import motion_at
 
@@ -119,8 +119,8 @@ class Model:
         """(samples, nv, nv) [-]: efforts of the drives of a closed mechanism per effort of its cut tree."""
         mechanism = self.base.mechanism
         mesh = build(mechanism)
-        motion = rigid_motion(mesh, self.states.q, self.states.qd, self.states.qdd)
-        g = constraint_jacobian(mesh, motion, constraint_rows(mesh))
+        motion = compute_rigid_motion(mesh, self.states.q, self.states.qd, self.states.qdd)
+        g = compute_constraint_jacobian(mesh, motion, build_constraint_rows(mesh))
         return np.array([_share(one, mechanism.actuated) for one in g])
 
 
@@ -154,7 +154,7 @@ def scales(mechanism: Mechanism, torque: Array) -> Array:
 def open_tree(mechanism: Mechanism, states: States) -> Array:
     """Return the efforts of the rigid tree without its closures, (samples, nv) [N m] or [N]."""
     mesh = build(mechanism)
-    motion = rigid_motion(mesh, states.q, states.qd, states.qdd)
+    motion = compute_rigid_motion(mesh, states.q, states.qd, states.qdd)
     acting = compute_applied_forces(mesh, motion, states.time)
     forces = compute_nodal_forces(mesh, motion, acting)
     drives = compute_internal_efforts(mechanism, states.q, states.qd, states.qdd)
@@ -253,7 +253,7 @@ def _all(mechanism: Mechanism, solution: Solution) -> Array:
 def _share(g: Array, driven: np.ndarray) -> Array:
     """Return S pinv(N_driven^T) N^T, (nv, nv) [-], with G N = 0: efforts of least norm."""
     _, values, right = np.linalg.svd(g)
-    motions = right[ranks(values) :].T
+    motions = right[count_ranks(values) :].T
     out = np.zeros((len(driven), len(driven)))
     out[driven] = np.linalg.pinv(motions[driven].T, rcond=REDUNDANT) @ motions.T
     return out

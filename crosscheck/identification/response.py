@@ -21,7 +21,7 @@ from crosscheck.identification.settings import IdentifyTable
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.attachments import Spring
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
@@ -136,7 +136,7 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
     points = PointMotion.nowhere(len(q))
     if point_sensors(settings):
         mesh = build(with_points(mechanism, settings))
-        points = point_motion(settings, mesh, rigid_motion(mesh, q, qd, qdd))
+        points = point_motion(settings, mesh, compute_rigid_motion(mesh, q, qd, qdd))
     gravity = np.asarray(mechanism.gravity)
     torques = _as_they_are if once else _by_regressor
     effort = torques(mechanism, space, (q, qd, qdd), rows)

@@ -18,9 +18,9 @@ def read_mechanism(path: str | Path) -> Mechanism:
     mechanism = load_mechanism(path)
     if mechanism.modal_damping is None:
         return mechanism
-    from flexinv.linearized.modal_damping import damped  # loads the compiler
+    from flexinv.linearized.modal_damping import apply_stated_ratio  # loads the compiler
 
-    return damped(mechanism)
+    return apply_stated_ratio(mechanism)
 
 
 def check_resolved(mechanism: Mechanism) -> None:

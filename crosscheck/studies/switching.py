@@ -22,11 +22,11 @@ from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.constraints.closures import constraint_jacobian, constraint_rows
+from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Triple
@@ -223,7 +223,10 @@ def _given(solution: Solution, now: Mechanism, case: Case, sample: int) -> set[s
     q = np.concatenate([solution.q[sample, solution.mechanism.q_slices[j.name]] for j in now.joints])
     rest = np.zeros((1, now.nv))
     motions = null_space(
-        constraint_jacobian(mesh, rigid_motion(mesh, q[None], rest, rest), constraint_rows(mesh))[0], rcond=1e-9
+        compute_constraint_jacobian(mesh, compute_rigid_motion(mesh, q[None], rest, rest), build_constraint_rows(mesh))[
+            0
+        ],
+        rcond=1e-9,
     )
     columns = [now.v_slices[name].start for name in names]
     _, _, order = qr(motions[columns].T, pivoting=True, mode="economic")

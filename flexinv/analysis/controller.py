@@ -43,9 +43,9 @@ from flexinv.inverse.inverse_dynamics import (
 )
 from flexinv.inverse.nodal_sums import Drives, Masses, fill_instant_torques
 from flexinv.kernels.code_cache import resolve_compiled
-from flexinv.kinematics.configuration import fill_given, fill_relative, nodes_of
+from flexinv.kinematics.configuration import build_nodes, fill_given, fill_relative
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import between
+from flexinv.kinematics.nodal_motion import sample_between_instants
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -120,7 +120,7 @@ class Flexible:
         moves = mesh.v_index >= 0
         table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
         freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
-        self.nodes = nodes_of(mesh)
+        self.nodes = build_nodes(mesh)
         drives = Drives(freedoms, mesh.slide, mesh.turn, table)
         self.scheme = scheme
         self.early = build_start_scheme(scheme)
@@ -205,7 +205,7 @@ class Flexible:
                 now[0][own] = self.previous[0][own]
                 now[1][rates] = 0.0
                 now[2][rates] = 0.0
-        for part in between(m, self.previous, now, self.scheme.h, SUBSTEPS):
+        for part in sample_between_instants(m, self.previous, now, self.scheme.h, SUBSTEPS):
             self.advance(self.early, *part)
         self.early_steps = self.early_steps - 1
         self.previous = now

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexinv.analysis.solution import LoopForces, Solution
 from flexinv.analysis.task import Settings
-from flexinv.constraints.loop_starts import stated_of
+from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.joint_law import compute_smooth_direction
 from flexinv.inverse.balance import Balance
@@ -25,7 +25,7 @@ from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_s
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Triple
@@ -54,7 +54,7 @@ class FirstStep:
 
     def apply_differences(self, step: float) -> FirstStep:
         """Return the motion with velocities and accelerations from differences of nodal positions over ``step`` [s]."""
-        moved = differenced(self.trajectory.motion, step)
+        moved = compute_differenced_motion(self.trajectory.motion, step)
         return replace(self, trajectory=Trajectory(*moved.parts, *self.trajectory[6:]))
 
 
@@ -165,7 +165,7 @@ def build_rigid_first_step(mesh: Mesh, time: Array, joints: Triple, given: Motio
 
     given : the motion between the samples, where it can be asked there
     """
-    motion = rigid_motion(mesh, *joints)
+    motion = compute_rigid_motion(mesh, *joints)
     check_spring_lengths(mesh, motion, time, given)
     applied = compute_applied_forces(mesh, motion, time)
     return FirstStep(build_rigid_trajectory(mesh, motion, applied), time, joints, applied)
@@ -195,7 +195,7 @@ def _compute_friction_direction(mechanism: Mechanism, qd: Array, smooth_of: Coll
     """
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
-    return np.where(stated_of(mechanism, smooth_of), compute_smooth_direction(qd), np.sign(qd))
+    return np.where(build_joint_mask(mechanism, smooth_of), compute_smooth_direction(qd), np.sign(qd))
 
 
 @kept_with_owner()

@@ -19,7 +19,7 @@ from flexinv.analysis.task import Settings, Task, build_joint_histories
 from flexinv.analysis.trajectory import run_first_step
 from flexinv.errors import InputError
 from flexinv.kernels.smooth_pieces import Pieces, fit_pieces, join_samples
-from flexinv.kinematics.nodal_motion import nearest_difference, scalar_coordinate
+from flexinv.kinematics.nodal_motion import compute_nearest_difference, read_scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -143,7 +143,7 @@ def _find_prescribed_columns(solution: Solution, motion: Motion) -> Mask:
     q = motion.evaluate(m, ends, "right")[0]
     own = np.array([joint.name in given for joint in _list_column_joints(m)], dtype=bool)
     for k, found in enumerate(solution.q[[0, -1]]):
-        off = np.where(own, np.abs(nearest_difference(m, found, q[k])), 0.0)
+        off = np.where(own, np.abs(compute_nearest_difference(m, found, q[k])), 0.0)
         if off.max(initial=0.0) > SAME_MOTION * max(1.0, solution.mesh.length):
             name = m.velocity_names[int(np.argmax(off))]
             raise InputError(
@@ -163,7 +163,7 @@ def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -
         own = q[:, mechanism.q_slices[joint.name]]
         at = mechanism.v_slices[joint.name]
         if joint.nv == 1:
-            places[:, at] = scalar_coordinate(joint, own)[:, None]
+            places[:, at] = read_scalar_coordinate(joint, own)[:, None]
         elif KINDS[joint.kind].scalar:
             places[:, at] = own
     return {"upper": places, "velocity": qd, "effort": tau}

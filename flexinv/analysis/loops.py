@@ -9,18 +9,25 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, build_rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
-from flexinv.constraints.allocation import LEFT_OVER, GivenLoops, check_carried, share_out
+from flexinv.constraints.allocation import LEFT_OVER, GivenLoops, check_carried, split_efforts
 from flexinv.constraints.allocation_kernel import Shares
-from flexinv.constraints.closures import Phase, Stretch, captured, constraint_jacobian, constraint_rows, phases
-from flexinv.constraints.continuation import closed_motion, closed_start
-from flexinv.constraints.loop_starts import stated_of
+from flexinv.constraints.closures import (
+    Phase,
+    Stretch,
+    build_constraint_rows,
+    compute_constraint_jacobian,
+    list_phases,
+    move_second_frames,
+)
+from flexinv.constraints.continuation import solve_closed_motion, solve_closed_start
+from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.constraints.reactions import (
     Impact,
     check_meeting,
-    closure_wrenches,
-    impact_of,
-    jump_efforts,
-    phased_closing,
+    compute_closure_wrenches,
+    compute_impulses,
+    compute_phased_wrenches,
+    make_impact,
 )
 from flexinv.dynamics.constraint_rows import Ties, update_ties
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS
@@ -37,7 +44,7 @@ from flexinv.inverse.inverse_dynamics import (
 )
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
+from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Mask, Triple
@@ -54,10 +61,10 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     time = task.time
     m = task.mesh.mechanism
     joints, stretches, impacts, given = _solve_phased_motion(
-        mesh, task.after, time, stated_of(m, task.passive), task.knots
+        mesh, task.after, time, build_joint_mask(m, task.passive), task.knots
     )
     q, qd, qdd = joints
-    g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
+    g, motion = given or (None, compute_rigid_motion(mesh, q, qd, qdd))
     check_spring_lengths(mesh, motion, time, _make_motion_between(task))
     acting = compute_applied_forces(mesh, motion, time)
     forces = compute_nodal_forces(mesh, motion, acting)
@@ -79,7 +86,7 @@ def solve_rigid_loops(task: Task) -> FirstStep:
         pulls = forces.force, *(wrench[:, :3] for wrench in wrenches.values())
         largest = max(largest, *(mesh.length * _find_largest_magnitude(pull) for pull in pulls))
     check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
-    pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
+    pushed, reaction = compute_phased_wrenches(mesh, motion, stretches, shares.multipliers)
     applied = pushed + acting
     return FirstStep(
         build_rigid_trajectory(mesh, motion, applied), time, joints, applied, _collect_energy_jumps(time, impacts),
@@ -91,13 +98,13 @@ def solve_rigid_loops(task: Task) -> FirstStep:
 def _make_motion_between(task: Task) -> MotionBetween:
     """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
     mesh = task.mesh
-    unknown = stated_of(task.mesh.mechanism, task.passive)
+    unknown = build_joint_mask(task.mesh.mechanism, task.passive)
 
     def evaluate_nodes(times: Array) -> NodalMotion:
         at = np.union1d(task.time, times)
         found = _solve_phased_motion(mesh, task.after, at, unknown, task.knots)[0]
         rows = np.searchsorted(at, times)
-        return rigid_motion(mesh, *(part[rows] for part in found))
+        return compute_rigid_motion(mesh, *(part[rows] for part in found))
 
     switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
     return MotionBetween(evaluate_nodes, (*task.knots, *switches))
@@ -117,12 +124,12 @@ def _solve_phased_motion(
     been held against them.
     """
     m = mesh.mechanism
-    pieces = phases(m, time)
-    original = constraint_rows(mesh)
+    pieces = list_phases(m, time)
+    original = build_constraint_rows(mesh)
     if len(pieces) == 1 and pieces[0].active.all():
         only = [Stretch(pieces[0], original)]
         if unknown.any() or not len(original.closure):
-            return closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
+            return solve_closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
         given = history(time)
         motion = NodalMotion.unwritten(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
@@ -136,19 +143,19 @@ def _solve_phased_motion(
         stretch = Stretch(piece, original)
         at = float(time[piece.first])
         if before is not None:
-            state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
+            state = compute_rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
             stretch, begins = _begin_stretch(mesh, stretches[-1], piece, state, at)
         begun = None if before is None else before[0]
         rows = stretch.rows.of(piece.active)
-        found = closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
+        found = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
             # which the impulses change at once
             rates = (before[1], found[1][0])
             rest = np.zeros((1, m.nv))
-            one, two = ((rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
-            shares = _compute_phase_shares(mesh, stretch, two[0], jump_efforts(mesh, (one, two))[None])
+            one, two = ((compute_rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
+            shares = _compute_phase_shares(mesh, stretch, two[0], compute_impulses(mesh, (one, two))[None])
             impulses = shares.tau[0], shares.multipliers[0]
-            impacts.append(impact_of(mesh, stretch.rows, begins, (one, two), *impulses, at))
+            impacts.append(make_impact(mesh, stretch.rows, begins, (one, two), *impulses, at))
         stretches.append(stretch)
         before = found[0][-1], found[1][-1]
         for part, values in zip(whole, found, strict=True):
@@ -161,7 +168,7 @@ def _begin_stretch(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion,
     m = mesh.mechanism
     begins = phase.active & ~last.phase.active
     captures = begins & np.array([c.capture for c in m.closures])
-    rows = captured(m, constraint_rows(mesh), last.rows, motion, captures)
+    rows = move_second_frames(m, build_constraint_rows(mesh), last.rows, motion, captures)
     check_meeting(mesh, rows, motion, begins, time)
     return Stretch(phase, rows), begins
 
@@ -186,8 +193,8 @@ def _compute_phase_shares(
     active = stretch.phase.active
     rows = stretch.rows.of(active)
     pick = active[stretch.rows.closure]
-    g = constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
-    found = share_out(g, tree, m.actuated, m.weights[m.actuated], rows)
+    g = compute_constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
+    found = split_efforts(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():
         return found
     multipliers = np.zeros((len(tree), len(pick)))
@@ -205,14 +212,14 @@ def make_closed_task(task: Task) -> Task:
     mesh = task.mesh
     m = task.mesh.mechanism
     start = float(task.steps[0])
-    unknown = stated_of(m, task.passive)
+    unknown = build_joint_mask(m, task.passive)
     given = "the motion gives a joint without a drive", "give the motion of the drives, or write actuated = true"
     left = "the motion leaves out a drive", "write actuated = false: drives cannot share the work here yet"
     for wrong, (what, write) in ((~unknown & ~m.actuated, given), (unknown & m.actuated, left)):
         if wrong.any():
             name = m.velocity_names[int(np.argmax(wrong))]
             raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
-    masks = unknown, stated_of(m, task.stated_rates), phases(m, task.steps)[0].active
+    masks = unknown, build_joint_mask(m, task.stated_rates), list_phases(m, task.steps)[0].active
     closed = _solve_closed_start(mesh, start, *masks, *(part[0] for part in task.after(task.steps[:1])))
 
     def evaluate_from_start(at: Array) -> Triple:
@@ -231,7 +238,7 @@ def _solve_closed_start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
-    found = closed_start(mesh, (q, qd, qdd), time, unknown, constraint_rows(mesh).of(active), stated)
+    found = solve_closed_start(mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).of(active), stated)
     for part in found:
         part.flags.writeable = False
     return found[0][None], found[1][None], found[2][None]
@@ -244,7 +251,7 @@ def add_closure_forces(mesh: Mesh, first: FirstStep, switching: Switching) -> Fi
     trajectory = first.trajectory
     motion = trajectory.motion
     stretches = switching.stretches
-    pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
+    pushed, reaction = compute_phased_wrenches(mesh, motion, stretches, trajectory.multipliers)
     efforts = trajectory.multipliers @ stretches[0].rows.gear
     # the energy that closures absorb from one sample to the next: zero for short steps
     both = np.union1d(stretches[0].rows.a, stretches[0].rows.b)
@@ -283,7 +290,7 @@ class Switching:
 
     def __init__(self, mesh: Mesh, phase: Phase, ties: Ties | None) -> None:
         """Let the closures of the first phase act, with the frames [m] that the mechanism states."""
-        rows = constraint_rows(mesh)
+        rows = build_constraint_rows(mesh)
         self.impacts = list[Impact]()
         self.stretches = [Stretch(phase, rows)]
         if ties is not None:
@@ -303,7 +310,7 @@ class Switching:
         one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
         stretch, begins = _begin_stretch(mesh, self.stretches[-1], phase, one, time)
         # the rest, below `reactions.APART`: the next step shall not jerk it away
-        rows = captured(mesh.mechanism, constraint_rows(mesh), stretch.rows, one, begins)
+        rows = move_second_frames(mesh.mechanism, build_constraint_rows(mesh), stretch.rows, one, begins)
         self.stretches.append(Stretch(phase, rows))
         update_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0
@@ -316,8 +323,10 @@ class Switching:
             two = out.rows(sample, sample + 1).motion
             after = _collect_rates(solver, qd)
             sides = ((one, before), (two, after))
-            pushed = closure_wrenches(mesh, two, rows, impulses[None])[0]
-            self.impacts.append(impact_of(mesh, rows, begins, sides, jump_efforts(mesh, sides, pushed), impulses, time))
+            pushed = compute_closure_wrenches(mesh, two, rows, impulses[None])[0]
+            self.impacts.append(
+                make_impact(mesh, rows, begins, sides, compute_impulses(mesh, sides, pushed), impulses, time)
+            )
 
 
 def _collect_rates(solver: Solver, qd: Array) -> Array:

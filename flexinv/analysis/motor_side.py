@@ -23,7 +23,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
-from flexinv.kinematics.nodal_motion import scalar_coordinate
+from flexinv.kinematics.nodal_motion import read_scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
@@ -74,7 +74,7 @@ def _compute_motor_side(solution: Solution, joint: Joint, drive: Drive) -> Motor
     tau = solution.torque_all[:, at]
     rate = solution.qd[:, at]
     acceleration = solution.qdd[:, at]
-    angle = scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
+    angle = read_scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
         own = n**2 * drive.rotor_inertia * acceleration + n * evaluate_friction(replace(drive, static=0.0), n * rate)
         transmitted = tau - own

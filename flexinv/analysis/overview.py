@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from flexinv.constraints.continuation import closed_near, mobility
-from flexinv.constraints.loop_starts import closed_anywhere, places_near
+from flexinv.constraints.continuation import compute_mobility, find_closed_near
+from flexinv.constraints.loop_starts import find_closed_anywhere, list_closed_nearby
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import CLOSURES, Link, Mechanism
@@ -43,9 +43,11 @@ def describe_mobility(mechanism: Mechanism, case: Case | None) -> str:
     """
     mesh = build(mechanism)
     start = resolve_start_configuration(mechanism, case)
-    at = closed_anywhere(mesh, start) if case is None else closed_near(mesh, start)
-    here = mobility(mesh, at)
-    found = min([here, *(mobility(mesh, q) for q in places_near(mesh, at))], key=lambda one: one.freedoms)
+    at = find_closed_anywhere(mesh, start) if case is None else find_closed_near(mesh, start)
+    here = compute_mobility(mesh, at)
+    found = min(
+        [here, *(compute_mobility(mesh, q) for q in list_closed_nearby(mesh, at))], key=lambda one: one.freedoms
+    )
     drives = int(mechanism.actuated.sum())
     when = " at the start" if any(c.active for c in mechanism.closures) else ""
     spare = f" (redundant by {drives - found.freedoms})" if drives > found.freedoms else ""

@@ -11,8 +11,15 @@ from flexinv.analysis.evaluation import assemble_solution
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, check_settings, make_rest_history
 from flexinv.analysis.trajectory import SAME_TIME, run_first_step
-from flexinv.constraints.closures import acting, constraint_rows
-from flexinv.constraints.loop_starts import ANOTHER_BRANCH, SAGGED, Stated, check_static, consistent_start, stated_of
+from flexinv.constraints.closures import build_constraint_rows, find_acting_closures
+from flexinv.constraints.loop_starts import (
+    ANOTHER_BRANCH,
+    SAGGED,
+    Stated,
+    build_joint_mask,
+    check_static,
+    find_consistent_start,
+)
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
@@ -61,7 +68,9 @@ def simulate(
         first = float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:
-            state = consistent_start(mesh, stated, constraint_rows(mesh).of(acting(meshed, first)), first)
+            state = find_consistent_start(
+                mesh, stated, build_constraint_rows(mesh).of(find_acting_closures(meshed, first)), first
+            )
         began.append((stated, state[0], state[1]))
         history = make_rest_history(*state)
         jumps = tuple(_find_jumps(table[0]))
@@ -105,8 +114,8 @@ def _collect_start_values(
     for name, value in rates.items():
         qd[m.v_slices[name]] = value
     bars = {"place": ANOTHER_BRANCH, "rate": SAGGED} if at_rest else {}
-    passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
-    return Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
+    passive = build_joint_mask(m, {j.name for j in m.joints if not j.actuated})
+    return Stated(q, qd, np.zeros(m.nv), build_joint_mask(m, places), build_joint_mask(m, rates), passive, **bars)
 
 
 def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:

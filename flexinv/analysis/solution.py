@@ -15,7 +15,7 @@ from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_factors
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
+from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
@@ -223,7 +223,7 @@ class Solution(ByValue):
             own = self.q[:, m.q_slices[joint.name]]
             at = m.v_slices[joint.name]
             if joint.nv == 1:
-                places[:, at] = scalar_coordinate(joint, own)[:, None]
+                places[:, at] = read_scalar_coordinate(joint, own)[:, None]
             elif KINDS[joint.kind].scalar:
                 places[:, at] = own
         series = ("position", "", places), ("rate", "/s", self.qd), ("acceleration", "/s^2", self.qdd)

@@ -15,10 +15,10 @@ from flexinv.analysis.loops import Switching, add_closure_forces
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, make_rest_history
 from flexinv.analysis.trajectory import run_first_step
-from flexinv.constraints.closures import constraint_rows, phases
-from flexinv.constraints.continuation import closed_start
-from flexinv.constraints.loop_starts import closed_at, stated_of
-from flexinv.constraints.open_loops import GIVE_Q, advising
+from flexinv.constraints.closures import build_constraint_rows, list_phases
+from flexinv.constraints.continuation import solve_closed_start
+from flexinv.constraints.loop_starts import build_joint_mask, find_closed_at
+from flexinv.constraints.open_loops import GIVE_Q, replace_advice
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.initial_state import begin_undeformed, find_equilibrium
 from flexinv.dynamics.solver import Solver, write_instant
@@ -86,20 +86,20 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     rest = np.zeros((1, mechanism.nv))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
-        with advising(GIVE_Q):
-            at = closed_at(mesh, at)
+        with replace_advice(GIVE_Q):
+            at = find_closed_at(mesh, at)
     held = make_rest_history(at, rest[0], rest[0])
     if mechanism.is_rigid:
-        with advising(GIVE_Q):
+        with replace_advice(GIVE_Q):
             (first,) = run_first_step(Task(mesh, now, held, held, passive, SETTINGS))
         return assemble_solution(mesh, first, SETTINGS)
     solver = Solver.of(mesh, passive)
-    (phase,) = phases(loaded, now)
+    (phase,) = list_phases(loaded, now)
     switching = Switching(mesh, phase, solver.border.ties)
     if mechanism.closures:
-        rows = constraint_rows(mesh).of(phase.active)
-        with advising(GIVE_Q):
-            at = closed_start(mesh, (at, rest[0], rest[0]), 0.0, stated_of(mechanism, passive), rows)[0]
+        rows = build_constraint_rows(mesh).of(phase.active)
+        with replace_advice(GIVE_Q):
+            at = solve_closed_start(mesh, (at, rest[0], rest[0]), 0.0, build_joint_mask(mechanism, passive), rows)[0]
     solver.update_loads(0.0, at, rest[0], rest[0])
     begin_undeformed(solver, at, rest[0], rest[0])
     joints = find_equilibrium(solver, at, "statics")
@@ -112,10 +112,10 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     first = FirstStep(out, now, joint_motion, compute_applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = add_closure_forces(mesh, first, switching)
-    from flexinv.linearized.natural_modes import SLOWEST, unstable_motions
+    from flexinv.linearized.natural_modes import SLOWEST, count_unstable_motions
 
     found = assemble_solution(mesh, first, SETTINGS)
-    unstable, all_of_them = unstable_motions(solver, joints)  # a word on whether a structure stays there
+    unstable, all_of_them = count_unstable_motions(solver, joints)  # a word on whether a structure stays there
     slowest = (
         f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked "
         "at: that faster ones are stable is not proved",

@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.constraints.loop_starts import SAGGED, TYPED_DIGITS, check_branch, check_rates, picked_start, stated_of
+from flexinv.constraints.loop_starts import (
+    SAGGED,
+    TYPED_DIGITS,
+    build_joint_mask,
+    check_branch,
+    check_rates,
+    find_picked_start,
+)
 from flexinv.dynamics.generalized_alpha import EXACT, Scheme, build_generalized_alpha
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
@@ -126,7 +133,9 @@ def make_prescribed_task(
     before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
     if mechanism.closures and start and passive:
         now = (part[0] for part in after(steps[:1]))
-        q = picked_start(mesh, float(steps[0]), stated_of(mechanism, passive), stated_of(mechanism, start), *now)
+        q = find_picked_start(
+            mesh, float(steps[0]), build_joint_mask(mechanism, passive), build_joint_mask(mechanism, start), *now
+        )
         if q is not None:  # from which the loops close where the start says, or nearest to that
             start = {name: q[mechanism.q_slices[name]] for name in passive}
             stated = start_coordinates(mechanism, passive, start, start_rate)
@@ -145,7 +154,7 @@ def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: 
     told = build_joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
     most = SAGGED if task.settings.initial == "static" and not m.is_rigid else TYPED_DIGITS
-    check_rates(mesh, stated_of(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)
+    check_rates(mesh, build_joint_mask(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)
 
 
 def prepare_motion_samples(task: Task) -> Task:

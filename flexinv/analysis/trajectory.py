@@ -11,7 +11,7 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
 from flexinv.analysis.loops import Switching, add_closure_forces, make_closed_task, solve_rigid_loops
 from flexinv.analysis.task import Task, prepare_motion_samples
-from flexinv.constraints.closures import Phase, constraint_rows, phases
+from flexinv.constraints.closures import Phase, build_constraint_rows, list_phases
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATIONS,
     EARLY,
@@ -29,7 +29,7 @@ from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import fill_passive, relative_motion, rigid_motion
+from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion, fill_passive
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
@@ -69,7 +69,7 @@ def solve_rigid_motions(task: Task) -> Iterator[FirstStep]:
     for first in range(0, max(len(task.time) - 1, 1), part):
         own = task.time if task.part is None else task.time[first : first + part + 1]
         q, qd, qdd = task.after(own)
-        given = MotionBetween(lambda times: rigid_motion(task.mesh, *task.after(times)), task.knots)
+        given = MotionBetween(lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots)
         yield replace(
             build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None
         )
@@ -133,14 +133,14 @@ class _March:
         self.origin = 0
         self.early = 0
         mesh = task.mesh
-        self.phases = phases(task.mesh.mechanism, task.steps)
+        self.phases = list_phases(task.mesh.mechanism, task.steps)
         self.last: Array | None = None
         self.flat = None if task.efforts is not None else build_planar_march(mesh, task.passive)
         never_switches = len(self.phases) == 1 and self.phases[0].active.all()
         alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
         self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
-        self.out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh).closure))
+        self.out = Trajectory.unwritten(rows, mesh, len(build_constraint_rows(mesh).closure))
         self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
     def begin_next_part(self, origin: int) -> None:
@@ -219,7 +219,7 @@ class _March:
                 out = self.out.rows(int(row[0]), int(row[-1]) + 1)
             else:
                 out = whole = Trajectory.empty(len(row), mesh, self.out.multipliers.shape[1])
-            rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(mesh, *given)))
+            rel = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *given)))
             instants = Instants(rel, build_load_table(mesh, time), solver.drives(time), solver.given(*given))
             arguments = solver.arguments(scheme, instants, out)
 

@@ -21,7 +21,7 @@ from flexinv.analysis.solve import solve as solve_motion
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
 from flexinv.cli.simulate import follow_task, simulate_file
 from flexinv.cli.warm import warm
-from flexinv.constraints.open_loops import advising
+from flexinv.constraints.open_loops import replace_advice
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -190,12 +190,12 @@ def modes(
     if rates or damped:
         if accuracy is not None:
             raise InputError("--accuracy is of frequencies at rest; leave out --rate and --damped")
-        with advising(partial(_case_that_closes, model, mechanism, name)):
+        with replace_advice(partial(_case_that_closes, model, mechanism, name)):
             steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
         names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
         return show(pd.DataFrame(columns, columns=names), missing="-")
-    with advising(partial(_case_that_closes, model, mechanism, name)):
+    with replace_advice(partial(_case_that_closes, model, mechanism, name)):
         found = natural_modes(mechanism, at, free or None, count, accuracy)
     omega = np.sqrt(np.abs(found.squared))
     bars = [f"{bar:.1e}" for bar in found.frequency_error]

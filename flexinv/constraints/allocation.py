@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation_kernel import Shares, places, share
-from flexinv.constraints.closures import Rows, constraint_rows, without_rounding
-from flexinv.constraints.continuation_kernel import Chain, jacobian_and_residuals
+from flexinv.constraints.allocation_kernel import Shares, make_places, split_samples
+from flexinv.constraints.closures import Rows, build_constraint_rows, drop_rounding
+from flexinv.constraints.continuation_kernel import Chain, evaluate_jacobians
 from flexinv.errors import InputError
 from flexinv.kernels.fronts import build_fronts
 from flexinv.kernels.memory import make_contiguous
-from flexinv.kinematics.configuration import nodes_of
+from flexinv.kinematics.configuration import build_nodes
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
@@ -58,7 +58,7 @@ _KINDS = (
 )
 
 
-def share_out(
+def split_efforts(
     g: Array, tau_tree: Array, driven: Mask, weight: Array | None = None, constraints: Rows | None = None
 ) -> Shares:
     """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
@@ -84,12 +84,14 @@ def share_out(
     g = g / scale[:, None]
     width = np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
-        share(places(fronts, rows, drives, root), make_contiguous(g), make_contiguous(tau_tree), made, width)
+        split_samples(
+            make_places(fronts, rows, drives, root), make_contiguous(g), make_contiguous(tau_tree), made, width
+        )
     doubtful = np.flatnonzero(width < 0)
     if len(doubtful) == samples:
-        made = by_singular_values(g, tau_tree, driven, root)
+        made = split_by_svd(g, tau_tree, driven, root)
     else:
-        others = by_singular_values(g[doubtful], tau_tree[doubtful], driven, root) if len(doubtful) else None
+        others = split_by_svd(g[doubtful], tau_tree[doubtful], driven, root) if len(doubtful) else None
         width[doubtful] = others.preload.shape[2] if others else 0
         least = int(width.min())
         made = made._replace(preload=made.preload[:, :, :least])
@@ -100,17 +102,17 @@ def share_out(
     return made._replace(multipliers=made.multipliers / scale)
 
 
-def by_singular_values(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares:
-    """Return `share_out` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
+def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares:
+    """Return `split_efforts` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
-    rank = ranks(values)
+    rank = count_ranks(values)
     few = values.shape[1]
     first = int(rank.min(initial=nv))
     # N^T, zero for what cannot move (sample, freedom, nv)
     motions = np.where((np.arange(first, nv) < rank[:, None])[:, :, None], 0.0, right[:, first:])
     u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
-    driving = ranks(s)
+    driving = count_ranks(s)
     most = s.shape[1]
     tau = np.zeros((samples, nv))
     # one over singular values, zero for those that are redundant
@@ -132,7 +134,7 @@ def by_singular_values(g: Array, tau_tree: Array, driven: Mask, root: Array) -> 
     return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
 
 
-def ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
     """Return the ranks (...) of Jacobians: the number of singular values (..., k) [m/rad], [-] that are not redundant.
 
     A Jacobian that is rounding as a whole is zero already (`closures.without_rounding`).
@@ -149,7 +151,7 @@ class GivenLoops:
     @property
     def rows(self) -> Rows:
         """Constraints of the closures [m], [-]."""
-        return constraint_rows(self.mesh)
+        return build_constraint_rows(self.mesh)
 
     def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
         """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
@@ -157,8 +159,8 @@ class GivenLoops:
         motion : of the nodes, which is set, where it is wanted [m, rad, s]
         Raises InputError for a motion that the closures do not allow.
         """
-        g, worst, at = self._closing(q, qd, qdd, motion)
-        self._hold(worst, at)
+        g, worst, at = self._evaluate_closures(q, qd, qdd, motion)
+        self._check_closed(worst, at)
         return g
 
     def check(self, q: Array, qd: Array, qdd: Array) -> None:
@@ -167,14 +169,14 @@ class GivenLoops:
         at = np.zeros((3, 2), dtype=np.int64)
         for start in range(0, len(q), SAMPLES_IN_MEMORY):
             part = slice(start, start + SAMPLES_IN_MEMORY)
-            _, found, where = self._closing(q[part], qd[part], qdd[part])
+            _, found, where = self._evaluate_closures(q[part], qd[part], qdd[part])
             more = ~(found[:, 0] <= worst[:, 0])  # a NaN is the largest
             worst[more, 0] = found[more, 0]
             at[more] = where[more] + [start, 0]
             worst[:, 1] = np.maximum(worst[:, 1], found[:, 1])
-        self._hold(worst, at)
+        self._check_closed(worst, at)
 
-    def _closing(
+    def _evaluate_closures(
         self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.jacobian_and_residuals`."""
@@ -182,12 +184,12 @@ class GivenLoops:
         worst = np.zeros((3, 2))
         at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        chain = Chain.of(nodes_of(self.mesh), self.rows)
+        chain = Chain.of(build_nodes(self.mesh), self.rows)
         given = (make_contiguous(q), make_contiguous(qd), make_contiguous(qdd))
-        jacobian_and_residuals(chain, self.rows.scale, frames, given, g, worst, at)
-        return without_rounding(self.mesh, self.rows.direction, g), worst, at
+        evaluate_jacobians(chain, self.rows.scale, frames, given, g, worst, at)
+        return drop_rounding(self.mesh, self.rows.direction, g), worst, at
 
-    def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
+    def _check_closed(self, worst: Array, at: NDArray[np.int64]) -> None:
         """Raise InputError where the motion is further from closed than is allowed."""
         for found, (sample, row), (label, most, floor, measure) in zip(worst, at, _KINDS, strict=True):
             if found[0] > most * found[1] + floor or np.isnan(found[0]):
@@ -199,22 +201,22 @@ class GivenLoops:
                 )
 
     def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
-        """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): `share_out`.
+        """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): `split_efforts`.
 
         q : (samples, nq), qd, qdd : (samples, nv) of all joints [rad or m, s]
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
         """
         return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
 
-    def share_some(self, which: Mask, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+    def apply_shares(self, which: Mask, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
-        g = self._closing(q[samples], qd[samples], qdd[samples])[0]
+        g = self._evaluate_closures(q[samples], qd[samples], qdd[samples])[0]
         tau[samples] = self._shared(g, tau[samples], samples).tau
 
     def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
         m = self.mesh.mechanism
-        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.rows)
+        shares = split_efforts(g, tau, m.actuated, m.weights[m.actuated], self.rows)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))
         check_carried(m, shares.left, largest, lambda sample: f"sample {samples[sample]}")
         return shares

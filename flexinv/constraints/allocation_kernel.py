@@ -65,7 +65,7 @@ class Place(NamedTuple):
     turn: Array  # (2, lanes)
 
 
-def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> Place:
+def make_places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> Place:
     """Return the arrays of the kernel [any unit] for G of so many rows, with so many freedoms as there are drives at most."""
     nv = fronts.columns
     most = len(drives)
@@ -78,7 +78,7 @@ def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) ->
 
 
 @jit_inner
-def _driving(place, freedoms):
+def _compute_allowed_motions(place, freedoms):
     """Set the motions N^T that the closures allow, each with one independent coordinate at 1, and factor S^T N over the roots of
     the weights; whether every freedom is driven for certain."""
     fronts = place.fronts
@@ -101,7 +101,7 @@ def _driving(place, freedoms):
 
 
 @jit_inner
-def _condition(place, freedoms):
+def _compute_condition(place, freedoms):
     """Set place.y[0] to max(1, largest) / min(1, smallest singular value) of N^T S W^-1/2 [-].
 
     N of norm 1: the eigenvalues of R^-T N^T N R^-1 are one over their squares.
@@ -122,7 +122,7 @@ def _condition(place, freedoms):
         for n in range(freedoms):
             for k in range(SAMPLES_OF_BLOCK):
                 h[n, m, k] = place.y[n, k]
-    _diagonalise(h, freedoms, place.turn)
+    _find_eigenvalues(h, freedoms, place.turn)
     for k in range(SAMPLES_OF_BLOCK):
         largest = 1.0
         smallest = 1.0
@@ -133,7 +133,7 @@ def _condition(place, freedoms):
 
 
 @jit_inner
-def _diagonalise(h, size, turn):
+def _find_eigenvalues(h, size, turn):
     """Bring the eigenvalues of symmetric matrices onto their diagonals by Jacobi's rotations, in place [any unit]."""
     for _ in range(MOST_SWEEPS):
         moved = False
@@ -144,13 +144,13 @@ def _diagonalise(h, size, turn):
                     some |= h[p, q, k] * h[p, q, k] > 1e-32 * abs(h[p, p, k] * h[q, q, k])
                 if some:
                     moved = True
-                    _rotate(h, size, p, q, turn)
+                    _apply_rotation(h, size, p, q, turn)
         if not moved:
             return
 
 
 @jit_inner
-def _rotate(matrix, size, first, second, turn):
+def _apply_rotation(matrix, size, first, second, turn):
     """Turn two rows and columns so that their common entry vanishes."""
     for k in range(SAMPLES_OF_BLOCK):
         apart = matrix[second, second, k] - matrix[first, first, k]
@@ -175,7 +175,7 @@ def _rotate(matrix, size, first, second, turn):
 
 
 @jit_inner
-def _drive(place, freedoms, s, tree, tau, preload):
+def _compute_drive_efforts(place, freedoms, s, tree, tau, preload):
     """Set the least efforts of the drives and the efforts that only stress the mechanism, samples s and on."""
     drives = place.drives.shape[0]
     x = place.x
@@ -215,7 +215,7 @@ def _close(place, s, g, left, multipliers):
 
 
 @jit
-def share(place, g, tree, out, width):
+def split_samples(place, g, tree, out, width):
     """Share out the efforts ``tree`` (samples, nv) [N m], [N].
 
     g : (samples, rows, nv); out : `Shares`, tau zero on entry; as `allocation.share_out`
@@ -235,15 +235,15 @@ def share(place, g, tree, out, width):
                 sparse_qr.write_entry(place.fronts, place.closing, e, k, g[min(s + k, samples - 1), r, i])
         rank = sparse_qr.factorise_qr(place.fronts, place.closing)
         freedoms = nv - rank
-        if rank < 0 or freedoms == 0 or freedoms > drives or not _driving(place, freedoms):
+        if rank < 0 or freedoms == 0 or freedoms > drives or not _compute_allowed_motions(place, freedoms):
             continue
         width[s:end] = drives - freedoms
-        _drive(place, freedoms, s, tree, out.tau, out.preload)
+        _compute_drive_efforts(place, freedoms, s, tree, out.tau, out.preload)
         for k in range(s, end):
             for i in range(nv):
                 out.left[k, i] = tree[k, i] - out.tau[k, i]
         _close(place, s, g, out.left, out.multipliers)
-        _condition(place, freedoms)
+        _compute_condition(place, freedoms)
         for k in range(s, end):
             out.condition[k] = place.y[0, k - s]
             if not out.condition[k] * SURE_PIVOT < 1.0:

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.equations import Rows as Rows
-from flexinv.constraints.equations import closure_samples
+from flexinv.constraints.equations import fill_closure_samples
 from flexinv.errors import InputError
-from flexinv.kinematics.configuration import nodes_of
-from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion, slides
+from flexinv.kinematics.configuration import build_nodes
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion, list_sliding_coordinates
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, GEARED, Closure, Mechanism
@@ -38,17 +38,17 @@ GRADIENT_ROUNDING = 1e-13
 
 
 @kept_with_owner()
-def constraint_rows(mesh: Mesh) -> Rows:
+def build_constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]; raises InputError for a coupling of joints that it cannot tie."""
     m = mesh.mechanism
     table = list[tuple[Any, ...]]()
     for index, closure in enumerate(m.closures):
-        a = attachment_node(mesh, closure.first)
-        b = attachment_node(mesh, closure.second)
+        a = find_attachment_node(mesh, closure.first)
+        b = find_attachment_node(mesh, closure.second)
         gear = np.zeros(m.nv)
         first = closure.first.placement
         second = closure.second.placement
-        for direction, u, w in _equations(closure):
+        for direction, u, w in _list_equations(closure):
             vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
             table.append((index, direction, a, b, *vectors, gear, 0.0))
         if closure.kind == "coupling":
@@ -66,18 +66,18 @@ def constraint_rows(mesh: Mesh) -> Rows:
     parts = zip(kinds, zip(*table, strict=True) if table else 10 * [()], strict=True)
     columns: list[Any] = [np.array(part, kind).reshape(len(table), *shape) for (kind, shape), part in parts]
     _, directed, of_first, of_second, *_, gears, _ = columns
-    geared = (np.abs(gears) * measures(mesh)).max(axis=1, initial=0.0)
+    geared = (np.abs(gears) * list_velocity_scales(mesh)).max(axis=1, initial=0.0)
     scale = np.where(geared > 0.0, geared, np.where(directed, 1.0, mesh.length))
     place = np.full(m.nv, -1, dtype=np.int64)
     for joint in m.joints:
         if joint.kind in GEARED:
             place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
     last = np.searchsorted(columns[0], columns[0], side="right")
-    columns += [_pattern(mesh, of_first, of_second, gears), scale, last, place]
+    columns += [_build_jacobian_pattern(mesh, of_first, of_second, gears), scale, last, place]
     return Rows(*columns)
 
 
-def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> Triple:
+def compute_coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> Triple:
     """Return sum gear q - offset [rad], [m] and its two rates, (samples, rows) each; zero for rows that are no couplings.
 
     q : (samples, nq), qd, qdd : (samples, nv)
@@ -86,12 +86,12 @@ def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> Triple:
     return scalar @ rows.gear.T - rows.offset, qd @ rows.gear.T, qdd @ rows.gear.T
 
 
-def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: Mask) -> Rows:
+def move_second_frames(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: Mask) -> Rows:
     """Return ``now`` with the second frames of the closures ``which`` (closures,) put where the first ones stand [m], [-].
 
     original : rows of the mechanism as it is written; motion : one sample.  A universal closure keeps its second axis.
     """
-    (xa, ra), (xb, rb) = (_at(motion, nodes) for nodes in (original.a, original.b))
+    (xa, ra), (xb, rb) = (_take_row_frames(motion, nodes) for nodes in (original.a, original.b))
     seen = np.einsum("rji,rj->ri", rb, xa + np.einsum("rij,rj->ri", ra, original.place_a) - xb)  # (row, xyz) from B
     w = now.w.copy()
     for k, index in enumerate(original.closure):
@@ -102,7 +102,7 @@ def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotio
     return now._replace(place_b=np.where(which[original.closure][:, None], seen, now.place_b), w=w)
 
 
-def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
+def _list_equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     """Rows (direction?, u in frame A, w in frame B) of one closure."""
     x, y, z = np.eye(3)
     across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
@@ -123,32 +123,32 @@ def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     return rows
 
 
-def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
+def _take_row_frames(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
     """Place and axes of the rows' nodes at the first sample; the world (-1) stands still."""
     fixed = (nodes < 0)[:, None]
     return np.where(fixed, 0.0, motion.x[0, nodes]), np.where(fixed[..., None], np.eye(3), motion.rotation[0, nodes])
 
 
-def closed_rows(mesh: Mesh, motion: NodalMotion, rows: Rows) -> tuple[Array, Array]:
-    """Return phi [m], [-] and its two time derivatives, (samples, rows, 3), for given nodal motion, and `constraint_jacobian`.
+def evaluate_closures(mesh: Mesh, motion: NodalMotion, rows: Rows) -> tuple[Array, Array]:
+    """Return phi [m], [-] and its two time derivatives, (samples, rows, 3), for given nodal motion, and `compute_constraint_jacobian`.
 
-    phi'' = u''.w + 2 u'.w' + u.w''; those of couplings are zero (`coupling_residuals`).
+    phi'' = u''.w + 2 u'.w' + u.w''; those of couplings are zero (`compute_coupling_residuals`).
     """
     samples = len(motion.x)
     count = len(rows.closure)
     phi = np.zeros((samples, count, 3))
     g = np.zeros((samples, count, mesh.mechanism.nv))
     if count:
-        closure_samples(nodes_of(mesh), rows, motion.frames, phi, g)
-    return phi, without_rounding(mesh, rows.direction, g)
+        fill_closure_samples(build_nodes(mesh), rows, motion.frames, phi, g)
+    return phi, drop_rounding(mesh, rows.direction, g)
 
 
-def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
+def compute_constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     """Return G, (samples, rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
-    return closed_rows(mesh, motion, rows)[1]
+    return evaluate_closures(mesh, motion, rows)[1]
 
 
-def _pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> Mask:
+def _build_jacobian_pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> Mask:
     """Mask (rows, nv) of entries that G may have: joints on one way only from a row's nodes to the world, and of its coupling."""
     found = np.asarray(gear != 0.0)
     for k, ends in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
@@ -162,24 +162,24 @@ def _pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array
 
 
 @kept_with_owner()
-def measures(mesh: Mesh) -> Array:
+def list_velocity_scales(mesh: Mesh) -> Array:
     """Return the scale of each velocity coordinate, (nv,): the mechanism's length [m] for slides, 1 for all others."""
-    return np.where(slides(mesh.mechanism), mesh.length, 1.0)
+    return np.where(list_sliding_coordinates(mesh.mechanism), mesh.length, 1.0)
 
 
-def without_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
+def drop_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
     """Return G (samples, rows, nv) [m/rad], [-], set to zero in place where all of a sample is rounding.
 
     So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.
     """
-    least = GRADIENT_ROUNDING * np.where(direction[:, None], 1.0, mesh.length / measures(mesh))
+    least = GRADIENT_ROUNDING * np.where(direction[:, None], 1.0, mesh.length / list_velocity_scales(mesh))
     if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
         g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
     return g
 
 
 @kept_with_owner()
-def sizes_of(mesh: Mesh) -> Array:
+def list_coordinate_scales(mesh: Mesh) -> Array:
     """Return the scale of each coordinate, (nq,): the mechanism's length [m] for positions, 1 for all others."""
     kinds = [KINDS[joint.kind] for joint in mesh.mechanism.joints]
     return np.array([mesh.length if k < sum(one.translations) else 1.0 for one in kinds for k in range(len(one.q))])
@@ -210,7 +210,7 @@ class Stretch:
         return slice(self.phase.first, self.phase.last)
 
 
-def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
+def list_phases(mechanism: Mechanism, time: Array) -> list[Phase]:
     """Return the phases of a grid ``time`` (samples,) [s], uniform at its start; a closure acts from its start to before its end.
     Raises InputError when a closure begins or ceases between two samples.
     """
@@ -227,10 +227,13 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
             cuts.add(sample)
     bounds = [*sorted(cuts), len(time)]
     slack = SAME_INSTANT * step
-    return [Phase(first, last, acting(mechanism, float(time[first]) + slack)) for first, last in pairwise(bounds)]
+    return [
+        Phase(first, last, find_acting_closures(mechanism, float(time[first]) + slack))
+        for first, last in pairwise(bounds)
+    ]
 
 
-def acting(mechanism: Mechanism, time: float) -> Mask:
+def find_acting_closures(mechanism: Mechanism, time: float) -> Mask:
     """Return a mask (closures,) of the closures that act at ``time`` [s]."""
     acts = [not c.active or any(start <= time < end for start, end in c.active) for c in mechanism.closures]
     return np.array(acts, dtype=bool)

@@ -14,17 +14,24 @@ import numpy as np
 
 from flexinv.constraints import closures
 from flexinv.constraints import continuation_kernel as kernel
-from flexinv.constraints.allocation import REDUNDANT, ranks
-from flexinv.constraints.closures import Rows, closed_rows, constraint_rows, coupling_residuals, measures, sizes_of
-from flexinv.constraints.continuation_kernel import Chain, Continuation, continue_branch
-from flexinv.constraints.open_loops import explain_open
+from flexinv.constraints.allocation import REDUNDANT, count_ranks
+from flexinv.constraints.closures import (
+    Rows,
+    build_constraint_rows,
+    compute_coupling_residuals,
+    evaluate_closures,
+    list_coordinate_scales,
+    list_velocity_scales,
+)
+from flexinv.constraints.continuation_kernel import Chain, Continuation, find_branch
+from flexinv.constraints.open_loops import make_open_loops_error
 from flexinv.constraints.singular_search import WORST_CONDITION, Branch, find_singular, find_within
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.memory import make_contiguous
 from flexinv.kernels.sparse_qr import FrontFactors
-from flexinv.kinematics.configuration import nodes_of
+from flexinv.kinematics.configuration import build_nodes
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import JointHistory, moved, rigid_motion
+from flexinv.kinematics.nodal_motion import JointHistory, compute_rigid_motion, integrate_configuration
 from flexinv.model.joint_kinds import KINDS
 from flexinv.typing import Array, Mask, Triple
 
@@ -49,24 +56,24 @@ class Mobility:
     redundant: int
 
 
-def mobility(mesh: Mesh, q: Array) -> Mobility:
+def compute_mobility(mesh: Mesh, q: Array) -> Mobility:
     """Return the freedoms and the redundant constraints [-] of a mechanism, at t = 0 and a configuration q (nq,) closed then."""
-    rank = _rank(g := start_follower(mesh).closures(q)[1])
+    rank = _compute_rank(g := build_start_follower(mesh).closures(q)[1])
     return Mobility(mesh.mechanism.nv - rank, len(g), len(g) - rank)
 
 
-def closed_near(mesh: Mesh, guess: Array) -> Array:
+def find_closed_near(mesh: Mesh, guess: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0 near a guess (nq,): every coordinate may move, least squares.
     Raises ConvergenceError, which names the closure that stays open.
     """
-    return start_follower(mesh).start(0.0, guess)
+    return build_start_follower(mesh).start(0.0, guess)
 
 
-def _rank(matrix: Array) -> int:
-    return int(ranks(np.linalg.svd(matrix, compute_uv=False))) if matrix.size else 0
+def _compute_rank(matrix: Array) -> int:
+    return int(count_ranks(np.linalg.svd(matrix, compute_uv=False))) if matrix.size else 0
 
 
-def closed_motion(
+def solve_closed_motion(
     mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, rows: Rows | None = None, start: Array | None = None,
     knots: tuple[float, ...] = (),
 ) -> Triple:  # fmt: skip
@@ -81,16 +88,16 @@ def closed_motion(
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
     given = history(time)
-    follower = Follower(mesh, constraint_rows(mesh) if rows is None else rows, unknown)
+    follower = Follower(mesh, build_constraint_rows(mesh) if rows is None else rows, unknown)
     q = np.array(given[0])
     q[0] = follower.start(float(time[0]), q[0] if start is None else np.where(follower.owned, start, q[0]))
     follower.check_freedoms(q[0], float(time[0]), phase=rows is not None)
-    chain, problem = follower.compiled()
+    chain, problem = follower.make_kernel_arguments()
     problem = problem._replace(before=np.zeros(len(problem.fronts.entry)), change=np.zeros(len(time)))
     qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
     condition = np.empty(len(time))
     k = 1
-    while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
+    while (k := find_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         try:
             q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
         except ConvergenceError:  # Newton may go a little beyond the end, or not quite up to it
@@ -103,16 +110,16 @@ def closed_motion(
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
         one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
-        qd[doubtful], qdd[doubtful] = follower.doubtful_rates(q[doubtful], one, two, time[doubtful])
+        qd[doubtful], qdd[doubtful] = follower.solve_doubtful_rates(q[doubtful], one, two, time[doubtful])
     return q, qd, qdd
 
 
-def closed_start(
+def solve_closed_start(
     mesh: Mesh, guess: Triple, time: float, unknown: Mask, rows: Rows, stated: Mask | None = None
 ) -> Triple:
     """Return one closed state q (nq,), qd, qdd (nv,) [rad or m, s] from which a mechanism with beams marches on.
 
-    As `closed_motion` at one time, but what the closures leave open stays at its start: it is free to move.
+    As `solve_closed_motion` at one time, but what the closures leave open stays at its start: it is free to move.
     guess : q, qd, qdd of all coordinates, the unknown ones (nv,) at their start
     stated : (nv,) unknown coordinates whose rates are kept where the others can close them
     Raises ConvergenceError when the loops cannot be closed.
@@ -136,12 +143,12 @@ def close_rates(
     sets : which coordinates (nv,) may change, in the order in which they are tried; of the last what is left open is left
     """
     scale = rows.scale
-    sizes = measures(mesh)
+    sizes = list_velocity_scales(mesh)
     for order in orders:
         rate = (qd, qdd)[order - 1]
         state = (q[None], qd[None], qdd[None])
-        phi, (g,) = closed_rows(mesh, rigid_motion(mesh, *state), rows)
-        opening = phi[0, :, order] + coupling_residuals(rows, *state)[order][0]
+        phi, (g,) = evaluate_closures(mesh, compute_rigid_motion(mesh, *state), rows)
+        opening = phi[0, :, order] + compute_coupling_residuals(rows, *state)[order][0]
         bar = CLOSED_RATE * ((np.abs(g) @ np.abs(rate) + np.abs(opening)) / scale).max(initial=0.0)
         for free in sets:  # by least squares, lengths and slides over the mechanism's length
             a = (g * sizes / scale[:, None])[:, free]
@@ -169,9 +176,9 @@ class Follower:
 
     @cached_property
     def _chain(self) -> Chain:
-        return Chain.of(nodes_of(self.mesh), self.rows)
+        return Chain.of(build_nodes(self.mesh), self.rows)
 
-    def compiled(self) -> tuple[Chain, Continuation]:
+    def make_kernel_arguments(self) -> tuple[Chain, Continuation]:
         """Return the arguments of `continuation_kernel` [m], [-]."""
         m = self.mesh.mechanism
         places = np.flatnonzero(self.unknown)
@@ -179,23 +186,23 @@ class Follower:
         count = len(self.rows.closure)
         free = len(places)
         problem = Continuation(
-            unknown=places, owner=self.owned, scale=self.rows.scale, sizes=sizes_of(self.mesh), g=np.zeros((count, m.nv)),
+            unknown=places, owner=self.owned, scale=self.rows.scale, sizes=list_coordinate_scales(self.mesh), g=np.zeros((count, m.nv)),
             fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
-            step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(self.mesh)[places],
+            step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=list_velocity_scales(self.mesh)[places],
         )  # fmt: skip
         return self._chain, problem
 
     def closed(self, q: Array, qd: Array, qdd: Array) -> Triple | None:
         """Return the closed state near one, compiled [rad or m, s]; None where closures leave something open or Newton fails."""
-        chain, problem = self.compiled()
+        chain, problem = self.make_kernel_arguments()
         anywhere = problem._replace(sizes=np.full(len(q), np.inf))
         both = np.stack([q, q])
         condition = np.empty(2)
         first, second = (np.stack([rate, rate]) for rate in (np.where(self.unknown, 0.0, one) for one in (qd, qdd)))
-        reached = continue_branch(chain, anywhere, np.zeros(2), both, first, second, condition, 1)
+        reached = find_branch(chain, anywhere, np.zeros(2), both, first, second, condition, 1)
         return (both[1], first[1], second[1]) if reached == 2 and condition[1] < WORST_CONDITION else None
 
-    def doubtful_rates(self, q: Array, qd: Array, qdd: Array, time: Array) -> tuple[Array, Array]:
+    def solve_doubtful_rates(self, q: Array, qd: Array, qdd: Array, time: Array) -> tuple[Array, Array]:
         """Return exact rates (samples, nv) where singular values have to say whether they are determined [rad or m, s].
 
         qd, qdd : zero for unknown coordinates; they are set.
@@ -204,20 +211,20 @@ class Follower:
         mesh = self.mesh
         rows = self.rows
         unknown = self.unknown
-        sizes = measures(mesh)[unknown]
-        _, g = closed_rows(mesh, rigid_motion(mesh, q, qd, qdd), rows)
+        sizes = list_velocity_scales(mesh)[unknown]
+        _, g = evaluate_closures(mesh, compute_rigid_motion(mesh, q, qd, qdd), rows)
         g = g[:, :, unknown] * sizes / rows.scale[:, None]
         inverse = sizes[:, None] * np.linalg.pinv(g, rcond=REDUNDANT) / rows.scale
         condition = np.linalg.cond(g) if unknown.any() else np.zeros(len(g))
         if condition[worst := int(np.argmax(condition))] > WORST_CONDITION:
-            raise self._singular(float(time[worst]), f"{condition[worst]:.1e}")
+            raise self._make_singular_error(float(time[worst]), f"{condition[worst]:.1e}")
         for order, rate in ((1, qd), (2, qdd)):
-            phi, _ = closed_rows(mesh, rigid_motion(mesh, q, qd, qdd), rows)
-            opening = phi[:, :, order] + coupling_residuals(rows, q, qd, qdd)[order]
+            phi, _ = evaluate_closures(mesh, compute_rigid_motion(mesh, q, qd, qdd), rows)
+            opening = phi[:, :, order] + compute_coupling_residuals(rows, q, qd, qdd)[order]
             rate[:, unknown] = -np.einsum("sur,sr->su", inverse, opening)
         return qd, qdd
 
-    def _singular(self, time: float, condition: str) -> ConvergenceError:
+    def _make_singular_error(self, time: float, condition: str) -> ConvergenceError:
         return ConvergenceError(
             f"mechanism '{self.mesh.mechanism.name}', t = {time:.10g} s: singular configuration (condition number {condition}): "
             "the closures do not determine the passive coordinates there; drive another joint, or keep the motion away from "
@@ -238,25 +245,27 @@ class Follower:
             axis=0
         )  # G does not change with other joints
         q, qd, qdd = joints
-        rates, accelerations = ((np.abs(part) / measures(self.mesh))[:, turning].sum(axis=1) for part in (qd, qdd))
+        rates, accelerations = (
+            (np.abs(part) / list_velocity_scales(self.mesh))[:, turning].sum(axis=1) for part in (qd, qdd)
+        )
         step = np.diff(time)
         way = step * np.maximum(rates[1:], rates[:-1])
         back = step**2 * np.maximum(accelerations[1:], accelerations[:-1])
         history, knots = given
         branch = self.branch(history, knots)
         if (found := find_singular(branch, time, q, condition, change, (way, back))) is not None:
-            raise self._singular(found, f"above {WORST_CONDITION:.0e}")
+            raise self._make_singular_error(found, f"above {WORST_CONDITION:.0e}")
 
     def branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
         """Return the branch on which a motion with knots at some times [s] moves, for the search between samples."""
         return Branch(
             lambda times, start: self._followed(history, times, start),
-            self._passive_columns,
+            self._compute_passive_columns,
             knots,
-            self._one_given(history),
+            self._find_single_driver(history),
         )
 
-    def _one_given(self, history: JointHistory) -> Callable[[Array], Array] | None:
+    def _find_single_driver(self, history: JointHistory) -> Callable[[Array], Array] | None:
         """The one coordinate that the motion gives, as a function of time; None where it gives several, or no plain number."""
         m = self.mesh.mechanism
         given = [joint for joint in m.joints if joint.nv and not self.unknown[m.v_slices[joint.name]].any()]
@@ -265,11 +274,11 @@ class Follower:
         own = m.q_slices[given[0].name]
         return lambda times: history(times)[0][:, own][:, 0]
 
-    def _passive_columns(self, q: Array) -> Array:
+    def _compute_passive_columns(self, q: Array) -> Array:
         """G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
         rest = np.zeros((len(q), self.mesh.mechanism.nv))
-        _, g = closed_rows(self.mesh, rigid_motion(self.mesh, q, rest, rest), self.rows)
-        return (g * measures(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
+        _, g = evaluate_closures(self.mesh, compute_rigid_motion(self.mesh, q, rest, rest), self.rows)
+        return (g * list_velocity_scales(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
 
     def _followed(self, history: JointHistory, times: Array, start: Array) -> Array:
         """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,).
@@ -279,18 +288,16 @@ class Follower:
         given = history(times)
         q = np.array(given[0])
         q[0] = start
-        chain, problem = self.compiled()
+        chain, problem = self.make_kernel_arguments()
         qd, qdd = (np.where(self.unknown, 0.0, rate) for rate in given[1:])
         reached = 1
-        while (reached := continue_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), reached)) < len(
-            times
-        ):
+        while (reached := find_branch(chain, problem, times, q, qd, qdd, np.empty(len(times)), reached)) < len(times):
             parts = np.linspace(times[reached - 1], times[reached], PARTS_OF_A_WAY + 1)
             between = history(parts)
             places = np.array(between[0])
             places[0] = q[reached - 1]
             rates = [np.where(self.unknown, 0.0, rate) for rate in between[1:]]
-            if continue_branch(chain, problem, parts, places, *rates, np.empty(len(parts)), 1) < len(parts):
+            if find_branch(chain, problem, parts, places, *rates, np.empty(len(parts)), 1) < len(parts):
                 break
             q[reached] = places[-1]
             reached += 1
@@ -301,24 +308,24 @@ class Follower:
         scale = self.rows.scale
         rest = np.zeros(self.mesh.mechanism.nv)
         g = np.zeros((1, len(scale), len(rest)))
-        kernel.closure_equations(self._chain, make_contiguous(q), rest, g[0])
-        g = closures.without_rounding(self.mesh, self.rows.direction, g)
-        return self._chain.phi[:, 0] / scale, g[0] * measures(self.mesh) / scale[:, None]
+        kernel.fill_closure_equations(self._chain, make_contiguous(q), rest, g[0])
+        g = closures.drop_rounding(self.mesh, self.rows.direction, g)
+        return self._chain.phi[:, 0] / scale, g[0] * list_velocity_scales(self.mesh) / scale[:, None]
 
-    def with_unknown(self, unknown: Mask) -> Follower:
+    def replace_unknown(self, unknown: Mask) -> Follower:
         """Return the same equations in which other coordinates (nv,) [rad], [m] move."""
         return replace(self, unknown=unknown)
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
-        sizes = measures(self.mesh)
+        sizes = list_velocity_scales(self.mesh)
         for _ in range(kernel.MOST_ITERATIONS):
             phi, g = self.closures(q)
             if not np.isfinite(phi).all():
                 return None
             step = np.zeros(self.mesh.mechanism.nv)
             step[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], phi, rcond=REDUNDANT)[0]
-            q = moved(self.mesh.mechanism, q, sizes * step)
+            q = integrate_configuration(self.mesh.mechanism, q, sizes * step)
             if np.abs(step).max(initial=0.0) < kernel.LAST_INCREMENT:
                 return q if np.abs(self.closures(q)[0]).max(initial=0.0) < kernel.CLOSED else None
         return None
@@ -326,7 +333,7 @@ class Follower:
     def start(self, time: float, guess: Array) -> Array:
         """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; OpenLoops names what stays open."""
         if (q := self.solve(guess)) is None:
-            raise explain_open(self, time, guess)
+            raise make_open_loops_error(self, time, guess)
         return q
 
     def check_freedoms(self, q: Array, time: float, phase: bool = False) -> None:
@@ -337,7 +344,7 @@ class Follower:
         m = self.mesh.mechanism
         _, g = self.closures(q)
         if phase:
-            if loose := int(self.unknown.sum()) - _rank(g[:, self.unknown]):
+            if loose := int(self.unknown.sum()) - _compute_rank(g[:, self.unknown]):
                 names = ", ".join(n for n, u in zip(m.velocity_names, self.unknown, strict=True) if u)
                 raise InputError(
                     f"mechanism '{m.name}', t = {time:g} s: from here on {loose} of the coordinates without motion ({names}) "
@@ -345,13 +352,13 @@ class Follower:
                     "covers this time"
                 )
             return
-        free = m.nv - _rank(g)
+        free = m.nv - _compute_rank(g)
         asked = int((~self.unknown).sum())
         if asked != free:
             more = "more" if asked > free else "fewer"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: the motion gives {asked} of the coordinates, {more} than the mobility "
-                f"of {free} ({m.nv} joint coordinates, {_rank(g)} independent constraints); give a motion to exactly {free} of "
+                f"of {free} ({m.nv} joint coordinates, {_compute_rank(g)} independent constraints); give a motion to exactly {free} of "
                 + ", ".join(m.velocity_names)
             )
 
@@ -383,18 +390,20 @@ class Follower:
         )
 
     def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
-        sizes = measures(self.mesh)
+        sizes = list_velocity_scales(self.mesh)
         given = history(np.array([after]))[0][0]
         _, g = self.closures(q)
         rate = np.where(self.unknown, 0.0, history(np.array([before]))[1][0]) / sizes
         rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
-        guess = np.where(self.owned, moved(self.mesh.mechanism, q, (after - before) * sizes * rate), given)
+        guess = np.where(
+            self.owned, integrate_configuration(self.mesh.mechanism, q, (after - before) * sizes * rate), given
+        )
         found = self.solve(guess)
-        most = kernel.LARGEST_SURPRISE * sizes_of(self.mesh)
+        most = kernel.LARGEST_SURPRISE * list_coordinate_scales(self.mesh)
         return None if found is None or (np.abs(found - guess) > most).any() else found
 
 
-def start_follower(mesh: Mesh) -> Follower:
+def build_start_follower(mesh: Mesh) -> Follower:
     """Return Newton on the closures that act at t = 0, in which all coordinates [rad], [m] move."""
-    rows = constraint_rows(mesh).of(closures.acting(mesh.mechanism, 0.0))
+    rows = build_constraint_rows(mesh).of(closures.find_acting_closures(mesh.mechanism, 0.0))
     return Follower(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import Rows, closure_residuals, closure_rows, geared
+from flexinv.constraints.equations import Rows, compute_coupling_terms, fill_closure_residuals, fill_closure_rows
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
@@ -26,8 +26,8 @@ from flexinv.kernels.sparse_qr import (
     solve_least_squares,
     write_entry,
 )
-from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
-from flexinv.kinematics.tree import Frames, Joints, frames_at
+from flexinv.kinematics.configuration import Nodes, integrate_coordinates, move_nodes
+from flexinv.kinematics.tree import Frames, Joints, take_sample
 from flexinv.typing import Array
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
@@ -91,7 +91,7 @@ class Continuation(NamedTuple):
 
 
 @jit_inner
-def factor(problem):
+def compute_qr(problem):
     """Factor Q R of problem.qr [any unit]; False where the rank may not be full."""
     return factorise_qr(problem.fronts, problem.qr) == problem.x.shape[0]
 
@@ -108,25 +108,25 @@ def solve_factored(problem, step):
 
 
 @jit
-def closure_equations(chain, q, rest, g):
+def fill_closure_equations(chain, q, rest, g):
     """Set G (rows, nv) [m/rad], [-], zero on entry, and chain.phi to phi [m], [-] at q (nq,) [rad], [m]; rest : (nv,) zeros."""
     move_nodes(chain.nodes, q, rest, rest, chain.joints, chain.frames)
-    closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, g)
+    fill_closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, g)
     for k in range(g.shape[0]):
-        chain.phi[k, 0] += geared(k, chain.rows, q, rest, rest)[0]
+        chain.phi[k, 0] += compute_coupling_terms(k, chain.rows, q, rest, rest)[0]
 
 
 @jit_inner
-def _equations(chain, problem, q):
+def _fill_equations(chain, problem, q):
     """Set problem.g, problem.qr = G_u and problem.y = phi at a configuration, all over their scales."""
-    closure_equations(chain, q, problem.rest, problem.g)
+    fill_closure_equations(chain, q, problem.rest, problem.g)
     for k in range(problem.scale.shape[0]):
         problem.y[k, 0] = chain.phi[k, 0] / problem.scale[k]
-    _set_matrix(problem)
+    _fill_matrix(problem)
 
 
 @jit_inner
-def _set_matrix(problem):
+def _fill_matrix(problem):
     fill_zeros(problem.qr)
     for e in range(problem.fronts.entry.shape[0]):
         k = problem.fronts.entry[e, 0]
@@ -142,7 +142,7 @@ def _copy(source, to):
 
 
 @jit_inner
-def _largest(y):
+def _find_largest_magnitude(y):
     size = 0.0
     for i in range(y.shape[0]):
         if not abs(y[i]) <= size:  # a NaN stays
@@ -154,20 +154,20 @@ def _largest(y):
 def close_by_newton(chain, problem):
     """Move problem.guess onto the closures [rad], [m], and set their equations there; whether it got there."""
     for _ in range(MOST_ITERATIONS):
-        _equations(chain, problem, problem.guess)
-        if not factor(problem):
+        _fill_equations(chain, problem, problem.guess)
+        if not compute_qr(problem):
             return False
         problem.step[:] = 0.0
         solve_factored(problem, problem.step)
-        step_coordinates(chain.nodes, problem.guess, problem.step)
-        if _largest(problem.x[:, 0]) < LAST_INCREMENT:
-            _equations(chain, problem, problem.guess)
-            return _largest(problem.y[:, 0]) < CLOSED
+        integrate_coordinates(chain.nodes, problem.guess, problem.step)
+        if _find_largest_magnitude(problem.x[:, 0]) < LAST_INCREMENT:
+            _fill_equations(chain, problem, problem.guess)
+            return _find_largest_magnitude(problem.y[:, 0]) < CLOSED
     return False
 
 
 @jit
-def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
+def find_branch(chain, problem, time, q, qd, qdd, condition, first):
     """Follow the branch from sample ``first`` - 1 on, then set all rates; return the first sample [-] that is not reached.
 
     Where all are reached it returns their number; only then are the rates set.
@@ -175,7 +175,7 @@ def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
     qd, qdd : (samples, nv) rates [rad/s], [rad/s^2], zeros where they are unknown
     condition : (samples,) an estimate of each condition number [-]; samples where it is infinite are left to others
     """
-    _equations(chain, problem, q[first - 1])
+    _fill_equations(chain, problem, q[first - 1])
     for k in range(first, q.shape[0]):  # Newton ends with the equations where it ends
         _copy(qd[k - 1], problem.step)
         for i in range(problem.unknown.shape[0]):
@@ -184,13 +184,13 @@ def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
             problem.y[r, 0] = 0.0
             for i in range(problem.step.shape[0]):
                 problem.y[r, 0] += problem.g[r, i] * problem.step[i] / problem.scale[r]
-        if not factor(problem):  # the closures do not tell the unknown rates
+        if not compute_qr(problem):  # the closures do not tell the unknown rates
             return k
         solve_factored(problem, problem.step)
         for i in range(problem.step.shape[0]):
             problem.step[i] *= time[k] - time[k - 1]
         _copy(q[k - 1], problem.guess)
-        step_coordinates(chain.nodes, problem.guess, problem.step)
+        integrate_coordinates(chain.nodes, problem.guess, problem.step)
         for i in range(problem.owner.shape[0]):
             if not problem.owner[i]:
                 problem.guess[i] = q[k, i]
@@ -203,14 +203,14 @@ def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
                 return k
         _copy(problem.guess, q[k])
     for k in range(q.shape[0]):
-        condition[k] = _set_rates(chain, problem, q[k], qd[k], qdd[k])
+        condition[k] = _solve_rates(chain, problem, q[k], qd[k], qdd[k])
         if problem.change.shape[0] > 0:
-            _set_change(problem, k)
+            _compute_change(problem, k)
     return q.shape[0]
 
 
 @jit_inner
-def _set_change(problem, k):
+def _compute_change(problem, k):
     """Set the change of G_u since the last call: |G_u - G_before|_F / |G_u|_F sqrt(columns)."""
     moved = size = 0.0
     for e in range(problem.fronts.entry.shape[0]):
@@ -224,25 +224,27 @@ def _set_change(problem, k):
 
 
 @jit_inner
-def _set_rates(chain, problem, q, qd, qdd):
+def _solve_rates(chain, problem, q, qd, qdd):
     """Set the unknown rates of one sample, zero on entry, from the closures; return an estimate of the condition number."""
     move_nodes(chain.nodes, q, qd, qdd, chain.joints, chain.frames)
-    closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, problem.g)
-    _set_matrix(problem)
-    if not factor(problem):
+    fill_closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, problem.g)
+    _fill_matrix(problem)
+    if not compute_qr(problem):
         return np.inf
     for order in range(1, 3):
         if order == 2:
             move_nodes(chain.nodes, q, qd, qdd, chain.joints, chain.frames)
-            closure_residuals(chain.rows, chain.frames, chain.phi)
+            fill_closure_residuals(chain.rows, chain.frames, chain.phi)
         for k in range(problem.scale.shape[0]):
-            problem.y[k, 0] = (chain.phi[k, order] + geared(k, chain.rows, q, qd, qdd)[order]) / problem.scale[k]
+            problem.y[k, 0] = (
+                chain.phi[k, order] + compute_coupling_terms(k, chain.rows, q, qd, qdd)[order]
+            ) / problem.scale[k]
         solve_factored(problem, qd if order == 1 else qdd)
     return compute_condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
 
 
 @jit_inner
-def _hold(worst, at, kind, value, s, k, size):
+def _update_largest_residual(worst, at, kind, value, s, k, size):
     """Remember the largest residual of one kind, where it is, and the largest size that it is held against."""
     if not value <= worst[kind, 0]:  # a NaN is the largest
         worst[kind, 0] = value
@@ -252,7 +254,7 @@ def _hold(worst, at, kind, value, s, k, size):
 
 
 @jit
-def jacobian_and_residuals(chain, scale, motion, given, g, worst, at):
+def evaluate_jacobians(chain, scale, motion, given, g, worst, at):
     """Set G (samples, rows, nv) [m/rad], [-], zero on entry, of a motion that is given, and how far it is from closed.
 
     motion : of all nodes in the world, (samples, nodes, ...) [m, rad, s], which is set, or room for one sample
@@ -264,12 +266,12 @@ def jacobian_and_residuals(chain, scale, motion, given, g, worst, at):
     keeps = motion.x.shape[0] > 1
     q, qd, qdd = given
     for s in range(q.shape[0]):
-        frames = frames_at(motion, s if keeps else 0)
+        frames = take_sample(motion, s if keeps else 0)
         move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)
-        closure_rows(chain.nodes, rows, frames, chain.phi, g[s])
+        fill_closure_rows(chain.nodes, rows, frames, chain.phi, g[s])
         for k in range(scale.shape[0]):
             one = chain.phi[k]
-            two = geared(k, rows, q[s], qd[s], qdd[s])
+            two = compute_coupling_terms(k, rows, q[s], qd[s], qdd[s])
             phi = one[0] + two[0]
             rate = one[1] + two[1]
             second = one[2] + two[2]
@@ -278,6 +280,8 @@ def jacobian_and_residuals(chain, scale, motion, given, g, worst, at):
                 speed += abs(g[s, k, i] * qd[s, i])
                 size += abs(g[s, k, i] * qdd[s, i])
                 turning += g[s, k, i] * qdd[s, i]
-            _hold(worst, at, 0, abs(phi) / scale[k], s, k, 1.0)
-            _hold(worst, at, 1, abs(rate) / scale[k], s, k, speed / scale[k])
-            _hold(worst, at, 2, abs(second) / scale[k], s, k, (size + abs(second - turning)) / scale[k])
+            _update_largest_residual(worst, at, 0, abs(phi) / scale[k], s, k, 1.0)
+            _update_largest_residual(worst, at, 1, abs(rate) / scale[k], s, k, speed / scale[k])
+            _update_largest_residual(
+                worst, at, 2, abs(second) / scale[k], s, k, (size + abs(second - turning)) / scale[k]
+            )

@@ -19,7 +19,7 @@ from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
-from flexinv.kinematics.tree import frames_at
+from flexinv.kinematics.tree import take_sample
 from flexinv.typing import Array, Mask
 
 
@@ -68,7 +68,7 @@ class Rows(NamedTuple):
 
 
 @jit_inner
-def fixed(frames, n, vector):
+def compute_fixed_vector(frames, n, vector):
     """Return a vector [m], [-] fixed in node n (-1: the world) and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
     if n < 0:
         return vector, ZERO, ZERO
@@ -80,33 +80,33 @@ def fixed(frames, n, vector):
 
 
 @jit_inner
-def point_motion(frames, n, place):
+def compute_point_motion(frames, n, place):
     """Return a point fixed in node n [m], its velocity and its acceleration."""
-    x, v, a = fixed(frames, n, place)
+    x, v, a = compute_fixed_vector(frames, n, place)
     if n < 0:
         return x, v, a
     return add(vec(frames.x[n]), x), add(vec(frames.v[n]), v), add(vec(frames.a[n]), a)
 
 
 @jit_inner
-def gap(frames, a, b, place_a, place_b):
+def compute_gap(frames, a, b, place_a, place_b):
     """Return the vector from a point of node a to a point of node b [m] and its two rates, world axes."""
-    xa = point_motion(frames, a, place_a)
-    xb = point_motion(frames, b, place_b)
+    xa = compute_point_motion(frames, a, place_a)
+    xb = compute_point_motion(frames, b, place_b)
     return sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
 
 
 @jit_inner
-def _axes(frames, n):
+def _read_axes(frames, n):
     """Axes of node n in the world."""
     return mat(frames.r[n]) if n >= 0 else EYE
 
 
 @jit_inner
-def _place_seen(k, rows, frames):
+def _compute_relative_place(k, rows, frames):
     """Place of frame B seen from frame A, R_A^T d, and its two rates there."""
     a = rows.a[k]
-    d, d1, d2 = gap(frames, a, rows.b[k], vec(rows.place_a[k]), vec(rows.place_b[k]))
+    d, d1, d2 = compute_gap(frames, a, rows.b[k], vec(rows.place_a[k]), vec(rows.place_b[k]))
     if a < 0:
         return d, d1, d2
     r = mat(frames.r[a])
@@ -124,8 +124,8 @@ def _turn_seen(k, rows, frames):
     """Axes of frame B seen from frame A, its angular velocity there, and the rate of that."""
     a = rows.a[k]
     b = rows.b[k]
-    r = _axes(frames, a)
-    s = _axes(frames, b)
+    r = _read_axes(frames, a)
+    s = _read_axes(frames, b)
     w, al = (vec(frames.w[b]), vec(frames.al[b])) if b >= 0 else (ZERO, ZERO)
     w = tapply(r, apply(s, w))
     al = tapply(r, apply(s, al))
@@ -137,7 +137,7 @@ def _turn_seen(k, rows, frames):
 
 
 @jit_inner
-def _set_residuals(k, rows, place, turned, phi):
+def _fill_residuals(k, rows, place, turned, phi):
     """Set phi, phi' and phi'' of the rows of one closure."""
     r, w, al = turned
     for i in range(k, rows.last[k]):
@@ -151,16 +151,16 @@ def _set_residuals(k, rows, place, turned, phi):
 
 
 @jit_inner
-def closure_residuals(rows, frames, phi):
-    """Set phi = u . w [m], [-], phi' and phi'' (rows, 3) of all rows, those of couplings to zero (`geared`)."""
+def fill_closure_residuals(rows, frames, phi):
+    """Set phi = u . w [m], [-], phi' and phi'' (rows, 3) of all rows, those of couplings to zero (`compute_coupling_terms`)."""
     k = 0
     while k < rows.a.shape[0]:
-        _set_residuals(k, rows, _place_seen(k, rows, frames), _turn_seen(k, rows, frames), phi)
+        _fill_residuals(k, rows, _compute_relative_place(k, rows, frames), _turn_seen(k, rows, frames), phi)
         k = rows.last[k]
 
 
 @jit_inner
-def geared(k, rows, q, qd, qdd):
+def compute_coupling_terms(k, rows, q, qd, qdd):
     """Return the terms of a coupling of joint coordinates in row k: sum gear q - offset [rad], [m], and its two rates."""
     if rows.a[k] >= 0 or rows.b[k] >= 0:
         return 0.0, 0.0, 0.0
@@ -176,7 +176,7 @@ def geared(k, rows, q, qd, qdd):
 
 
 @jit_inner
-def _set_joint(nodes, rows, frames, n, sign, seen, g):
+def _fill_joint_columns(nodes, rows, frames, n, sign, seen, g):
     """Set what the joint of node n does to the rows of a closure; ``seen``: first row, axes of A, place of B, rows' vectors."""
     k, axes, place, along = seen
     r = mat(frames.r[n])
@@ -190,8 +190,8 @@ def _set_joint(nodes, rows, frames, n, sign, seen, g):
 
 
 @jit_inner
-def closure_rows(nodes, rows, frames, phi, g):
-    """Set phi (rows, 3) as `closure_residuals`, and entries of G (rows, nv) [m/rad], [-], phi' = G qd.
+def fill_closure_rows(nodes, rows, frames, phi, g):
+    """Set phi (rows, 3) as `fill_closure_residuals`, and entries of G (rows, nv) [m/rad], [-], phi' = G qd.
 
     Each row of G is the joint efforts of a unit multiplier.  Joints between the two frames of a closure have entries, and those
     of couplings; others are left alone, and are zero.
@@ -208,24 +208,24 @@ def closure_rows(nodes, rows, frames, phi, g):
         for i in range(k, rows.last[k]):  # what an angular velocity, or a velocity, of B has a part in
             u = vec(rows.u[i])
             put(phi[i], 0, cross(apply(turned[0], vec(rows.w[i])), u) if rows.direction[i] else u)
-        place, _, _ = point_motion(frames, b, vec(rows.place_b[k]))
-        seen = k, _axes(frames, a), place, phi
+        place, _, _ = compute_point_motion(frames, b, vec(rows.place_b[k]))
+        seen = k, _read_axes(frames, a), place, phi
         while a != b:  # parents come before their children: both ways end where they meet
             if a > b:
-                _set_joint(nodes, rows, frames, a, -1.0, seen, g)
+                _fill_joint_columns(nodes, rows, frames, a, -1.0, seen, g)
                 a = nodes.parent[a]
             else:
-                _set_joint(nodes, rows, frames, b, 1.0, seen, g)
+                _fill_joint_columns(nodes, rows, frames, b, 1.0, seen, g)
                 b = nodes.parent[b]
-        _set_residuals(k, rows, _place_seen(k, rows, frames), turned, phi)
+        _fill_residuals(k, rows, _compute_relative_place(k, rows, frames), turned, phi)
         k = rows.last[k]
 
 
 @jit
-def closure_samples(nodes, rows, frames, phi, g):
-    """Set phi (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `closure_rows` from the nodes' motion [m], [-]."""
+def fill_closure_samples(nodes, rows, frames, phi, g):
+    """Set phi (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `fill_closure_rows` from the nodes' motion [m], [-]."""
     for s in range(g.shape[0]):
-        closure_rows(nodes, rows, frames_at(frames, s), phi[s], g[s])
+        fill_closure_rows(nodes, rows, take_sample(frames, s), phi[s], g[s])
 
 
 @send_by_address
@@ -242,17 +242,17 @@ class Ends(NamedTuple):
 
 
 @jit
-def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
+def add_closure_forces(rows, ends, frames, multipliers, force, moment, wrench):
     """Add what multipliers (samples, rows) [N], [N m] do to nodes, and set what each closure does to the second of its links.
 
     force, moment : (samples, nodes, 3) on the nodes, about them (world)
     wrench : (closures, samples, 6), zero on entry, force and moment at the closures' ends, in the axes there
     """
     for s in range(multipliers.shape[0]):
-        f = frames_at(frames, s)
+        f = take_sample(frames, s)
         k = 0
         while k < rows.a.shape[0]:
-            push, on_a, on_b = _wrenches(k, rows, f, multipliers[s])
+            push, on_a, on_b = _compute_wrenches(k, rows, f, multipliers[s])
             if rows.b[k] >= 0:
                 add_to(force[s, rows.b[k]], 0, push)
                 add_to(moment[s, rows.b[k]], 0, on_b)
@@ -275,12 +275,12 @@ def closing_samples(rows, ends, frames, multipliers, force, moment, wrench):
 
 
 @jit_inner
-def _wrenches(k, rows, frames, multipliers):
+def _compute_wrenches(k, rows, frames, multipliers):
     """Force on the second node, and moments on the first and on the second, of one closure's rows (world, about the nodes)."""
     a = rows.a[k]
     b = rows.b[k]
-    axes = _axes(frames, a)
-    turned = tmul(axes, _axes(frames, b))
+    axes = _read_axes(frames, a)
+    turned = tmul(axes, _read_axes(frames, b))
     push = ZERO
     turn = ZERO
     for i in range(k, rows.last[k]):
@@ -291,7 +291,7 @@ def _wrenches(k, rows, frames, multipliers):
             push = add(push, scale(multipliers[i], u))
     push = apply(axes, push)
     turn = apply(axes, turn)
-    at_b, _, _ = point_motion(frames, b, vec(rows.place_b[k]))
+    at_b, _, _ = compute_point_motion(frames, b, vec(rows.place_b[k]))
     arm_a = sub(at_b, vec(frames.x[a])) if a >= 0 else at_b
     arm_b = sub(at_b, vec(frames.x[b])) if b >= 0 else at_b
     return push, sub(cross(push, arm_a), turn), add(turn, cross(arm_b, push))

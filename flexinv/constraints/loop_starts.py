@@ -11,14 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexinv.constraints.allocation import STILL_RATE, ranks
-from flexinv.constraints.closures import Rows, acting, constraint_rows, measures
-from flexinv.constraints.continuation import Follower, close_rates, closed_start, start_follower
+from flexinv.constraints.allocation import STILL_RATE, count_ranks
+from flexinv.constraints.closures import Rows, build_constraint_rows, find_acting_closures, list_velocity_scales
+from flexinv.constraints.continuation import Follower, build_start_follower, close_rates, solve_closed_start
 from flexinv.constraints.joint_words import find_owner, find_place, write_numbers, write_start, write_unit, write_value
 from flexinv.constraints.open_loops import TRIES, find_nearest_closed
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import moved, nearest_difference, slides
+from flexinv.kinematics.nodal_motion import (
+    compute_nearest_difference,
+    integrate_configuration,
+    list_sliding_coordinates,
+)
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
@@ -62,28 +66,28 @@ class Stated:
         all_ = off.max(initial=0.0)
         return max(drives / TYPED_DIGITS - 1.0, 0.0), max(all_ / self.place - 1.0, 0.0), all_
 
-    def sets(self, stated: Mask) -> list[Mask]:
+    def list_movable_sets(self, stated: Mask) -> list[Mask]:
         """Return masks (nv,) of the coordinates that may move, in the order in which they are tried [-]."""
         order = (self.passive & ~stated, ~stated, self.passive, ~stated | self.passive, np.ones_like(stated))
         return [one for k, one in enumerate(order) if not any((one == other).all() for other in order[:k])]
 
 
-def consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
+def find_consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
     Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.
     """
-    sets = given.sets(given.places)
-    if (q := _placed(mesh, given, rows, sets)) is None:
+    sets = given.list_movable_sets(given.places)
+    if (q := _find_configuration(mesh, given, rows, sets)) is None:
         Follower(mesh, rows, sets[-1]).start(time, given.q)  # says which closure stays open
         raise AssertionError("the loops close from the start")
-    off = off_start(mesh, given.places, given.q, q)
+    off = compute_start_offset(mesh, given.places, given.q, q)
     if given.missed(off)[:2] != (0.0, 0.0):
-        raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
+        raise _make_contradiction_error(mesh, "start", given.places, given.q, q, off, time)
     qd = given.qd.copy()
     qdd = given.qdd.copy()
-    close_rates(mesh, rows, q, qd, qdd, given.sets(given.rates), orders=(1,))
+    close_rates(mesh, rows, q, qd, qdd, given.list_movable_sets(given.rates), orders=(1,))
     check_rates(mesh, given.rates, given.qd, qd, time, given.rate)
-    close_rates(mesh, rows, q, qd, qdd, given.sets(np.zeros_like(given.rates)), orders=(2,))
+    close_rates(mesh, rows, q, qd, qdd, given.list_movable_sets(np.zeros_like(given.rates)), orders=(2,))
     return q, qd, qdd
 
 
@@ -92,30 +96,32 @@ def check_static(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array,
 
     begun (nq,), rate (nv,) : unbent; q (nq,), qd (nv,) : at rest under gravity and loads [rad], [m], [1/s]
     """
-    off = np.minimum(*(off_start(mesh, given.places, given.q, one) for one in (begun, q)))
+    off = np.minimum(*(compute_start_offset(mesh, given.places, given.q, one) for one in (begun, q)))
     if off.max(initial=0.0) > TYPED_DIGITS:
-        raise _contradicted(mesh, "start", given.places, given.q, q, off, time)
+        raise _make_contradiction_error(mesh, "start", given.places, given.q, q, off, time)
     nearer = np.where(np.abs(rate - given.qd) < np.abs(qd - given.qd), rate, qd)
     check_rates(mesh, given.rates, given.qd, nearer, time)
 
 
-def off_start(mesh: Mesh, stated: Mask, guess: Array, q: Array) -> Array:
+def compute_start_offset(mesh: Mesh, stated: Mask, guess: Array, q: Array) -> Array:
     """Return the distance of q from a guess (nq,) where that is stated, else 0, (nv,) [rad], of the mechanism's length."""
-    return np.where(stated, np.abs(nearest_difference(mesh.mechanism, guess, q)) / measures(mesh), 0.0)
+    return np.where(
+        stated, np.abs(compute_nearest_difference(mesh.mechanism, guess, q)) / list_velocity_scales(mesh), 0.0
+    )
 
 
-def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Array | None:
+def _find_configuration(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Array | None:
     """The closed configuration (nq,) that keeps what is stated, or comes nearest to it.
 
     Newton sets out from the start, and from where what is not stated has been brought as close to closed as it can be; where that
     keeps not all, one joint after the other is held alone.
     """
     best: tuple[tuple[float, float, float], Array] | None = None
-    for held, free in _attempts(mesh, given, rows, sets):
+    for held, free in _list_attempts(mesh, given, rows, sets):
         if (q := Follower(mesh, rows, free).solve(held)) is None:
             continue
-        q = unwound(mesh.mechanism, given.q, q)
-        missed = given.missed(off_start(mesh, given.places, given.q, q))
+        q = convert_to_nearest_turn(mesh.mechanism, given.q, q)
+        missed = given.missed(compute_start_offset(mesh, given.places, given.q, q))
         if best is None or missed < best[0]:
             best = missed, q
         if missed[:2] == (0.0, 0.0):
@@ -123,7 +129,7 @@ def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Arra
     return None if best is None else best[1]
 
 
-def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
+def _list_attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
     """Return the start of Newton's iteration (nq,), and which coordinates (nv,) it moves."""
     m = mesh.mechanism
     every = sets[-1]
@@ -134,13 +140,13 @@ def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> It
             held = find_nearest_closed(replace(follower, unknown=every & ~given.places), given.q)
         yield held, free
     for joint in m.joints:
-        own = stated_of(m, {joint.name}) & given.places & given.passive
+        own = build_joint_mask(m, {joint.name}) & given.places & given.passive
         if own.any():
             moves = (given.passive | ~given.places) & every
             yield find_nearest_closed(replace(follower, unknown=moves & ~own), given.q), moves
 
 
-def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
+def convert_to_nearest_turn(mechanism: Mechanism, guess: Array, q: Array) -> Array:
     """Return q (nq,) [rad], [m] with joints that turn within half a turn of a guess (nq,), but for those in couplings."""
     out = q.copy()
     geared = {name for c in mechanism.closures for name, _ in c.factors}
@@ -153,24 +159,26 @@ def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
 
 
 @kept_with_owner()
-def picked_start(mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array, qd: Array, qdd: Array) -> Array | None:
+def find_picked_start(
+    mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array, qd: Array, qdd: Array
+) -> Array | None:
     """Return the closed q (nq,) [rad], [m] on the branch that a start picks, None where Newton finds it from there.
 
     passive : (nv,) coordinates that no motion gives, at their start if it is stated; q, qd, qdd : of all joints at a time [s]
     """
-    rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
+    rows = build_constraint_rows(mesh).of(find_acting_closures(mesh.mechanism, time))
     given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH)
     follower = Follower(mesh, rows, passive)
     if follower.closed(q, qd, qdd) is None and follower.solve(q) is None:
-        return _placed(mesh, given, rows, [passive])
-    plain = closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
-    near = unwound(mesh.mechanism, q, plain)
-    if off_start(mesh, given.places, q, plain).max(initial=0.0) <= SAME_BRANCH:
+        return _find_configuration(mesh, given, rows, [passive])
+    plain = solve_closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
+    near = convert_to_nearest_turn(mesh.mechanism, q, plain)
+    if compute_start_offset(mesh, given.places, q, plain).max(initial=0.0) <= SAME_BRANCH:
         return None if np.allclose(near, plain, rtol=0.0, atol=ANOTHER_BRANCH) else near
-    return _placed(mesh, given, rows, [passive])
+    return _find_configuration(mesh, given, rows, [passive])
 
 
-def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
+def find_closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     """Return the configuration (nq,) [rad], [m] closed at t = 0 with drives at q (nq,), and of those the nearest to q.
 
     drives_move : where the joints without drives cannot close the loops (there may be none), drives do, by what is rounded away
@@ -178,19 +186,21 @@ def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     """
     m = mesh.mechanism
     rest = np.zeros(mesh.mechanism.nv)
-    follower = start_follower(mesh)
-    passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
+    follower = build_start_follower(mesh)
+    passive = build_joint_mask(m, {j.name for j in m.joints if not j.actuated})
     every = follower.unknown
     given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
-    if (found := _placed(mesh, given, follower.rows, [passive, every] if drives_move else [passive])) is None:
+    if (
+        found := _find_configuration(mesh, given, follower.rows, [passive, every] if drives_move else [passive])
+    ) is None:
         return follower.start(0.0, q) if drives_move else q
-    off = off_start(mesh, ~passive, q, found)
+    off = compute_start_offset(mesh, ~passive, q, found)
     if off.max(initial=0.0) > TYPED_DIGITS:
-        raise _contradicted(mesh, "q", ~passive, q, found, off, 0.0)
+        raise _make_contradiction_error(mesh, "q", ~passive, q, found, off, 0.0)
     return found
 
 
-def closed_anywhere(mesh: Mesh, q: Array) -> Array:
+def find_closed_anywhere(mesh: Mesh, q: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0: near q, or where joints stand anywhere.
 
     Of several places the one whose closures are of the largest rank: which of them Newton finds first, rounding decides, and a
@@ -199,35 +209,37 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     """
     m = mesh.mechanism
     random = np.random.default_rng(1)
-    follower = start_follower(mesh)
+    follower = build_start_follower(mesh)
     near = follower.solve(q)
     if near is not None:
         return near
     found: list[Array] = []
     for _ in range(TRIES):
         place = follower.solve(
-            find_nearest_closed(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv)))
+            find_nearest_closed(
+                follower, integrate_configuration(m, q, list_velocity_scales(mesh) * random.uniform(-1.0, 1.0, m.nv))
+            )
         )
         found += [place] if place is not None else []
         if len(found) == CLOSED_PLACES:
             break
     if not found:
         return follower.start(0.0, q)
-    return max(found, key=lambda place: int(ranks(np.linalg.svd(follower.closures(place)[1], compute_uv=False))))
+    return max(found, key=lambda place: int(count_ranks(np.linalg.svd(follower.closures(place)[1], compute_uv=False))))
 
 
-def places_near(mesh: Mesh, q: Array) -> list[Array]:
+def list_closed_nearby(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
     m = mesh.mechanism
     random = np.random.default_rng(1)
-    follower = start_follower(mesh)
+    follower = build_start_follower(mesh)
     found = []
     _, values, right = np.linalg.svd(follower.closures(q)[1])
-    allowed = right[int(ranks(values)) if len(values) else 0 :]
+    allowed = right[int(count_ranks(values)) if len(values) else 0 :]
     for size in AWAY if len(allowed) else ():
         along = allowed.T @ random.normal(size=len(allowed))
-        step = size * measures(mesh) * along / np.abs(along).max()
-        if (place := follower.solve(moved(m, q, step))) is not None:
+        step = size * list_velocity_scales(mesh) * along / np.abs(along).max()
+        if (place := follower.solve(integrate_configuration(m, q, step))) is not None:
             found.append(place)
     return found
 
@@ -235,12 +247,12 @@ def places_near(mesh: Mesh, q: Array) -> list[Array]:
 def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> None:
     """Raise ConvergenceError unless the joints ``names``, whose start was stated, are found near their guess (nq,) [rad], [m]."""
     m = mesh.mechanism
-    off = off_start(mesh, stated_of(m, names), guess, q)
-    most = np.where(slides(m), 0.5 * ANOTHER_BRANCH, ANOTHER_BRANCH)
+    off = compute_start_offset(mesh, build_joint_mask(m, names), guess, q)
+    most = np.where(list_sliding_coordinates(m), 0.5 * ANOTHER_BRANCH, ANOTHER_BRANCH)
     worst = int(np.argmax(off / most)) if off.size else 0
     if off.size and not off[worst] <= most[worst]:
         raise ConvergenceError(
-            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(find_owner(m, worst), m, guess, q)}; "
+            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_describe_distance(find_owner(m, worst), m, guess, q)}; "
             "give starts of the passive joints that belong together, start = {...}; nearest is "
             + write_start(m, [j.name for j in m.joints if j.name in names], q, places=True)
         )
@@ -252,15 +264,15 @@ def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, 
     most : how far they may be from them, over the largest [-]
     """
     m = mesh.mechanism
-    unit = measures(mesh)
+    unit = list_velocity_scales(mesh)
     off = np.where(stated, np.abs(qd - given) / unit, 0.0)
     # a pendulum of the mechanism's length tells slow from fast
     still = STILL_RATE * max(1.0, float(np.sqrt(np.linalg.norm(m.gravity) / mesh.length)))
     if not off.max(initial=0.0) <= still + most * np.abs(np.where(stated, given, 0.0) / unit).max(initial=0.0):
-        raise _contradicted(mesh, "start_rate", stated, given, qd, off, time)
+        raise _make_contradiction_error(mesh, "start_rate", stated, given, qd, off, time)
 
 
-def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
+def build_joint_mask(mechanism: Mechanism, names: Collection[str]) -> Mask:
     """Return a mask (nv,) [-] of the velocity coordinates of the named joints."""
     return np.array([j.name in names for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
 
@@ -268,7 +280,7 @@ def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
 # ------------------------------------------------------------------------------------------------- what errors say
 
 
-def _contradicted(
+def _make_contradiction_error(
     mesh: Mesh, argument: str, stated: Mask, given: Array, found: Array, off: Array, time: float
 ) -> InputError:
     """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``found``."""
@@ -286,13 +298,13 @@ def _contradicted(
     )
 
 
-def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
+def _describe_distance(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     """Return the position of a joint and its distance from its start, in words."""
     own = mechanism.q_slices[joint.name]
     kind = KINDS[joint.kind]
     a = find_place(joint, guess[own])
     b = find_place(joint, q[own])
-    d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
+    d = compute_nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
     if kind.scalar and not any(kind.translations):
         start, now, off = np.degrees([part[int(np.argmax(np.abs(d)))] for part in (a, b, d)])
         return f"joint '{joint.name}' at {now:.1f} deg, {abs(off):.0f} deg from its start of {start:.1f} deg"

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexinv.constraints.closures import measures
+from flexinv.constraints.closures import list_velocity_scales
 from flexinv.constraints.joint_words import write_start
 from flexinv.errors import OpenLoops
-from flexinv.kinematics.nodal_motion import moved
+from flexinv.kinematics.nodal_motion import integrate_configuration
 from flexinv.typing import Array
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ GIVE_Q = "give q, a configuration near one in which they close"
 
 
 @contextmanager
-def advising(advice: str | Callable[[], str]) -> Iterator[None]:
+def replace_advice(advice: str | Callable[[], str]) -> Iterator[None]:
     """Say another advice where loops do not close, for verbs and commands whose configuration is not called ``start``.
 
     advice : or a function that returns it, where it costs something
@@ -47,7 +47,7 @@ def advising(advice: str | Callable[[], str]) -> Iterator[None]:
 def find_nearest_closed(follower: Follower, q: Array) -> Array:
     """Return q (nq,) [rad], [m] with loops as close to closed as the unknown coordinates bring them, by damped least squares."""
     m = follower.mesh.mechanism
-    sizes = measures(follower.mesh)
+    sizes = list_velocity_scales(follower.mesh)
     damping = 1e-3
     free = follower.unknown
     phi, g = follower.closures(q)
@@ -58,7 +58,7 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
         normal[np.diag_indices_from(normal)] += damping * max(normal.diagonal().max(), np.finfo(float).tiny)
         step[free] = -np.linalg.solve(normal, a.T @ phi)
         step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), SMALL_STEP))
-        tried = moved(m, q, sizes * step)
+        tried = integrate_configuration(m, q, sizes * step)
         found, gradient = follower.closures(tried)
         if not found @ found < phi @ phi:
             damping *= 8.0
@@ -72,19 +72,19 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
     return q
 
 
-def explain_open(follower: Follower, time: float, guess: Array) -> OpenLoops:
+def make_open_loops_error(follower: Follower, time: float, guess: Array) -> OpenLoops:
     """Return the error for loops that do not close from a guess (nq,) [rad], [m]: which stays open, why, and what to write."""
     m = follower.mesh.mechanism
     unknown = follower.unknown
-    said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({_gap(follower, guess)})"
+    said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({_describe_largest_gap(follower, guess)})"
     own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
-    closed, nearest = _search(follower, guess)
+    closed, nearest = _find_closed(follower, guess)
     if closed is not None:
         example = write_start(m, own, closed, True)
         return OpenLoops(said, f"give a guess of these joints from which they close: start = {example}", example)
-    every = follower.with_unknown(np.ones_like(unknown))
+    every = follower.replace_unknown(np.ones_like(unknown))
     if not unknown.all():
-        closed, nearest = _search(every, guess)
+        closed, nearest = _find_closed(every, guess)
     if closed is not None:
         held = [joint.name for joint in m.joints if joint.nv and joint.name not in own]
         fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
@@ -96,20 +96,20 @@ def explain_open(follower: Follower, time: float, guess: Array) -> OpenLoops:
     bend = " unless links bend; a march begins with links unbent" if m.beams else ""
     return OpenLoops(
         said,
-        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {_gap(every, nearest)}; change lengths or "
+        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {_describe_largest_gap(every, nearest)}; change lengths or "
         "placements of links by that much, or tie the two ends by a spring instead of a closure",
     )
 
 
-def _search(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
+def _find_closed(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
     """A closed configuration (nq,) from the guess or random ones, None where none is found; and the nearest to closed."""
     m = follower.mesh.mechanism
     random = np.random.default_rng(1)
     nearest = guess
     least = np.inf
-    sizes = np.where(follower.unknown, measures(follower.mesh), 0.0)
+    sizes = np.where(follower.unknown, list_velocity_scales(follower.mesh), 0.0)
     for k in range(TRIES + 1):
-        begin = guess if k == 0 else moved(m, guess, sizes * random.uniform(-np.pi, np.pi, m.nv))
+        begin = guess if k == 0 else integrate_configuration(m, guess, sizes * random.uniform(-np.pi, np.pi, m.nv))
         near = find_nearest_closed(follower, begin)
         if (found := follower.solve(near)) is not None:
             return found, found
@@ -119,7 +119,7 @@ def _search(follower: Follower, guess: Array) -> tuple[Array | None, Array]:
     return None, nearest
 
 
-def _gap(follower: Follower, q: Array) -> str:
+def _describe_largest_gap(follower: Follower, q: Array) -> str:
     """The closure that is open most, and its gap."""
     phi = np.abs(follower.closures(q)[0])
     rows = follower.rows

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexinv.constraints.closures import Rows, Stretch, closed_rows
-from flexinv.constraints.equations import Ends, closing_samples
+from flexinv.constraints.closures import Rows, Stretch, evaluate_closures
+from flexinv.constraints.equations import Ends, add_closure_forces
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, compute_projected_efforts
 from flexinv.kernels.memory import make_contiguous
-from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
 from flexinv.model.owned_cache import kept_with_owner
@@ -49,7 +49,7 @@ class Impact:
     energy: float
 
 
-def closure_wrenches(
+def compute_closure_wrenches(
     mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array
 ) -> tuple[NodalForces, dict[str, Array]]:
     """Return the nodal forces [N], [N m] of multipliers, and by closures what each exerts on its second link.
@@ -60,29 +60,31 @@ def closure_wrenches(
     closures = mesh.mechanism.closures
     force, moment = np.zeros((2, *motion.x.shape))
     wrench = np.zeros((len(closures), len(motion.x), 6))
-    closing_samples(rows, _ends(mesh), motion.frames, make_contiguous(multipliers), force, moment, wrench)
+    add_closure_forces(rows, _list_end_frames(mesh), motion.frames, make_contiguous(multipliers), force, moment, wrench)
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 
 
-def phased_closing(
+def compute_phased_wrenches(
     mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array
 ) -> tuple[NodalForces, dict[str, Array]]:
-    """Return the nodal forces and wrenches of `closure_wrenches` [N], [N m], with the frames of each phase."""
+    """Return the nodal forces and wrenches of `compute_closure_wrenches` [N], [N m], with the frames of each phase."""
     if len(stretches) == 1:
-        return closure_wrenches(mesh, motion, stretches[0].rows, multipliers)
-    parts = [closure_wrenches(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
+        return compute_closure_wrenches(mesh, motion, stretches[0].rows, multipliers)
+    parts = [compute_closure_wrenches(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
     force, moment = (np.concatenate([getattr(own, name) for own, _ in parts]) for name in ("force", "moment"))
     return NodalForces(force, moment), {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
 
 
 @kept_with_owner()
-def _ends(mesh: Mesh) -> Ends:
+def _list_end_frames(mesh: Mesh) -> Ends:
     """Return the frames in which the closures report their wrenches; couplings have none, node -1."""
     closures = mesh.mechanism.closures
     second = np.array([c.second.link != WORLD for c in closures], dtype=bool)
     ends = [c.second if of_second else c.first for c, of_second in zip(closures, second, strict=True)]
-    node = [-1 if c.kind == "coupling" else attachment_node(mesh, at) for c, at in zip(closures, ends, strict=True)]
+    node = [
+        -1 if c.kind == "coupling" else find_attachment_node(mesh, at) for c, at in zip(closures, ends, strict=True)
+    ]
     place, turn = (np.array([getattr(at.placement, name) for at in ends]) for name in ("position", "rotation"))
     return Ends(np.array(node, dtype=np.int64), second, place.reshape(-1, 3), turn.reshape(-1, 3, 3))
 
@@ -95,7 +97,7 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     """
     m = mesh.mechanism
     scale = np.where(rows.direction, 1.0, mesh.length)
-    apart, rate = np.abs(closed_rows(mesh, motion, rows)[0][0, :, :2].T) / scale
+    apart, rate = np.abs(evaluate_closures(mesh, motion, rows)[0][0, :, :2].T) / scale
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):
         closure = m.closures[int(index)]
@@ -117,7 +119,7 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
             )
 
 
-def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | None = None) -> Array:
+def compute_impulses(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | None = None) -> Array:
     """Return the impulse along every joint coordinate, (nv,) [N m s], [N s], as inverse dynamics of a jump of velocity gives it.
 
     pushed : impulses of the closures on the nodes; without them before drives and closures share it
@@ -133,19 +135,21 @@ def jump_efforts(mesh: Mesh, sides: tuple[Side, Side], pushed: NodalForces | Non
     return np.asarray(tau + mesh.mechanism.drive_table[0] * (after - before))  # with the rotors
 
 
-def impact_of(
+def make_impact(
     mesh: Mesh, rows: Rows, begins: Mask, sides: tuple[Side, Side], torque: Array, multipliers: Array, time: float
 ) -> Impact:
     """Return the impact [N s], [N m s], [J] at an instant [s] from the impulses of the drives (nv,) and of the rows (rows,)."""
     (one, before), (two, after) = sides
     work = float(torque @ (before + after)) / 2
-    lost = _kinetic_energy(mesh, one, before) - _kinetic_energy(mesh, two, after) + work
-    reaction = {name: values[0] for name, values in closure_wrenches(mesh, two, rows, multipliers[None])[1].items()}
+    lost = _compute_kinetic_energy(mesh, one, before) - _compute_kinetic_energy(mesh, two, after) + work
+    reaction = {
+        name: values[0] for name, values in compute_closure_wrenches(mesh, two, rows, multipliers[None])[1].items()
+    }
     names = tuple(c.name for c, begun in zip(mesh.mechanism.closures, begins, strict=True) if begun)
     return Impact(time, names, torque, reaction, work, lost)
 
 
-def _kinetic_energy(mesh: Mesh, motion: NodalMotion, qd: Array) -> float:
+def _compute_kinetic_energy(mesh: Mesh, motion: NodalMotion, qd: Array) -> float:
     """Kinetic energy [J] of nodes and rotors at one instant."""
     moving = np.einsum("n,ni,ni->", mesh.mass, motion.v[0], motion.v[0])
     turning = np.einsum("nij,ni,nj->", mesh.inertia, motion.omega[0], motion.omega[0])

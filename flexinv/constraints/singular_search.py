@@ -43,7 +43,7 @@ class Branch:
     knots: tuple[float, ...] = ()
     coordinate: Callable[[Array], Array] | None = None
 
-    def through(self, times: Array, start: Array) -> tuple[Array, Array]:
+    def evaluate_jacobians(self, times: Array, start: Array) -> tuple[Array, Array]:
         """Return q (m, nq) [rad], [m] and G (m, rows, columns) [-] at the times [s] that are reached from ``start`` (nq,)."""
         places = self.follow(times, start)
         return places, self.matrices(places)
@@ -105,7 +105,7 @@ def find_singular(
     if len(intervals) == 0:
         return None
     done = np.cumsum(change)
-    for k in intervals[_left(branch, q, intervals, reach + bend)].tolist():
+    for k in intervals[_find_doubtful_intervals(branch, q, intervals, reach + bend)].tolist():
         found = _within(branch, time, q, done, k)
         if found is not None:
             return found
@@ -123,7 +123,7 @@ def find_within(branch: Branch, time: Array, q: Array, change: Array, k: int) ->
 def _within(branch: Branch, time: Array, q: Array, done: Array, k: int) -> float | None:
     """As `find_within`, with the change of G up to each sample (samples,) [-]."""
     earlier = max(int(np.searchsorted(done, done[k] - REGULAR, side="right")) - 1, 0)
-    return _search(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
+    return _find_in_interval(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
 
 
 def _largest_nearby(change: Array) -> Array:
@@ -136,7 +136,7 @@ def _largest_nearby(change: Array) -> Array:
     return np.asarray(np.maximum(np.maximum(wide[:-2], wide[2:]), change))
 
 
-def _left(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) -> Mask:
+def _find_doubtful_intervals(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) -> Mask:
     """Mask of the intervals that singular values themselves do not exclude, a thousand at a time; reach : of all intervals."""
     out = np.ones(len(intervals), dtype=bool)
     for first in range(0, len(intervals), AT_ONCE):
@@ -148,17 +148,17 @@ def _left(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) 
     return out
 
 
-def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[float, Array]) -> float | None:
+def _find_in_interval(branch: Branch, start: float, end: float, q: Array, earlier: tuple[float, Array]) -> float | None:
     """The first instant of an interval at which G is singular; ``earlier``: an instant before and the place (nq,) there."""
     times = np.linspace(start, end, PARTS + 1)
-    places, matrices = branch.through(times, q)
+    places, matrices = branch.evaluate_jacobians(times, q)
     if matrices.shape[2] == 0:
         return None
     values = np.linalg.svd(matrices, compute_uv=False)
     least = values[:, -1] / values[:, 0]
     size = values[:-1, 0]
     change = np.linalg.norm(np.diff(matrices, axis=0), ord=2, axis=(1, 2)) / size
-    held = least[1:] + least[:-1] > _largest_nearby(change) + _bend(matrices) / size
+    held = least[1:] + least[:-1] > _largest_nearby(change) + _compute_largest_bend(matrices) / size
     for k in range(len(times) - 1):
         if k < len(held) and held[k]:
             continue
@@ -167,23 +167,23 @@ def _search(branch: Branch, start: float, end: float, q: Array, earlier: tuple[f
         ends = float(times[k]), float(times[k + 1])
         before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > REGULAR else earlier
         if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_ESTIMATE:
-            found = _search(branch, *ends, places[k], before)
+            found = _find_in_interval(branch, *ends, places[k], before)
         elif branch.coordinate is not None:
-            found = _locate_by_coordinate(branch, branch.coordinate, (before[0], ends[1], end), before[1])
+            found = _find_by_coordinate(branch, branch.coordinate, (before[0], ends[1], end), before[1])
         else:
-            found = _locate(branch, before[0], ends[1], before[1])
+            found = _find_by_extrapolation(branch, before[0], ends[1], before[1])
         if found is not None:
             return found
     return None
 
 
-def _bend(matrices: Array) -> float:
+def _compute_largest_bend(matrices: Array) -> float:
     """The most by which G leaves the straight line between two of the matrices (m, rows, columns), by second differences."""
     second = np.diff(matrices, 2, axis=0)
     return 0.5 * float(np.linalg.norm(second, ord=2, axis=(1, 2)).max(initial=0.0))
 
 
-def _locate_by_coordinate(
+def _find_by_coordinate(
     branch: Branch, coordinate: Callable[[Array], Array], span: tuple[float, float, float], q: Array
 ) -> float | None:
     """The instant at which the one prescribed coordinate g is where d is zero, in a short part or up to the interval's end.
@@ -201,9 +201,9 @@ def _locate_by_coordinate(
     before: tuple[Array, Array] | None = None  # times and matrices of the part before
     for _ in range(MOST_ZOOMS):
         times = np.linspace(start, end, 2 * NODES)
-        places, matrices = branch.through(times, first)
-        d = _smooth_values(matrices)
-        kept = _leading(d > KEPT * d[0])
+        places, matrices = branch.evaluate_jacobians(times, first)
+        d = _compute_smooth_values(matrices)
+        kept = _count_leading(d > KEPT * d[0])
         if kept == len(times) and end == limit and star is None:
             return None  # d is zero nowhere in it
         if kept <= DEGREE + 1:
@@ -237,28 +237,28 @@ def _extrapolated(
 ) -> tuple[float, float]:
     """The coordinate at which d is zero, and its slope there, from times [s] and matrices of a part and of the one before it."""
     times, matrices = now if before is None else (np.concatenate(both) for both in zip(before, now, strict=True))
-    d = _smooth_values(matrices)
+    d = _compute_smooth_values(matrices)
     degree = DEGREE if before is None else WIDE_DEGREE
     fitted = Polynomial.fit(d, coordinate(times), degree, w=d)  # places are known to 1e-16 / d
     return float(fitted(0.0)), float(fitted.deriv()(0.0))
 
 
-def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | None:
+def _find_by_extrapolation(branch: Branch, start: float, limit: float, q: Array) -> float | None:
     """The instant in one short part, up to ``limit``, at which d is zero, by extrapolation from ever nearer before it."""
     end = limit
     estimates = [np.inf]
     first = (start, q)
     for _ in range(MOST_ZOOMS):
         times = np.linspace(start, end, NODES)
-        places, matrices = branch.through(times, q)
-        d = _smooth_values(matrices)
-        kept = _leading(d > KEPT * d[0])
+        places, matrices = branch.evaluate_jacobians(times, q)
+        d = _compute_smooth_values(matrices)
+        kept = _count_leading(d > KEPT * d[0])
         if end - start < SAME_ESTIMATE or d[0] < CLOSE:
             break
         if kept <= DEGREE:
             end = float(times[max(kept, 1)])
             continue
-        found = _zero(Polynomial.fit(times[:kept] - start, d[:kept], DEGREE), 0.0, limit - start)
+        found = _find_first_zero(Polynomial.fit(times[:kept] - start, d[:kept], DEGREE), 0.0, limit - start)
         if found is None and end == limit and kept == NODES:
             return None
         if found is not None:
@@ -271,29 +271,29 @@ def _locate(branch: Branch, start: float, limit: float, q: Array) -> float | Non
         if found is not None:  # a part that ends between here and there
             end = start + min(limit - start, 0.9 * (estimates[-1] - start))
     if len(estimates) > 2:  # the last ones may be spoiled by rounding
-        return _polished(branch, *first, estimates[2 + int(np.argmin(np.abs(np.diff(estimates[1:]))))])
-    return _polished(branch, *first, estimates[1]) if len(estimates) == 2 else None
+        return _find_polished_instant(branch, *first, estimates[2 + int(np.argmin(np.abs(np.diff(estimates[1:]))))])
+    return _find_polished_instant(branch, *first, estimates[1]) if len(estimates) == 2 else None
 
 
-def _polished(branch: Branch, start: float, q: Array, estimate: float) -> float:
+def _find_polished_instant(branch: Branch, start: float, q: Array, estimate: float) -> float:
     """An instant at which d is zero [s], from both sides of it where d is smooth there: rounding grows in extrapolation."""
     wide = estimate - start
     times = np.linspace(-wide, wide, 3 * NODES)
-    places, matrices = branch.through(estimate + times, q)
+    places, matrices = branch.evaluate_jacobians(estimate + times, q)
     if len(places) < len(times):
         return estimate
-    d = _smooth_values(matrices)
+    d = _compute_smooth_values(matrices)
     sure = np.abs(d) > NEAR * d[0]
     fitted = Polynomial.fit(times[sure], d[sure], 2 * DEGREE, w=np.abs(d[sure]))
     if (
         np.abs(fitted(times[sure]) - d[sure]).max() > SMOOTH * d[0]
     ):  # the branch behind it is another, or the motion bends
         return estimate
-    found = _zero(fitted, -0.5 * wide, 0.5 * wide)
+    found = _find_first_zero(fitted, -0.5 * wide, 0.5 * wide)
     return estimate if found is None else estimate + found
 
 
-def _smooth_values(matrices: Array) -> Array:
+def _compute_smooth_values(matrices: Array) -> Array:
     """d of the matrices (m, rows, columns) with the singular vectors of the first, over its largest singular value, (m,)."""
     u, values, v = np.linalg.svd(matrices[0], full_matrices=False)
     sign, size = np.linalg.slogdet(u.T @ matrices @ v.T)
@@ -307,23 +307,23 @@ def _smooth_values(matrices: Array) -> Array:
         return np.asarray(sign * np.exp(size - others))
 
 
-def _leading(mask: Mask) -> int:
+def _count_leading(mask: Mask) -> int:
     """The number of entries that are True from the first on."""
     return len(mask) if mask.all() else int(np.argmin(mask))
 
 
-def _zero(fitted: Polynomial, first: float, last: float) -> float | None:
+def _find_first_zero(fitted: Polynomial, first: float, last: float) -> float | None:
     """The first time at which a polynomial touches or crosses zero in (first, last]; None if it does neither."""
     bar = 1.0 / WORST_CONDITION
     if abs(fitted(last)) < bar:  # a singular end counts, although zero lies a little behind it
         last = 2.0 * last
-    turns = _between(fitted.deriv().roots(), first, last)
+    turns = _list_roots_between(fitted.deriv().roots(), first, last)
     touching = turns[np.abs(fitted(turns)) < bar]
-    zeros = touching if len(touching) else _between(fitted.roots(), first, last)
+    zeros = touching if len(touching) else _list_roots_between(fitted.roots(), first, last)
     return float(zeros[0]) if len(zeros) else None
 
 
-def _between(roots: NDArray[Any], first: float, last: float) -> Array:
+def _list_roots_between(roots: NDArray[Any], first: float, last: float) -> Array:
     """The real ones of some roots in (first, last], in their order."""
     real = roots[np.abs(roots.imag) < SAME_ESTIMATE].real
     return np.sort(real[(real > first) & (real <= last)])

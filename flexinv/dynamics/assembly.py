@@ -40,7 +40,7 @@ from flexinv.kernels.vec3 import (
     vec,
     vec_at,
 )
-from flexinv.kinematics.tree import bring_back, carry, carry_variation
+from flexinv.kinematics.tree import add_parent_variation, add_wrench_to_parent, compute_child_motion
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
 LARGEST_TURN = 2.5  # [rad]
@@ -59,8 +59,8 @@ def run_forward_pass(topology, state, joints, frames, variation, cv, ca, want_ta
         else:
             if topology.freedoms[n] > 0:
                 _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
-            carry(n, topology.parent[n], frames, joints)
-            carry_variation(n, topology.parent[n], columns, frames, joints, variation)
+            compute_child_motion(n, topology.parent[n], frames, joints)
+            add_parent_variation(n, topology.parent[n], columns, frames, joints, variation)
 
 
 @jit_inner
@@ -239,7 +239,7 @@ def assemble_residual(system, joints, cv, ca, want_tangent):
         if topology.freedoms[n] > 0:
             _fill_passive_rows(n, columns, system, cv, ca)
         if m >= 0:
-            bring_back(n, m, system.frames, joints, work.wrench)
+            add_wrench_to_parent(n, m, system.frames, joints, work.wrench)
             _add_variation_to_parent(n, m, columns, system, joints)
 
 

@@ -23,14 +23,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.constraints.equations import fixed, gap
+from flexinv.constraints.closures import Rows, build_constraint_rows
+from flexinv.constraints.equations import compute_fixed_vector, compute_gap
 from flexinv.dynamics.dofs import Topology
 from flexinv.kernels.dense import Blocks, Pivots, build_blocks, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
-from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.typing import Array, Indices
 
 POSITION = 0
@@ -144,11 +144,11 @@ def build_border_rows(mesh: Mesh, topology: Topology, by_unknown: Array) -> Ties
 
     by_unknown : (nv, unknowns) 1 where an unknown of the march is a joint coordinate
     """
-    rows = constraint_rows(mesh)
+    rows = build_constraint_rows(mesh)
     springs = mesh.mechanism.springs
     kind = np.where(rows.gear.any(axis=1), COUPLING, np.where(rows.direction, DIRECTION, POSITION))
     ends = [spring.first for spring in springs], [spring.second for spring in springs]
-    nodes = [np.array([attachment_node(mesh, end) for end in one], dtype=np.int64).repeat(3) for one in ends]
+    nodes = [np.array([find_attachment_node(mesh, end) for end in one], dtype=np.int64).repeat(3) for one in ends]
     places = [np.array([end.placement.position for end in one]).reshape(-1, 3).repeat(3, axis=0) for one in ends]
     group = rows.closure.max(initial=-1) + 1 + np.arange(len(springs)).repeat(3)
     of_closures = kind, rows.a, rows.b, rows.place_a, rows.place_b, rows.u, rows.w, rows.gear @ by_unknown, rows.closure
@@ -203,11 +203,11 @@ def evaluate_ties(constraints, state, frames, wanted):
             continue
         a = constraints.a[k]
         b = constraints.b[k]
-        u = fixed(frames, a, vec(constraints.u[k]))
+        u = compute_fixed_vector(frames, a, vec(constraints.u[k]))
         if constraints.kind[k] == DIRECTION:
-            w = fixed(frames, b, vec(constraints.w[k]))
+            w = compute_fixed_vector(frames, b, vec(constraints.w[k]))
         else:
-            w = gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
+            w = compute_gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
         if wanted == SECOND_RATES:
             constraints.value[k] = dot(u[2], w[0]) + 2 * dot(u[1], w[1]) + dot(u[0], w[2])
         elif wanted == RATES:

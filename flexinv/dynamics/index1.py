@@ -27,7 +27,7 @@ from flexinv.dynamics.constraint_rows import (
 from flexinv.dynamics.tree_solver import solve_block
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, vec
-from flexinv.kinematics.tree import bring_back
+from flexinv.kinematics.tree import add_wrench_to_parent
 
 # A freedom whose inertia is this far below the largest has none: rounding of sums over the nodes of a block.
 MASSLESS = 1e-16
@@ -76,7 +76,7 @@ def update_accelerations(system, joints, y):
     add_ties(ties, ties.step, change)  # those of springs are zero
     for n in range(len(topology.parent) - 1, -1, -1):
         if topology.parent[n] >= 0 and not topology.independent[n]:
-            bring_back(n, topology.parent[n], frames, joints, change)
+            add_wrench_to_parent(n, topology.parent[n], frames, joints, change)
     for n in range(len(topology.parent)):
         for i in range(6):
             work.wrench[n, i] = full[n, i] + change[n, i]

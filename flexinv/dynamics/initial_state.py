@@ -22,8 +22,13 @@ from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion, relative_motion, rigid_motion, slides
-from flexinv.kinematics.tree import Joints, carry_samples
+from flexinv.kinematics.nodal_motion import (
+    NodalMotion,
+    compute_relative_motion,
+    compute_rigid_motion,
+    list_sliding_coordinates,
+)
+from flexinv.kinematics.tree import Joints, compute_tree_motion
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
@@ -35,7 +40,7 @@ CERTAIN = 30.0  # times what the last digit of places does: accelerations beyond
 
 def compute_joint_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     """Return the relative motion of all nodes at one instant, q (nq,), qd, qdd (nv,) [m, rad, s]."""
-    return Joints(*(part[0] for part in relative_motion(mesh, q[None], qd[None], qdd[None])))
+    return Joints(*(part[0] for part in compute_relative_motion(mesh, q[None], qd[None], qdd[None])))
 
 
 def begin_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
@@ -47,7 +52,7 @@ def begin_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
         solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle
     joints = compute_joint_motion(mesh, q, qd, qdd)
-    _fill_initial_unknowns(solver, rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
+    _fill_initial_unknowns(solver, compute_rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
     return joints
 
 
@@ -232,7 +237,7 @@ def _explain_motion(solver: Solver, way: Array, last: Array, when: str) -> Conve
     of_joints = build_coordinate_map(solver.mesh, solver.topology)
     most = int(np.abs(of_joints @ (last / solver.topology.scale)).argmax())
     name = next(name for name, own in mechanism.v_slices.items() if own.start <= most < own.stop)
-    unit = "m" if slides(mechanism)[most] else "rad"
+    unit = "m" if list_sliding_coordinates(mechanism)[most] else "rad"
     moved = f"has moved by {abs(of_joints[most] @ way):.3g} {unit} in {MOST_STEPS} steps"
     moves = f"moves on, by {abs(of_joints[most] @ last):.2g} {unit} in the last one"
     return ConvergenceError(
@@ -266,7 +271,7 @@ def _move_one_step(solver: Solver, joints: Joints, scheme: Scheme, farthest: flo
 
 def begin_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     """Begin in the `find_equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
-    from flexinv.linearized.natural_modes import unstable_motions
+    from flexinv.linearized.natural_modes import count_unstable_motions
 
     joints = find_equilibrium(solver, q, when)
     s = solver.state
@@ -278,7 +283,7 @@ def begin_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     stable = _list_stable_positions(solver.mesh)
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
-    unstable, _ = unstable_motions(solver, joints)
+    unstable, _ = count_unstable_motions(solver, joints)
     if not unstable:
         stable.clear()
         stable.add(here)
@@ -346,7 +351,7 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
     shape.p[held] = solver.state.x[held]
     shape.r[held] = solver.state.r[held]
     moving = NodalMotion.unwritten(1, mesh.size)
-    carry_samples(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
+    compute_tree_motion(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
     _fill_initial_unknowns(solver, moving, shape, qd, qdd)
 
 

@@ -21,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import gap
+from flexinv.constraints.equations import compute_gap
 from flexinv.dynamics.constraint_rows import Ties, fill_gradient
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
-from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array
 
@@ -57,8 +57,8 @@ class Loads(NamedTuple):
 
 def build_loads(mesh: Mesh, unknowns: int) -> Loads:
     """Return the given forces of a mechanism on its links, wrenches [N], [N m] and efforts still zero."""
-    forces = [f for f in mesh.mechanism.forces if attachment_node(mesh, f.at) >= 0]
-    nodes = np.array([attachment_node(mesh, f.at) for f in forces], dtype=np.int64)
+    forces = [f for f in mesh.mechanism.forces if find_attachment_node(mesh, f.at) >= 0]
+    nodes = np.array([find_attachment_node(mesh, f.at) for f in forces], dtype=np.int64)
     place = np.array([f.at.placement.position for f in forces], dtype=float).reshape(-1, 3)
     follower = np.array([f.follower for f in forces], dtype=bool)
     return Loads(nodes, place, follower, np.zeros((len(forces), 6)), np.zeros(unknowns), np.ones(1))
@@ -66,7 +66,7 @@ def build_loads(mesh: Mesh, unknowns: int) -> Loads:
 
 def build_load_table(mesh: Mesh, time: Array) -> Array:
     """Return the wrenches of `build_loads` over ``time`` (samples,) [s], (samples, loads, 6) [N], [N m]."""
-    forces = [f for f in mesh.mechanism.forces if attachment_node(mesh, f.at) >= 0]
+    forces = [f for f in mesh.mechanism.forces if find_attachment_node(mesh, f.at) >= 0]
     out = np.zeros((len(time), len(forces), 6))
     for k, force in enumerate(forces):
         out[:, k] = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)
@@ -179,7 +179,7 @@ def evaluate_spring_rows(springs, constraints, frames, level):
     for k in range(len(springs.row)):
         row = springs.row[k]
         places = vec(constraints.place_a[row]), vec(constraints.place_b[row])
-        d, rate, _ = gap(frames, constraints.a[row], constraints.b[row], places[0], places[1])
+        d, rate, _ = compute_gap(frames, constraints.a[row], constraints.b[row], places[0], places[1])
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.constraints.closures import constraint_rows, coupling_residuals
+from flexinv.constraints.closures import build_constraint_rows, compute_coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
 from flexinv.dynamics.constraint_rows import build_border_rows
 from flexinv.dynamics.dofs import Topology, build_topology
@@ -153,12 +153,12 @@ class Solver:
 
         q : (samples, nq), qd, qdd : (samples, nv)
         """
-        rows = constraint_rows(self.mesh)
+        rows = build_constraint_rows(self.mesh)
         if not rows.gear.any():
             return np.empty((len(q), 0, 3))
         moved = build_coordinate_map(self.mesh, self.topology).any(axis=1)
         of_given = rows._replace(gear=np.where(moved, 0.0, rows.gear))
-        return np.stack(coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
+        return np.stack(compute_coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
 
     def drives(self, time: Array, before: bool = True) -> Array:
         """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N].

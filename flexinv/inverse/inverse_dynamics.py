@@ -14,8 +14,8 @@ from flexinv.elements.joint_law import build_joint_laws, compute_moving_effort, 
 from flexinv.errors import InputError
 from flexinv.inverse.nodal_sums import Masses, fill_nodal_forces, fill_outboard_sums, fill_sums_in_frames
 from flexinv.kernels.memory import make_contiguous
-from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.typing import Array
@@ -170,7 +170,7 @@ def compute_applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> Noda
 
 def _evaluate_attachment(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
     """Node, lever arm, position and velocity of an attachment's origin, (samples, 3) world."""
-    node = attachment_node(mesh, at)
+    node = find_attachment_node(mesh, at)
     place = at.placement.position
     if node < 0:
         still = np.zeros_like(motion.x[:, 0])
@@ -198,7 +198,7 @@ def compute_spring_efforts(mechanism: Mechanism, q: Array, history: bool = True)
         if joint.stiffness:
             own = q[:, mechanism.q_slices[joint.name]]
             v = mechanism.v_slices[joint.name].start
-            place = scalar_coordinate(joint, own, history)
+            place = read_scalar_coordinate(joint, own, history)
             out[:, v] = compute_resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
     return out
 
@@ -211,7 +211,7 @@ def compute_winding_efforts(mechanism: Mechanism, q: Array, wound: dict[str, flo
     out = np.zeros(mechanism.nv)
     for joint in mechanism.joints:
         if KINDS[joint.kind].circle and joint.stiffness:
-            angle = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]])
+            angle = read_scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]])
             turns = 2 * np.pi * np.round((wound.get(joint.name, angle[0]) - angle[0]) / (2 * np.pi))
             wound[joint.name] = float(angle[-1] + turns)
             out[mechanism.v_slices[joint.name].start] = joint.stiffness * turns

@@ -15,7 +15,7 @@ from flexinv.elements.joint_law import compute_joint_effort, take_joint_law
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
-from flexinv.kinematics.configuration import coordinate
+from flexinv.kinematics.configuration import read_coordinate
 from flexinv.typing import Array
 
 
@@ -128,7 +128,7 @@ def fill_instant_torques(nodes, drives, masses, frames, line, motion, tau):
             force = tapply(turned, vec_at(line[n], 0))
             moment = tapply(turned, vec_at(line[n], 3))
             law = take_joint_law(drives.law, n)
-            place = coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
+            place = read_coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
             for i in range(drives.freedoms[n]):
                 v = nodes.v_index[n] + i
                 effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)

@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 
 from flexinv.errors import InputError
 from flexinv.kernels.smooth_pieces import fit_pieces
-from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.attachments import Spring
 from flexinv.model.links import Attachment
@@ -140,7 +140,7 @@ def _compute_gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> Triple:
 
 
 def _end(mesh: Mesh, motion: NodalMotion, at: Attachment) -> Triple:
-    node = attachment_node(mesh, at)
+    node = find_attachment_node(mesh, at)
     place = at.placement.position
     if node < 0:
         still = np.zeros((len(motion.x), 3))

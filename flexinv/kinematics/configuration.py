@@ -17,7 +17,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import quadratic
 from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Joints, carry, frames_at
+from flexinv.kinematics.tree import Joints, compute_child_motion, take_sample
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
 from flexinv.typing import Array
 
@@ -37,7 +37,7 @@ class Nodes(NamedTuple):
     v_index: NDArray[np.int64]
 
 
-def nodes_of(mesh: Mesh) -> Nodes:
+def build_nodes(mesh: Mesh) -> Nodes:
     """Return the nodes [m], [-] of a mesh as kernels take them."""
     subspace = mesh.freedoms, mesh.slide, mesh.turn
     return Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, *subspace, mesh.q_index, mesh.v_index)
@@ -105,7 +105,7 @@ def move_nodes(nodes, q, qd, qdd, joints, frames):
     """Set the motion of all nodes [m, rad, s] from the coordinates."""
     for n in range(nodes.parent.shape[0]):
         move_joint(n, nodes, q, qd, qdd, joints)
-        carry(n, nodes.parent[n], frames, joints)
+        compute_child_motion(n, nodes.parent[n], frames, joints)
 
 
 @jit_inner
@@ -124,7 +124,7 @@ def _turn(q, first, d):
 
 
 @jit_inner
-def step_coordinates(nodes, q, d):
+def integrate_coordinates(nodes, q, d):
     """Move q [rad], [m] in place along the increment d of the velocity coordinates; joints with none stay as they are."""
     for n in range(nodes.parent.shape[0]):
         kind = nodes.kind[n]
@@ -156,13 +156,13 @@ def step_coordinates(nodes, q, d):
 
 
 @jit
-def step_array(nodes, q, d):
-    """Move q (nq,) [rad], [m] in place by `step_coordinates`."""
-    step_coordinates(nodes, q, d)
+def integrate_array(nodes, q, d):
+    """Move q (nq,) [rad], [m] in place by `integrate_coordinates`."""
+    integrate_coordinates(nodes, q, d)
 
 
 @jit
-def relative_samples(nodes, q, qd, qdd, out):
+def fill_relative_motion(nodes, q, qd, qdd, out):
     """Set the relative motion of all nodes, `Joints` (samples, nodes, ...) [m, rad, s], from the joints' coordinates."""
     for s in range(q.shape[0]):
         joints = Joints(out.p[s], out.dp[s], out.ddp[s], out.r[s], out.w[s], out.al[s])
@@ -171,14 +171,14 @@ def relative_samples(nodes, q, qd, qdd, out):
 
 
 @jit
-def motion_samples(nodes, q, qd, qdd, joints, frames):
+def fill_world_motion(nodes, q, qd, qdd, joints, frames):
     """Set the motion of all nodes in the world, (samples, nodes, ...) [m, rad, s]; joints : scratch of one sample."""
     for s in range(q.shape[0]):
-        move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames_at(frames, s))
+        move_nodes(nodes, q[s], qd[s], qdd[s], joints, take_sample(frames, s))
 
 
 @jit_inner
-def coordinate(n, nodes, q):
+def read_coordinate(n, nodes, q):
     """Return the coordinate [rad], [m] of a joint that has one; of a continuous joint the angle in -pi .. pi."""
     i = nodes.q_index[n]
     return math.atan2(q[i + 1], q[i]) if nodes.kind[n] == CONTINUOUS else q[i]
@@ -198,7 +198,7 @@ def fill_given(nodes, q, qd, qdd, given):
     for n in range(nodes.parent.shape[0]):
         if nodes.v_index[n] >= 0:
             v = nodes.v_index[n]
-            given[k, 0] = coordinate(n, nodes, q)
+            given[k, 0] = read_coordinate(n, nodes, q)
             given[k, 1] = qd[v]
             given[k, 2] = qdd[v]
             k += 1

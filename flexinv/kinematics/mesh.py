@@ -50,7 +50,7 @@ class Places:
     section_stations: dict[str, Array]
     body_node: dict[tuple[str, str], int]
 
-    def section_at(self, link: str, station: float) -> int:
+    def find_section_node(self, link: str, station: float) -> int:
         """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
         return int(self.section_nodes[link][np.argmin(np.abs(self.section_stations[link] - station))])
 
@@ -114,7 +114,7 @@ class _Builder(Places):
         return len(self.rows) - 1
 
     def joint(self, joint: Joint, link: int) -> None:
-        node = attachment_node(self, Attachment(joint.parent, station=joint.station))
+        node = find_attachment_node(self, Attachment(joint.parent, station=joint.station))
         placement = joint.placement
         q, v = (slices[joint.name].start for slices in (self.mechanism.q_slices, self.mechanism.v_slices))
         number = KINDS[joint.kind].number
@@ -129,7 +129,9 @@ class _Builder(Places):
         if owner.beam is not None:
             self.beam(owner, owner.beam, link, node)
         for body in owner.bodies:
-            at = node if body.station is None or owner.beam is None else self.section_at(owner.name, body.station)
+            at = (
+                node if body.station is None or owner.beam is None else self.find_section_node(owner.name, body.station)
+            )
             if body.inertia.com.any():
                 at = self.node(at, RIGID, Placement(body.inertia.com), link)
             self.body_node[(owner.name, body.name)] = at
@@ -142,7 +144,7 @@ class _Builder(Places):
         wanted = [station for station in hung if station is not None]
         nodes = [self.node(node, RIGID, beam.placement, index)]
         stations = [0.0]
-        for start, end in pairwise(_element_bounds(beam, wanted)):
+        for start, end in pairwise(_list_element_bounds(beam, wanted)):
             self.element(beam, index, start, end, nodes, stations)
         self.tip_node[link.name] = nodes[-1]
         self.section_nodes[link.name] = np.array(nodes)
@@ -157,25 +159,25 @@ class _Builder(Places):
         at_nodes = start + half * (1 + ref.nodes)
         at_points = start + half * (1 + ref.points)
         for previous, here in pairwise(at_nodes):
-            own.append(self.node(own[-1], SECTION, arc(beam, (here - previous) * beam.length), link))
+            own.append(self.node(own[-1], SECTION, compute_section_frame(beam, (here - previous) * beam.length), link))
         nodes += own[1:]
         stations += list(at_nodes[1:])
-        rho_a, rho_i = _interpolate(
+        rho_a, rho_i = _evaluate_sections(
             beam, (start, end), at_nodes, beam.section.mass_per_length, beam.section.rotary_inertia
         )
         for node, w, mass, rotary in zip(own, ref.weights * jacobian, rho_a, rho_i, strict=True):
             self.mass[node] += float(w * mass)
             self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
-        gamma0, kappa0 = _stress_free_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
+        gamma0, kappa0 = _compute_initial_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
         of_rate = np.zeros_like(beam.section.stiffness) if beam.section.damping is None else beam.section.damping
-        stiffness, damping = _interpolate(beam, (start, end), at_points, beam.section.stiffness, of_rate)
+        stiffness, damping = _evaluate_sections(beam, (start, end), at_points, beam.section.stiffness, of_rate)
         self.elements.append([
             np.array(beam.order), np.array(own, dtype=float), stiffness, damping, gamma0, kappa0,
             ref.point_weights * jacobian, ref.shape, ref.slope / jacobian, at_points, np.array(link),
         ])  # fmt: skip
 
 
-def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
+def _list_element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
     """Element ends as fractions of the length: equal parts, cut again where the section steps or bends abruptly.
 
     And where something is attached between nodes.
@@ -184,7 +186,7 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
     """
     fractions = 0.5 * (1 + build_reference(beam.order).nodes)
     bounds = np.linspace(0.0, 1.0, beam.elements + 1)
-    for place in section_breaks(beam):
+    for place in list_section_breaks(beam):
         if np.min(np.abs(bounds - place)) > SAME_STATION:
             bounds = np.sort(np.append(bounds, place))
     while True:
@@ -195,7 +197,7 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
         bounds = np.sort(np.append(bounds, between[0]))
 
 
-def section_breaks(beam: Beam) -> list[float]:
+def list_section_breaks(beam: Beam) -> list[float]:
     """Return the fractions of a beam's length at which its section steps or bends abruptly [-]: elements end there.
 
     An element of any order converges by the first power of its length across a kink, so that neither a higher order nor the
@@ -214,13 +216,13 @@ def section_breaks(beam: Beam) -> list[float]:
     return [float(place) for place in at[1:-1][kinked]]
 
 
-def arc(beam: Beam, length: float) -> Placement:
+def compute_section_frame(beam: Beam, length: float) -> Placement:
     """Return the section frame [m] after ``length`` [m] of the stress-free beam: R = exp(s kappa), x = H(s kappa)^T s e1."""
     psi = length * beam.curvature
     return Placement(tangent3(psi).T @ np.array([length, 0.0, 0.0]), exp_so3(psi))
 
 
-def _interpolate(beam: Beam, bounds: tuple[float, float], at: Array, *tables: Array) -> list[Array]:
+def _evaluate_sections(beam: Beam, bounds: tuple[float, float], at: Array, *tables: Array) -> list[Array]:
     """Section tables at fractions ``at`` of one element, linear between the stations, constant beyond them.
 
     Where two stations are equal the section steps, and each end of an element takes the value on its own side.
@@ -232,9 +234,9 @@ def _interpolate(beam: Beam, bounds: tuple[float, float], at: Array, *tables: Ar
     return [np.apply_along_axis(lambda column: np.interp(at, stations, column), 0, table) for table in tables]
 
 
-def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
+def _compute_initial_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
     """Strains that the element's own interpolation sees in the undeformed shape: they are subtracted."""
-    places = [arc(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
+    places = [compute_section_frame(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
     x = np.array([p.position for p in places])
     psi = log_so3(np.array([p.rotation for p in places]))
     gamma = np.empty((len(shape), 3))
@@ -245,7 +247,7 @@ def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array
     return gamma, kappa
 
 
-def _elements(rows: list[list[Array]]) -> Elements:
+def _assemble_elements(rows: list[list[Array]]) -> Elements:
     if not rows:
         index = np.empty(0, dtype=np.int64)
         flat = np.empty((0, 0))
@@ -276,9 +278,9 @@ def build(mechanism: Mechanism) -> Mesh:
     Raises InputError for drives that are not part of the mechanism (`mechanism.expanded`), and for a ratio of no mode.
     """
     if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
-        from flexinv.linearized.modal_damping import damped  # its modes need a mesh
+        from flexinv.linearized.modal_damping import apply_stated_ratio  # its modes need a mesh
 
-        return build(damped(mechanism))
+        return build(apply_stated_ratio(mechanism))
     builder = _Builder(mechanism, {}, {}, {}, {}, {})
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
@@ -297,14 +299,14 @@ def build(mechanism: Mechanism) -> Mesh:
         np.array([p.position for p in placement], dtype=float).reshape(-1, 3),
         np.array([p.rotation for p in placement], dtype=float).reshape(-1, 3, 3),
         np.array(axis, dtype=float).reshape(-1, 3), whole[2], whole[3], whole[4], slide, turn,
-        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[5], _elements(builder.elements),
+        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[5], _assemble_elements(builder.elements),
     )  # fmt: skip
 
 
-def attachment_node(mesh: Places, at: Attachment) -> int:
+def find_attachment_node(mesh: Places, at: Attachment) -> int:
     """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
     if at.link == WORLD:
         return -1
     if at.link in mesh.section_nodes:
-        return mesh.section_at(at.link, 1.0 if at.station is None else at.station)
+        return mesh.find_section_node(at.link, 1.0 if at.station is None else at.station)
     return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)

@@ -1,6 +1,6 @@
 """NodalMotion: the motion of every node, the interface between the two steps; rigid kinematics; steps in configuration space.
 
-Rigid links get it from exact kinematics (`rigid_motion`), flexible ones from the finite-element march (`trajectory`),
+Rigid links get it from exact kinematics (`compute_rigid_motion`), flexible ones from the finite-element march (`trajectory`),
 measurements could give it too; inverse dynamics never asks which.  Of relative motion ``p``, ``p'``, ``p''`` are taken in the
 parent node's frame, rotation rates in the node's own frame; what a node's placement and its joint do together is one relative
 motion, so that one rule walks the tree (`kinematics.tree.carry`).
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from flexinv.errors import InputError
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kernels.so3 import from_quaternion, log_so3
-from flexinv.kinematics.configuration import motion_samples, nodes_of, relative_samples, step_array
+from flexinv.kinematics.configuration import build_nodes, fill_relative_motion, fill_world_motion, integrate_array
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import CIRCLE, CONTINUOUS, FREE, KINDS, POSE, ROTATION, SPHERICAL
@@ -63,7 +63,7 @@ class NodalMotion:
         return NodalMotion(*(part[span] for part in self.parts))
 
 
-ORDER = 2  # of the formulas of `differenced`, in the step
+ORDER = 2  # of the formulas of `compute_differenced_motion`, in the step
 FEWEST_SAMPLES = 4  # that the formulas at the ends need
 
 
@@ -74,7 +74,7 @@ def check_samples(samples: int, step: float) -> None:
         raise InputError(f"{needed}, step = {step:g} s gives {samples}: write a smaller step")
 
 
-def differenced(motion: NodalMotion, step: float) -> NodalMotion:
+def compute_differenced_motion(motion: NodalMotion, step: float) -> NodalMotion:
     """Return the motion with v, a, omega, alpha from differences of poses over ``step`` [s], the paper's incremental mode.
 
     Second-order formulas, so the torque error falls with the square of the step:
@@ -86,15 +86,15 @@ def differenced(motion: NodalMotion, step: float) -> NodalMotion:
     """
     check_samples(len(motion.x), step)
     v = np.gradient(motion.x, step, axis=0, edge_order=2)
-    a = _extended(np.diff(motion.x, 2, axis=0) / step**2)
+    a = _add_end_values(np.diff(motion.x, 2, axis=0) / step**2)
     phi = log_so3(np.einsum("snji,snjk->snik", motion.rotation[:-1], motion.rotation[1:])) / step  # (step, node, xyz)
     first = 1.5 * phi[:1] - 0.5 * phi[1:2]
     last = 1.5 * phi[-1:] - 0.5 * phi[-2:-1]
     omega = np.concatenate([first, 0.5 * (phi[1:] + phi[:-1]), last])
-    return NodalMotion(motion.x, motion.rotation, v, omega, a, _extended(np.diff(phi, axis=0) / step))
+    return NodalMotion(motion.x, motion.rotation, v, omega, a, _add_end_values(np.diff(phi, axis=0) / step))
 
 
-def _extended(inner: Array) -> Array:
+def _add_end_values(inner: Array) -> Array:
     """Values inside with one more at each end, linear from the two next to it: of differences again of second order."""
     return np.concatenate([2 * inner[:1] - inner[1:2], inner, 2 * inner[-1:] - inner[-2:-1]])
 
@@ -103,21 +103,21 @@ def _extended(inner: Array) -> Array:
 JointHistory = Callable[[Array], tuple[Array, Array, Array]]
 
 
-def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
+def compute_relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     """Return the motion of every node in its parent's frame [m, rad, s], (samples, nodes, ...), for q (samples, nq), qd, qdd.
 
     Velocity of a free joint is linear then angular, both in the child's frame: p' = R_j v, p'' = R_j (v' + w x v).
     """
-    out = _joints((len(q), mesh.size, 3))
-    relative_samples(nodes_of(mesh), make_contiguous(q), make_contiguous(qd), make_contiguous(qdd), out)
+    out = _make_joint_arrays((len(q), mesh.size, 3))
+    fill_relative_motion(build_nodes(mesh), make_contiguous(q), make_contiguous(qd), make_contiguous(qdd), out)
     return out
 
 
-def _joints(vector: tuple[int, ...]) -> Joints:
+def _make_joint_arrays(vector: tuple[int, ...]) -> Joints:
     return Joints(*make_adjacent_arrays(*3 * [vector], (*vector, 3), *2 * [vector]))
 
 
-def scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
+def read_scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
     """Return the coordinate (samples,) [rad], [m] of a joint that has one, from its own columns of q (samples, nq).
 
     history : q is a motion, along which the angle of a continuous joint is followed over whole turns; else it is in -pi .. pi
@@ -127,31 +127,31 @@ def scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
     return np.unwrap(np.arctan2(q[:, 1], q[:, 0])) if history else np.arctan2(q[:, 1], q[:, 0])
 
 
-def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
+def compute_rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     """Return the nodal motion [m, rad, s] of the undeformed mechanism for q (samples, nq), qd, qdd (samples, nv).
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
     """
     motion = NodalMotion.unwritten(len(q), mesh.size)
-    motion_samples(
-        nodes_of(mesh),
+    fill_world_motion(
+        build_nodes(mesh),
         make_contiguous(q),
         make_contiguous(qd),
         make_contiguous(qdd),
-        _joints((mesh.size, 3)),
+        _make_joint_arrays((mesh.size, 3)),
         Frames(*motion.parts),
     )
     return motion
 
 
-def moved(mechanism: Mechanism, q: Array, dv: Array) -> Array:
+def integrate_configuration(mechanism: Mechanism, q: Array, dv: Array) -> Array:
     """Return q (nq,) [rad], [m] after the increment ``dv`` (nv,) [rad], [m] of its velocity coordinates (body frame)."""
     out = np.array(q, dtype=float)
-    step_array(nodes_of(build(mechanism)), out, make_contiguous(dv))
+    integrate_array(build_nodes(build(mechanism)), out, make_contiguous(dv))
     return out
 
 
-def difference(mechanism: Mechanism, q0: Array, q1: Array) -> Array:
+def compute_difference(mechanism: Mechanism, q0: Array, q1: Array) -> Array:
     """Return the increment (nv,) [rad], [m] of the velocity coordinates from q0 (nq,) to q1: ``moved(m, q0, it)`` is q1."""
     out = np.zeros(mechanism.nv)
     for joint in mechanism.joints:
@@ -172,7 +172,7 @@ def difference(mechanism: Mechanism, q0: Array, q1: Array) -> Array:
     return out
 
 
-def between(
+def sample_between_instants(
     mechanism: Mechanism, first: list[Array], last: list[Array], duration: float, parts: int
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Yield q (nq,), qd, qdd (nv,) [m, rad, s] at the ends of so many ``parts`` of the ``duration`` [s] between two instants.
@@ -180,24 +180,24 @@ def between(
     first, last : q, qd, qdd at its ends, which a polynomial of fifth degree in the increment of the coordinates meets; where a
         joint turns about an axis that changes, its rates are those of the coordinates up to the square of the increment
     """
-    step = difference(mechanism, first[0], last[0])
+    step = compute_difference(mechanism, first[0], last[0])
 
-    def powers(s: float, n: int) -> Array:  # derivatives of the powers of s
+    def compute_powers(s: float, n: int) -> Array:  # derivatives of the powers of s
         return np.array([0.0 if k < n else perm(k, n) * s ** (k - n) for k in range(6)])
 
     places = (np.zeros_like(step), first), (step, last)
     ends = [part for place, (_, rate, change) in places for part in (place, duration * rate, duration**2 * change)]
-    at_ends = np.array([powers(s, n) for s in (0.0, 1.0) for n in range(3)])
+    at_ends = np.array([compute_powers(s, n) for s in (0.0, 1.0) for n in range(3)])
     factors = np.linalg.solve(at_ends, np.stack(ends))  # (power, coordinate)
     for k in range(1, parts):
-        value, rate, change = (powers(k / parts, n) @ factors for n in range(3))
-        yield moved(mechanism, first[0], value), rate / duration, change / duration**2
+        value, rate, change = (compute_powers(k / parts, n) @ factors for n in range(3))
+        yield integrate_configuration(mechanism, first[0], value), rate / duration, change / duration**2
     yield last[0], last[1], last[2]
 
 
-def nearest_difference(mechanism: Mechanism, first: Array, last: Array) -> Array:
-    """Return the increment (nv,) [rad], [m] as `difference` does, of angles within half a turn."""
-    out = difference(mechanism, first, last)
+def compute_nearest_difference(mechanism: Mechanism, first: Array, last: Array) -> Array:
+    """Return the increment (nv,) [rad], [m] as `compute_difference` does, of angles within half a turn."""
+    out = compute_difference(mechanism, first, last)
     for joint in mechanism.joints:
         if KINDS[joint.kind].repeats and not KINDS[joint.kind].circle:
             own = mechanism.v_slices[joint.name]
@@ -205,7 +205,7 @@ def nearest_difference(mechanism: Mechanism, first: Array, last: Array) -> Array
     return out
 
 
-def slides(mechanism: Mechanism) -> NDArray[np.bool_]:
+def list_sliding_coordinates(mechanism: Mechanism) -> NDArray[np.bool_]:
     """Return a mask (nv,) [-] of the velocity coordinates that are translations, not rotations."""
     return np.array([slide for joint in mechanism.joints for slide in KINDS[joint.kind].translations], dtype=bool)
 
@@ -222,15 +222,15 @@ def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, q
             axis = mesh.axis[node]
             nq = mesh.q_index[node]
             nv = mesh.v_index[node]
-            p, dp, ddp, turn, rate, acceleration = _relative(mesh, motion, int(node))
+            p, dp, ddp, turn, rate, acceleration = _compute_joint_motion(mesh, motion, int(node))
             if kind == SPHERICAL:
-                q[:, nq : nq + 4] = _quaternion(turn, q[0, nq : nq + 4])
+                q[:, nq : nq + 4] = _compute_quaternions(turn, q[0, nq : nq + 4])
                 qd[:, nv : nv + 3] = rate
                 qdd[:, nv : nv + 3] = acceleration
             elif kind == FREE:
                 v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
                 dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
-                q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn, q[0, nq + 3 : nq + 7])])
+                q[:, nq : nq + 7] = np.hstack([p, _compute_quaternions(turn, q[0, nq + 3 : nq + 7])])
                 qd[:, nv : nv + 6] = np.hstack([v, rate])
                 qdd[:, nv : nv + 6] = np.hstack([dv, acceleration])
             elif not mesh.turn[node].any():
@@ -248,7 +248,7 @@ def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, q
                 qdd[:, nv] = acceleration @ axis
 
 
-def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
+def _compute_joint_motion(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
     """Joint motion of one node in the joint frame: p, p', p'' and R_j, with rates in the node's frame."""
     placed = mesh.rotation[node]
     offset = mesh.offset[node]
@@ -265,12 +265,17 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
     wm = motion.omega[:, parent]
     alm = motion.alpha[:, parent]
 
-    def back(vector: Array) -> Array:
+    def convert_to_parent(vector: Array) -> Array:
         return np.asarray(np.einsum("sji,sj->si", rm, vector))  # (sample, xyz), parent's frame
 
-    p = back(x - motion.x[:, parent])
-    dp = back(v - motion.v[:, parent]) - np.cross(wm, p)
-    ddp = back(a - motion.a[:, parent]) - np.cross(alm, p) - np.cross(wm, np.cross(wm, p)) - 2 * np.cross(wm, dp)
+    p = convert_to_parent(x - motion.x[:, parent])
+    dp = convert_to_parent(v - motion.v[:, parent]) - np.cross(wm, p)
+    ddp = (
+        convert_to_parent(a - motion.a[:, parent])
+        - np.cross(alm, p)
+        - np.cross(wm, np.cross(wm, p))
+        - 2 * np.cross(wm, dp)
+    )
     whole = np.einsum("sji,sjk->sik", rm, r)  # R_A,B with the placement
     carried = np.einsum("sji,sj->si", whole, wm)
     rate = w - carried
@@ -278,7 +283,7 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
     return (p - offset) @ placed, dp @ placed, ddp @ placed, placed.T @ whole, rate, acceleration
 
 
-def _quaternion(turn: Array, first: Array) -> Array:
+def _compute_quaternions(turn: Array, first: Array) -> Array:
     """Unit quaternions x, y, z, w (samples, 4), without sign jumps from the ``first`` on along the samples."""
     out = scipy.spatial.transform.Rotation.from_matrix(turn).as_quat()
     same = np.where(np.sum(out * np.concatenate([first[None], out[:-1]]), axis=1) < 0, -1.0, 1.0)

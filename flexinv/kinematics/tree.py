@@ -76,7 +76,7 @@ class Variation(NamedTuple):
 
 
 @jit_inner
-def carry(n, m, frames, joints):
+def compute_child_motion(n, m, frames, joints):
     """Set the motion of node n from that of its parent m (-1: the fixed world) [m, rad, s]."""
     p = vec(joints.p[n])
     dp = vec(joints.dp[n])
@@ -85,7 +85,7 @@ def carry(n, m, frames, joints):
     wj = vec(joints.w[n])
     alj = vec(joints.al[n])
     if m < 0:
-        _put_frame(n, frames, p, rj, dp, wj, ddp, alj)
+        _write_frame(n, frames, p, rj, dp, wj, ddp, alj)
         return
     r = mat(frames.r[m])
     w = vec(frames.w[m])
@@ -98,11 +98,11 @@ def carry(n, m, frames, joints):
     a = add(vec(frames.a[m]), apply(r, z))
     v = add(v, apply(r, add(wp, dp)))
     alpha = sum3(tapply(rj, al), alj, cross(c, wj))
-    _put_frame(n, frames, x, mul(r, rj), v, add(c, wj), a, alpha)
+    _write_frame(n, frames, x, mul(r, rj), v, add(c, wj), a, alpha)
 
 
 @jit_inner
-def _put_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
+def _write_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
     put(frames.x[n], 0, position)
     put_block(frames.r[n], 0, 0, rotation)
     put(frames.v[n], 0, velocity)
@@ -112,7 +112,7 @@ def _put_frame(n, frames, position, rotation, velocity, omega, acceleration, alp
 
 
 @jit_inner
-def carry_variation(n, m, columns, frames, joints, variation):
+def add_parent_variation(n, m, columns, frames, joints, variation):
     """Add to the variation of node n what follows from that of its parent m [m, rad, s].
 
     On entry it holds the joint's own part, in frames of `Joints`: x = dp, t = theta_j, v = dp', w = dw_j, a = dp'', al = dal_j.
@@ -157,7 +157,7 @@ def carry_variation(n, m, columns, frames, joints, variation):
 
 
 @jit_inner
-def bring_back(n, m, frames, joints, wrench):
+def add_wrench_to_parent(n, m, frames, joints, wrench):
     """Add the wrench of node n, [N] world and [N m] own frame, to that of its parent m."""
     force = vec(wrench[n])
     arm = cross(vec(joints.p[n]), tapply(mat(frames.r[m]), force))
@@ -166,7 +166,7 @@ def bring_back(n, m, frames, joints, wrench):
 
 
 @jit_inner
-def frames_at(frames, sample):
+def take_sample(frames, sample):
     """Return one sample of a motion with a leading axis of samples [m, rad, s]."""
     x = frames.x[sample]
     r = frames.r[sample]
@@ -176,10 +176,10 @@ def frames_at(frames, sample):
 
 
 @jit
-def carry_samples(parent, frames, joints):
+def compute_tree_motion(parent, frames, joints):
     """Walk the tree for every sample: fill ``frames`` from ``joints``, both with a leading axis of samples [m, rad, s]."""
     for s in range(frames.x.shape[0]):
-        f = frames_at(frames, s)
+        f = take_sample(frames, s)
         j = Joints(joints.p[s], joints.dp[s], joints.ddp[s], joints.r[s], joints.w[s], joints.al[s])
         for n in range(len(parent)):
-            carry(n, parent[n], f, j)
+            compute_child_motion(n, parent[n], f, j)

@@ -33,11 +33,11 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.linearized.eigenvalues import (
     NO_STIFFNESS,
     Split,
-    in_order,
+    build_massless_elimination,
+    compute_order,
+    drop_rounded_parts,
     solve_held,
     split_by_inertia,
-    without_massless,
-    without_rounded_parts,
 )
 from flexinv.linearized.first_order import Corrected, PencilRoots, counted_roots, factors_of
 from flexinv.typing import Array, Complex, Mask, Sparse
@@ -96,13 +96,13 @@ class Pencil:
     lag: float
 
 
-def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
+def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     """Return all roots [1/s] of (root^2 M + root C + K) x = 0, slowest first, with vectors and error bars.
 
     Raises InputError where a freedom has neither inertia nor stiffness.
     """
     parts = [scipy.sparse.csc_array(part) for part in (mass, damping, stiffness)]
-    own = _pencil(*parts)
+    own = _build_pencil(*parts)
     if not len(own.a):
         none = np.zeros((len(own.basis), 0), dtype=complex)
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
@@ -111,37 +111,37 @@ def roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     def corrected(values: PencilRoots, shift: float) -> Corrected:
         root, z, w = values
         x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
-        y = own.basis @ _left(own, root, w)
+        y = own.basis @ _compute_left_vectors(own, root, w)
         late = np.abs(root) * own.lag > SLOW_ENOUGH
         root, x, y, unknown = _refined(parts, root, x, y, late)
-        root, x, y, bar, lost = correct_roots(parts, root, x, y, shift)
+        root, x, y, bar, lost = update_roots(parts, root, x, y, shift)
         return root, x, y, bar, lost + unknown
 
     matrices = own.a @ own.follow, own.b @ own.follow
-    return in_pairs(*counted_roots(*matrices, own.smallest, corrected, lambda s: s * s * m + s * c + k))
+    return match_conjugate_roots(*counted_roots(*matrices, own.smallest, corrected, lambda s: s * s * m + s * c + k))
 
 
-def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
+def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
     """Return omega^2 (modes,) [1/s^2], by size, shapes (freedoms, modes) with unit modal mass, and error bars of omega^2.
 
     K is not symmetric: forces that turn along do work on closed paths, and omega^2 may be complex, in pairs.  Values and shapes
     are complex then.  K - omega^2 M is a pencil of first order itself, and its roots are found and corrected as above.
     """
-    moves = without_massless(stiffness, split_by_inertia(mass))
-    back = without_massless(stiffness.T, split_by_inertia(mass))
+    moves = build_massless_elimination(stiffness, split_by_inertia(mass))
+    back = build_massless_elimination(stiffness.T, split_by_inertia(mass))
     k, m = ((back.T @ part @ moves).toarray() for part in (stiffness, mass))
     smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
     parts = [0.0 * mass, -mass, stiffness]
 
     def corrected(values: PencilRoots, shift: float) -> Corrected:
         squared, right, left = values
-        return correct_roots(parts, squared, moves @ right, back @ left, shift)
+        return update_roots(parts, squared, moves @ right, back @ left, shift)
 
     squared, right, _, bar, lost = counted_roots(k, m, smallest, corrected, lambda z: stiffness - z * mass)
-    squared, right = without_rounded_parts(squared, right, bar)
+    squared, right = drop_rounded_parts(squared, right, bar)
     bar = bar + lost
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), mass @ right).real)
-    order = in_order(squared)
+    order = compute_order(squared)
     squared = squared[order]
     shapes = shapes[:, order]
     return (squared, shapes, bar[order]) if squared.imag.any() else (squared.real, shapes.real, bar[order])
@@ -150,10 +150,10 @@ def circulatory(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[
 # ------------------------------------------------------------------------------------------------ of first order
 
 
-def _pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
+def _build_pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
     """A and B of the head of this file, and what follows, K_ee x_e = -(K_er x_r + K_ed x_d + C_er v)."""
     split = split_by_inertia(mass)
-    moved, held = moved_by_rates(split, damping, stiffness)
+    moved, held = find_rate_driven_motions(split, damping, stiffness)
     basis = scipy.sparse.csc_array(scipy.sparse.hstack([split.massive, moved, held]))
     m, c, k = ((basis.T @ part @ basis).toarray() for part in (mass, damping, stiffness))
     r = split.massive.shape[1]
@@ -178,11 +178,11 @@ def _pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
     return Pencil(basis.toarray(), r, moved.shape[1], a[: r + first], b[: r + first], follow, inner, smallest, lag)
 
 
-def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sparse, Sparse]:
+def find_rate_driven_motions(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sparse, Sparse]:
     """Return bases of the motions without inertia that C [N m s] moves by their rates, and of those that follow others [-].
 
     Times are singular values of |K|^-1/2 C |K|^-1/2: stiffness that ties motions together makes a time long that C over the
-    stiffness of each alone makes short.  What is of rounding, or beyond all that has inertia, follows: `correct_roots` adds what
+    stiffness of each alone makes short.  What is of rounding, or beyond all that has inertia, follows: `update_roots` adds what
     that is off.  A ModelWarning says where rounding hides whether a motion has a root of its own.
     """
     none = split.massless
@@ -219,7 +219,7 @@ def moved_by_rates(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sp
     return by_rates, follows
 
 
-def _left(own: Pencil, root: Complex, w: Complex) -> Complex:
+def _compute_left_vectors(own: Pencil, root: Complex, w: Complex) -> Complex:
     """Left vectors (own, roots) of P from those of the pencil: y_e of what follows by w^H (A - s B)_e + y_e^H A_ee = 0."""
     r = own.massive
     first = own.massive + own.moved
@@ -256,7 +256,7 @@ def _refined(
             factors = factors_of(s * s * m + s * c + k)
             right[:, i] = _unit(scipy.linalg.lu_solve(factors, slope @ right[:, i]))
             left[:, i] = _unit(scipy.linalg.lu_solve(factors, slope.conj().T @ left[:, i], trans=2))
-            change = _change(parts, np.array([s]), right[:, [i]], left[:, [i]])[0]
+            change = _compute_correction(parts, np.array([s]), right[:, [i]], left[:, [i]])[0]
             s = s - change
             if not np.abs(s - root[i]) < near:
                 break
@@ -275,7 +275,7 @@ def _unit(vector: Complex) -> Complex:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Corrected:
+def update_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Corrected:
     """Return roots corrected by their vectors x and y of M, C, K, the vectors, bars of rounding, and what else is lost [1/s].
 
     A correction that leads to another root is none.  What is left of P(s) there is not known, and rounding of roots that lie
@@ -289,7 +289,7 @@ def correct_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, sh
     left = np.zeros(len(root))
     good = np.ones(len(root), dtype=bool)
     for _ in range(CORRECTIONS + 1):
-        change = _change(parts, out, x, y)
+        change = _compute_correction(parts, out, x, y)
         good &= np.abs(out - change - root) < near
         left = np.abs(np.where(good, change, 0.0))
         out = np.where(good, out - change, out)
@@ -306,36 +306,36 @@ def rounding_of(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shif
 
 def _reach(parts: list[Sparse], terms: Array, root: Complex, x: Complex, y: Complex) -> Array:
     """By how much a change of y^H P x by ``terms`` (roots,) moves roots [1/s]: of first order, of roots together of second."""
-    slope = np.abs(2 * root * _between(y, parts[0], x) + _between(y, parts[1], x))
-    first = _over(terms, slope)
-    second = np.sqrt(_over(terms, np.abs(_between(y, parts[0], x))))
+    slope = np.abs(2 * root * _compute_bilinear_form(y, parts[0], x) + _compute_bilinear_form(y, parts[1], x))
+    first = _compute_quotient(terms, slope)
+    second = np.sqrt(_compute_quotient(terms, np.abs(_compute_bilinear_form(y, parts[0], x))))
     return np.asarray(np.minimum(first, second))
 
 
-def _change(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
+def _compute_correction(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
     """y^H P(s) x / (y^H P'(s) x) of each root; infinite where the slope is zero."""
-    slope = 2 * s * _between(y, parts[0], x) + _between(y, parts[1], x)
+    slope = 2 * s * _compute_bilinear_form(y, parts[0], x) + _compute_bilinear_form(y, parts[1], x)
     there = slope != 0.0
     return np.where(there, _at(parts, s, x, y) / np.where(there, slope, 1.0), np.inf)
 
 
 def _at(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
     """y^H P(s) x of each root."""
-    m, c, k = (_between(y, part, x) for part in parts)
+    m, c, k = (_compute_bilinear_form(y, part, x) for part in parts)
     return s * s * m + s * c + k
 
 
-def _over(terms: Array, slope: Array) -> Array:
+def _compute_quotient(terms: Array, slope: Array) -> Array:
     """A quotient, infinite where it cannot be written."""
     there = slope > SMALLEST_SLOPE * terms
     return np.asarray(np.where(there, terms / np.where(there, slope, 1.0), np.inf))
 
 
-def _between(y: Complex, part: Sparse, x: Complex) -> Complex:
+def _compute_bilinear_form(y: Complex, part: Sparse, x: Complex) -> Complex:
     return np.asarray(np.einsum("km,km->m", y.conj(), part @ x))
 
 
-def in_pairs(root: Complex, x: Complex, y: Complex, bar: Array, lost: Array | None = None) -> Roots:
+def match_conjugate_roots(root: Complex, x: Complex, y: Complex, bar: Array, lost: Array | None = None) -> Roots:
     """Return roots [1/s] without parts that are rounding, of each pair one, slowest first; of a double real root both shapes.
 
     bar : rounding of each root [1/s]; lost : what else is not known of it, which makes no root zero or real [1/s]

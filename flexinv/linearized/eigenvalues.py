@@ -1,6 +1,6 @@
 """Eigenvalues of M y'' + K y = 0 where some freedoms have no inertia and some motions no stiffness.
 
-Freedoms without inertia follow the others: what they do is eliminated, exactly (`without_massless`).  Of the rest slow motions
+Freedoms without inertia follow the others: what they do is eliminated, exactly (`build_massless_elimination`).  Of the rest slow motions
 are found exactly where K is positive definite; what moves without stiffness is taken out of K before.
 """
 
@@ -63,23 +63,23 @@ def split_by_inertia(mass: Sparse) -> Split:
     order = np.argsort(label, kind="stable")
     ends = np.cumsum(np.bincount(label, minlength=sets))
     alone = np.diff(ends, prepend=0)[label] == 1
-    massive = [_columns(np.flatnonzero(alone & ~none), size)]
-    massless = [_columns(np.flatnonzero(alone & none), size)]
+    massive = [_build_columns(np.flatnonzero(alone & ~none), size)]
+    massless = [_build_columns(np.flatnonzero(alone & none), size)]
     for k in np.unique(label[~alone]):
         own = order[ends[k - 1] if k else 0 : ends[k]]
         values, vectors = scipy.linalg.eigh(unit[own][:, own].toarray())
         for found, which in ((massive, values > NO_INERTIA), (massless, values <= NO_INERTIA)):
             rows, columns = np.meshgrid(own, np.arange(which.sum()), indexing="ij")
             found.append((rows.ravel(), columns.ravel(), (vectors[:, which] / size[own, None]).ravel()))
-    return Split(_basis(massive, len(size)), _basis(massless, len(size)))
+    return Split(_build_basis(massive, len(size)), _build_basis(massless, len(size)))
 
 
-def _columns(which: NDArray[Any], size: Array) -> tuple[NDArray[Any], ...]:
+def _build_columns(which: NDArray[Any], size: Array) -> tuple[NDArray[Any], ...]:
     """Columns of freedoms alone, of unit inertia as those of sets: thresholds compare entries of all of them."""
     return which, np.arange(len(which)), 1.0 / size[which]
 
 
-def _basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
+def _build_basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
     """Columns of all parts side by side."""
     first = 0
     shifted = []
@@ -91,7 +91,7 @@ def _basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
     return scipy.sparse.csc_array((values, places), shape=(size, first))
 
 
-def without_massless(stiffness: Sparse, split: Split) -> Sparse:
+def build_massless_elimination(stiffness: Sparse, split: Split) -> Sparse:
     """Return N (freedoms, massive) [-]: all freedoms by those with inertia, others in equilibrium, K_00 b = -K_01 a.
 
     Raises InputError where a freedom has neither inertia nor stiffness.
@@ -123,21 +123,21 @@ def solve_held(stiffness: Sparse, sides: Array) -> Array:
     return np.asarray(factors.solve(sides / size[:, None]) / size[:, None])
 
 
-def undamped(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
+def find_undamped_modes(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     """Return omega^2 (modes,) [1/s^2], rising, and shapes (freedoms, modes) with unit modal mass, of a symmetric K.
 
     Freedoms without inertia follow the others.  What moves without stiffness, or falls, is taken out of K first.  What is left
     is positive definite, and found from both ends.
     """
-    moves = without_massless(stiffness, split_by_inertia(mass))
+    moves = build_massless_elimination(stiffness, split_by_inertia(mass))
     k, m = ((moves.T @ part @ moves).toarray() for part in (stiffness, mass))
     k = (k + k.T) / 2
     m = (m + m.T) / 2
-    soft = _soft(k, m)
+    soft = _find_soft_motions(k, m)
     # Q^T M x = 0 for the soft motions x: what is left of K moves by Q, and soft motions take no part in it
     rest = scipy.linalg.qr(m @ soft)[0][:, soft.shape[1] :] if soft.shape[1] else np.eye(len(k))
     inner, inertia = (rest.T @ part @ rest for part in (k, m))
-    squared, shapes = _soft_squares(k, m, soft)
+    squared, shapes = _find_soft_modes(k, m, soft)
     if rest.shape[1]:
         others, stiff = _from_both_ends((inner + inner.T) / 2, (inertia + inertia.T) / 2)
         squared = np.concatenate([squared, others])
@@ -164,7 +164,7 @@ def _from_both_ends(k: Array, m: Array) -> tuple[Array, Array]:
     return np.concatenate([1.0 / values[slow][::-1], squared]), np.hstack([found, rest @ fast])
 
 
-def near_slowest(squared: NDArray[Any], shift: float) -> float:
+def choose_shift(squared: NDArray[Any], shift: float) -> float:
     """Return a shift [1/s^2] as large as the slowest motion with stiffness, of omega^2 (modes,) that a small shift has shown."""
     size = np.abs(squared)
     slow = size <= shift
@@ -173,9 +173,7 @@ def near_slowest(squared: NDArray[Any], shift: float) -> float:
     return OFF_ROOT * float(size[~slow].min())
 
 
-def without_rounded_parts(
-    squared: NDArray[Any], shapes: NDArray[Any], known: Array
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def drop_rounded_parts(squared: NDArray[Any], shapes: NDArray[Any], known: Array) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return omega^2 (modes,) [1/s^2] that are zero or real but for what they are ``known`` to, and their shapes, real ones.
 
     A real double root comes as a pair a +- i b of shapes, of which a and b are shapes of its own.
@@ -186,7 +184,7 @@ def without_rounded_parts(
     return out, np.where(out.imag == 0.0, np.where(twin, shapes.imag, shapes.real), shapes)
 
 
-def in_order(squared: NDArray[Any]) -> NDArray[np.int64]:
+def compute_order(squared: NDArray[Any]) -> NDArray[np.int64]:
     """Return the order of omega^2 (modes,) [1/s^2]: rising where all are real, by size where some are not.
 
     Of a pair the one comes first whose motion grows with a positive imaginary part, omega^2 = a - i b.
@@ -204,21 +202,21 @@ def in_order(squared: NDArray[Any]) -> NDArray[np.int64]:
 
 def is_symmetric(stiffness: Sparse) -> bool:
     """Return True where K with a unit diagonal [-] is symmetric but for rounding."""
-    unit = with_unit_diagonal(stiffness)
+    unit = scale_to_unit_diagonal(stiffness)
     return bool(abs(unit - unit.T).max() <= SYMMETRIC) if unit.shape[0] else True
 
 
-def _soft(k: Array, m: Array) -> Array:
+def _find_soft_motions(k: Array, m: Array) -> Array:
     """The motions (freedoms, soft) without which K is positive definite: none where it is so already.
 
     They are the slowest ones by K + shift M with the smallest shift that makes it definite.  So large a part of 1 / (omega^2 +
     shift) is theirs that nothing else can be read from these eigenvalues.
     """
-    if not k.any() and _definite(m):  # all motions are, and no shift of K is in scale with M
+    if not k.any() and _is_definite(m):  # all motions are, and no shift of K is in scale with M
         return np.eye(len(k))
     shift = 0.0
     smallest = SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
-    while not _definite(k + shift * m):
+    while not _is_definite(k + shift * m):
         if shift > smallest / SOFT**2:
             raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
         shift = max(10 * shift, smallest, np.finfo(float).tiny)
@@ -228,7 +226,7 @@ def _soft(k: Array, m: Array) -> Array:
     return np.asarray(vectors[:, values > 1.0 / ((1.0 + SOFTER) * shift)])
 
 
-def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
+def _find_soft_modes(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
     """omega^2 [1/s^2] of the soft motions among each other, zero where it is rounding of K, and their shapes."""
     if not soft.shape[1]:
         return np.empty(0), soft
@@ -242,7 +240,7 @@ def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
     return np.where(np.abs(squared) <= rounding, 0.0, squared), shapes
 
 
-def _definite(matrix: Array) -> bool:
+def _is_definite(matrix: Array) -> bool:
     try:
         factor = scipy.linalg.cholesky(matrix)
     except scipy.linalg.LinAlgError:
@@ -250,39 +248,39 @@ def _definite(matrix: Array) -> bool:
     return bool((np.diag(factor) ** 2 > SOFT * np.abs(np.diag(matrix))).all())
 
 
-def with_unit_diagonal(stiffness: Sparse) -> Sparse:
+def scale_to_unit_diagonal(stiffness: Sparse) -> Sparse:
     """Return a matrix scaled so that its diagonal is 1, -1 or 0 [-]: signs stay, and stiff motions hide no soft ones."""
     size = np.sqrt(np.abs(stiffness.diagonal()))
     size[size == 0.0] = 1.0  # a spherical joint about the axis of its link: nothing holds it
     return scipy.sparse.csc_array(scipy.sparse.diags_array(1 / size) @ stiffness @ scipy.sparse.diags_array(1 / size))
 
 
-def negative(stiffness: Sparse) -> int:
+def count_negative_eigenvalues(stiffness: Sparse) -> int:
     """Return the number of negative eigenvalues of a symmetric K (freedoms, freedoms) [N m], beyond rounding [-].
 
     By Sylvester's law of inertia it is the number of negative pivots of K + shift 1, whatever the order of elimination.
     """
-    unit = with_unit_diagonal(stiffness)
+    unit = scale_to_unit_diagonal(stiffness)
     count = unit.shape[0]
     if count <= ONE_AND_ALL:
         return int((scipy.linalg.eigvalsh((unit + unit.T).toarray() / 2) < -LEAST * count).sum())
     unit = (unit + unit.T) / 2 + LEAST * count * scipy.sparse.eye_array(count)
-    return negative_pivots(scipy.sparse.csc_array(unit))
+    return count_negative_pivots(scipy.sparse.csc_array(unit))
 
 
-def negative_pivots(symmetric: Sparse) -> int:
+def count_negative_pivots(symmetric: Sparse) -> int:
     """Return the number of negative pivots [-] of a symmetric matrix with a unit diagonal: that of its negative eigenvalues.
 
     Where that is not sure, the diagonal is moved by some more roundings; of a matrix of few freedoms eigenvalues are counted.
     Raises ConvergenceError where neither helps.
     """
-    count = sure_negative_pivots(symmetric)
+    count = count_sure_negative_pivots(symmetric)
     if count is None and symmetric.shape[0] <= COUNTED:
         count = int((scipy.linalg.eigvalsh(symmetric.toarray()) < 0.0).sum())
     for more in range(1, MOST_MOVES + 1):
         if count is None:
             moved = symmetric + more * LEAST * symmetric.shape[0] * scipy.sparse.eye_array(symmetric.shape[0])
-            count = sure_negative_pivots(scipy.sparse.csc_array(moved))
+            count = count_sure_negative_pivots(scipy.sparse.csc_array(moved))
     if count is None:
         raise ConvergenceError(
             "modes: whether the equilibrium is stable is not sure: pivots of its stiffness are rounding; write fewer elements"
@@ -290,7 +288,7 @@ def negative_pivots(symmetric: Sparse) -> int:
     return count
 
 
-def sure_negative_pivots(symmetric: Sparse) -> int | None:
+def count_sure_negative_pivots(symmetric: Sparse) -> int | None:
     """Return the number of negative pivots [-] of a symmetric matrix; None where one is so small that it is not sure.
 
     Pivots stay on the diagonal.

@@ -17,8 +17,8 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from flexinv.errors import ConvergenceError, ModelWarning
-from flexinv.linearized.eigenvalues import near_slowest
-from flexinv.linearized.root_counts import missed_within
+from flexinv.linearized.eigenvalues import choose_shift
+from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.typing import Array, Complex, Sparse
 
 # Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
@@ -115,7 +115,7 @@ def _missed(place: float, root: Complex, bar: Array, matrix_at: Callable[[comple
     if radius is None:
         return 0
     try:
-        missed = missed_within(radius, root, matrix_at)
+        missed = count_missing_roots(radius, root, matrix_at)
     except RuntimeError:  # exactly singular on the circle
         return None
     return None if sure is None and missed else missed
@@ -159,7 +159,7 @@ def _slow(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, float]:
     if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
         return _inverse(a, b, 0.0), 0.0
     found = _inverse(a, b, smallest)
-    shift = near_slowest(found[0], smallest)
+    shift = choose_shift(found[0], smallest)
     return (found if shift == smallest else _inverse(a, b, shift)), shift
 
 

@@ -19,13 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.errors import InputError
-from flexinv.kinematics.nodal_motion import slides
-from flexinv.linearized.closed_motions import allowed_motions
-from flexinv.linearized.complex_roots import moved_by_rates, roots
-from flexinv.linearized.eigenvalues import SOFT, is_symmetric, split_by_inertia, undamped
-from flexinv.linearized.natural_modes import SAFETY, chosen, nodal_shapes, numbers_of_rates, tip_moves
-from flexinv.linearized.state_space import Basis, LeftOut, StateSpace, state_space
-from flexinv.linearized.steady_modes import Steady, steady_motion
+from flexinv.kinematics.nodal_motion import list_sliding_coordinates
+from flexinv.linearized.closed_motions import find_allowed_motions
+from flexinv.linearized.complex_roots import find_rate_driven_motions, find_roots
+from flexinv.linearized.eigenvalues import SOFT, find_undamped_modes, is_symmetric, split_by_inertia
+from flexinv.linearized.natural_modes import (
+    SAFETY,
+    compute_nodal_shapes,
+    compute_tip_displacements,
+    convert_rates,
+    resolve_setup,
+)
+from flexinv.linearized.state_space import Basis, LeftOut, StateSpace, build_state_space
+from flexinv.linearized.steady_modes import Steady, build_steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -93,7 +99,7 @@ class LinearModel(ByValue):
     @property
     def poles(self) -> Complex:
         """(states,) eigenvalues of A [1/s], by size, of a pair the one with positive imaginary part first."""
-        return poles_of(self.A)[0]
+        return compute_poles(self.A)[0]
 
     @property
     def pole_error(self) -> Array:
@@ -102,10 +108,10 @@ class LinearModel(ByValue):
         Twice the distance to the pole of the same number of a finer mesh, two elements of the next order for one: it is solved
         when this is asked for first.  `steady_modes` knows slow roots better: A has lost what is below 1e-16 of its largest.
         """
-        poles, rounding = poles_of(self.A, self.left_out)
+        poles, rounding = compute_poles(self.A, self.left_out)
         if self.origin is None or self.origin.mechanism.is_rigid:
             return rounding
-        finer = refined_model(self).poles[: len(poles)]
+        finer = build_refined_model(self).poles[: len(poles)]
         return np.asarray(rounding + SAFETY * np.abs(poles - finer))
 
     @property
@@ -115,14 +121,14 @@ class LinearModel(ByValue):
 
 
 @kept_with_owner()
-def refined_model(model: LinearModel) -> LinearModel:
+def build_refined_model(model: LinearModel) -> LinearModel:
     """Return the same model of a finer mesh [1/s]: two elements of the next order in place of each."""
     of = model.origin
     assert of is not None
     return linear_model(of.mechanism.refined(2, 1), of.q, of.rates, of.free, of.accelerated, of.modes)
 
 
-def poles_of(a: Array, left_out: LeftOut | None = None) -> tuple[Complex, Array]:
+def compute_poles(a: Array, left_out: LeftOut | None = None) -> tuple[Complex, Array]:
     """Return eigenvalues of A (states,) [1/s] by size, and how well they are known, but for the mesh.
 
     A rounding of A leaves  eps |A| |y| |x| / |y^H x|  of each, and what A leaves out moves it by  |s|^2 |y^H L x| / |y^H x|.
@@ -166,7 +172,7 @@ def linear_model(
     """
     if modes is not None:
         modes = check_whole_number("modes", modes, 0, "0 or more, or None for all")
-    rates = numbers_of_rates(rates)
+    rates = convert_rates(rates)
     check_kind("mechanism", mechanism, Mechanism)
     if free is not None:
         check_names("free", free, "joints")
@@ -182,15 +188,15 @@ def linear_model(
             f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
             "leave accelerated empty: efforts of the drives are the inputs"
         )
-    mesh, at, chosen_names = chosen(mechanism, q, freed, None)
-    motion = steady_motion(mesh, at, rates, set(chosen_names))
+    mesh, at, chosen_names = resolve_setup(mechanism, q, freed, None)
+    motion = build_steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = build_coordinate_map(mesh, motion.solver.topology)  # (nv, unknowns)
-    basis = _basis(motion, coordinates[joints], modes)
+    basis = _build_basis(motion, coordinates[joints], modes)
     moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
     driven = [v for v in moved if v not in joints]
-    found = state_space(basis, motion.matrices, coordinates[driven].T)
-    c, d, outputs, output_units = _outputs(motion.solver, coordinates, basis, found)
+    found = build_state_space(basis, motion.matrices, coordinates[driven].T)
+    c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, found)
     states, state_units = _states(mechanism, accelerated, basis)
     inputs, input_units = _inputs(mechanism, driven, accelerated)
     held = coordinates[driven] @ motion.residual
@@ -206,7 +212,7 @@ def linear_model(
         input_units=input_units,
         output_units=output_units,
         bias=np.concatenate([held, np.zeros(len(accelerated))]),
-        notes=_notes(motion, basis, modes),
+        notes=_list_notes(motion, basis, modes),
         origin=Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes),
         left_out=found.left_out,
     )
@@ -220,7 +226,7 @@ def _coordinate_units(mechanism: Mechanism, accelerated: Collection[str]) -> lis
 def _states(
     mechanism: Mechanism, accelerated: Collection[str], basis: Basis
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the states (p, eta, d, p', eta') of `state_space`."""
+    """Names and units of the states (p, eta, d, p', eta') of `build_state_space`."""
     moving = [*accelerated, *(f"mode {k + 1}" for k in range(basis.massive))]
     following = [f"massless {k + 1}" for k in range(basis.moved)]
     rates = [f"{name} rate" for name in moving]
@@ -232,7 +238,7 @@ def _inputs(
     mechanism: Mechanism, driven: Sequence[int], accelerated: Collection[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units of the inputs: efforts of the driven velocity coordinates, then given accelerations."""
-    translation = slides(mechanism)
+    translation = list_sliding_coordinates(mechanism)
     efforts = [f"{mechanism.velocity_names[v]} effort" for v in driven]
     accelerations = [f"{name} acceleration" for name in accelerated]
     effort_units = ["N" if translation[v] else "N m" for v in driven]
@@ -240,13 +246,13 @@ def _inputs(
     return (*efforts, *accelerations), (*effort_units, *acceleration_units)
 
 
-def _notes(motion: Steady, basis: Basis, modes: int | None) -> tuple[str, ...]:
+def _list_notes(motion: Steady, basis: Basis, modes: int | None) -> tuple[str, ...]:
     """Name what few modes leave out."""
     if modes is None:
         return ()
     if basis.left is not basis.right:
         return (CIRCULATORY_NOTE.format(modes),)
-    n = allowed_motions(motion.solver)
+    n = find_allowed_motions(motion.solver)
     damping = (n.T @ motion.matrices.damping @ n).toarray()
     return (GYROSCOPIC_NOTE.format(modes),) if _is_gyroscopic(damping) else ()
 
@@ -255,13 +261,13 @@ def _is_gyroscopic(damping: Array) -> bool:
     return bool(np.abs(damping - damping.T).max(initial=0.0) > GYROSCOPIC * np.abs(damping).max(initial=0.0))
 
 
-def _basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
-    """T and W of `state_space`: given joints with what follows them at rest, and shapes with these held."""
+def _build_basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
+    """T and W of `build_state_space`: given joints with what follows them at rest, and shapes with these held."""
     m = motion.matrices.mass
     k = motion.matrices.stiffness
     own = accelerated.any(axis=0)
     if not own.any():
-        return _shapes(allowed_motions(motion.solver), motion, modes)
+        return _build_shapes(find_allowed_motions(motion.solver), motion, modes)
     rest = scipy.sparse.csc_array(np.diag(motion.solver.topology.scale)[:, ~own])
     held = (rest.T @ k @ rest).toarray()
     inertia = (rest.T @ m @ rest).toarray()
@@ -269,13 +275,13 @@ def _basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
     follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
-    inner = _shapes(rest, motion, modes)
+    inner = _build_shapes(rest, motion, modes)
     right = np.hstack([follow, inner.right])
     left = right if inner.left is inner.right else np.hstack([follow, inner.left])
     return replace(inner, right=right, left=left, given=len(accelerated))
 
 
-def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
+def _build_shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
     """Shapes of unit modal mass, slowest first, of the symmetric part of K, and all motions without inertia; or few of them.
 
     Few shapes of a mechanism with gyroscopic terms or circulatory K span its slowest complex modes: (root^2 M + root C + K) x = 0
@@ -286,10 +292,10 @@ def _shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
     symmetric = is_symmetric(scipy.sparse.csc_array(stiffness))
     if modes is None or (symmetric and not _is_gyroscopic(damping)):
         return _undamped_shapes(allowed, (mass, damping, stiffness), modes)
-    found = roots(mass, damping, stiffness)
-    right = _spanned(found.shapes[:, :modes], mass)
+    found = find_roots(mass, damping, stiffness)
+    right = _find_real_basis(found.shapes[:, :modes], mass)
     if not symmetric:
-        left = _spanned(found.left[:, :modes], mass)
+        left = _find_real_basis(found.left[:, :modes], mass)
         if left.is_pair_of(right, mass, damping):
             return _spanning(allowed, right, left)
     if not right.is_pair_of(right, mass, damping):  # what has no inertia has no damper among these shapes
@@ -326,21 +332,21 @@ def _undamped_shapes(allowed: Sparse, matrices: tuple[Array, Array, Array], mode
     mass, damping, stiffness = matrices
     k = scipy.sparse.csc_array((stiffness + stiffness.T) / 2)
     m = scipy.sparse.csc_array((mass + mass.T) / 2)
-    shapes = allowed @ undamped(k, m)[1][:, :modes]
+    shapes = allowed @ find_undamped_modes(k, m)[1][:, :modes]
     if modes is not None:
-        return _same(shapes)
-    by_rates, following = moved_by_rates(split_by_inertia(m), damping, k)
+        return _make_symmetric_basis(shapes)
+    by_rates, following = find_rate_driven_motions(split_by_inertia(m), damping, k)
     moved = np.asarray((allowed @ by_rates).toarray())
     held = np.asarray((allowed @ following).toarray())
     every = np.hstack([shapes, moved, held])
     return Basis(every, every, 0, shapes.shape[1], moved.shape[1], held.shape[1])
 
 
-def _same(shapes: Array) -> Basis:
+def _make_symmetric_basis(shapes: Array) -> Basis:
     return Basis(shapes, shapes, 0, shapes.shape[1])
 
 
-def _spanned(shapes: Complex, mass: Array) -> Span:
+def _find_real_basis(shapes: Complex, mass: Array) -> Span:
     """Real shapes that span complex ones (freedoms, some)."""
     both = np.hstack([shapes.real, shapes.imag])
     length = np.linalg.norm(both, axis=0)
@@ -359,21 +365,21 @@ def _spanned(shapes: Complex, mass: Array) -> Span:
     return Span(massive, rest[:, lengths > SAME_SPAN * np.linalg.norm(columns, axis=0).max(initial=0.0)])
 
 
-def _outputs(
+def _build_outputs(
     solver: Solver, coordinates: Array, basis: Basis, found: StateSpace
 ) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
     """C, D, names and units: joints, their rates, tips."""
     mechanism = solver.mesh.mechanism
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
     joints = coordinates[moved] @ basis.right
-    tips = tip_moves(solver.mesh, nodal_shapes(solver, basis.right), solver.frames.r)
+    tips = compute_tip_displacements(solver.mesh, compute_nodal_shapes(solver, basis.right), solver.frames.r)
     places = [part.T for part in tips.values()]
     c = np.vstack([joints @ found.place, joints @ found.rate, *(part @ found.place for part in places)])
     d = np.vstack([joints @ found.direct, joints @ found.direct_rate, *(part @ found.direct for part in places)])
     names_of_joints = [mechanism.velocity_names[v] for v in moved]
     names_of_rates = [f"{name} rate" for name in names_of_joints]
     names_of_tips = [f"{link} tip {axis}" for link in tips for axis in AXIS_NAMES]
-    translation = slides(mechanism)
+    translation = list_sliding_coordinates(mechanism)
     units = ["m" if translation[v] else "rad" for v in moved]
     unit_rates = [f"{unit}/s" for unit in units]
     labels = (*names_of_joints, *names_of_rates, *names_of_tips)

@@ -18,15 +18,15 @@ NAMED = 4
 
 
 @kept_with_owner()
-def damped(mechanism: Mechanism) -> Mechanism:
+def apply_stated_ratio(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
 
-    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `with_ratio`.
+    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `apply_damping_ratio`.
     """
     stated = mechanism.modal_damping
     if stated is None or stated.seconds is not None:
         return mechanism
-    made, seconds, found = with_ratio(mechanism, stated.ratio, stated.mode)
+    made, seconds, found = apply_damping_ratio(mechanism, stated.ratio, stated.mode)
     pairs = zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True)
     ratios = ", ".join(f"{k} at {frequency:.4g} Hz {ratio:.3g}" for k, (frequency, ratio) in enumerate(pairs, 1))
     computed = replace(stated, seconds=seconds)
@@ -34,7 +34,7 @@ def damped(mechanism: Mechanism) -> Mechanism:
     return replace(made, modal_damping=computed, notes=(*made.notes, note))
 
 
-def with_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tuple[Mechanism, float, Modes]:
+def apply_damping_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tuple[Mechanism, float, Modes]:
     """Return the mechanism with all beams so damped that one natural mode has a given ratio [-], the time [s], and the modes.
 
     eta = ratio / (ratio of that mode at eta = 1 s)

@@ -24,9 +24,9 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.continuation import closed_near
-from flexinv.constraints.loop_starts import closed_at
-from flexinv.constraints.open_loops import GIVE_Q, advising
+from flexinv.constraints.continuation import find_closed_near
+from flexinv.constraints.loop_starts import find_closed_at
+from flexinv.constraints.open_loops import GIVE_Q, replace_advice
 from flexinv.dynamics.generalized_alpha import STATICS, apply_increment, end_step
 from flexinv.dynamics.initial_state import begin_undeformed, find_equilibrium
 from flexinv.dynamics.linearization import Matrices, compute_matrices
@@ -35,11 +35,16 @@ from flexinv.errors import ConvergenceError, InputError, ModelWarning
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.closed_motions import allowed_motions, closing_forces, constraints, stiffness_of_ties
-from flexinv.linearized.complex_roots import circulatory, roots
-from flexinv.linearized.eigenvalues import ONE_AND_ALL, is_symmetric, negative, undamped
-from flexinv.linearized.slowest_modes import slowest, slowest_circulatory
-from flexinv.linearized.slowest_roots import slowest_roots
+from flexinv.linearized.closed_motions import (
+    compute_tie_stiffness,
+    count_constraints,
+    find_allowed_motions,
+    solve_closing_forces,
+)
+from flexinv.linearized.complex_roots import find_circulatory_modes, find_roots
+from flexinv.linearized.eigenvalues import ONE_AND_ALL, count_negative_eigenvalues, find_undamped_modes, is_symmetric
+from flexinv.linearized.slowest_modes import find_slowest_circulatory, find_slowest_modes
+from flexinv.linearized.slowest_roots import find_slowest_roots
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
@@ -135,10 +140,10 @@ class Modes(Shapes):
         Twice the distance to the frequency of the same number of a finer mesh, two elements of the next order for one: it is
         solved when this is asked for first.  inf where the finer mesh has divergence there.
         """
-        bars = _rounding_bars(self)
+        bars = _compute_rounding_bars(self)
         if self.mesh.mechanism.is_rigid:
             return bars
-        bars = bars + SAFETY * np.abs(self.frequency - refined_modes(self).frequency)
+        bars = bars + SAFETY * np.abs(self.frequency - compute_refined_modes(self).frequency)
         return np.where(np.isnan(bars) & ~np.isnan(self.frequency), np.inf, bars)
 
     @property
@@ -160,13 +165,13 @@ def update_start(topology, scheme, state, y):
 
 
 @kept_with_owner()
-def refined_modes(modes: Modes) -> Modes:
+def compute_refined_modes(modes: Modes) -> Modes:
     """Return the same modes of a finer mesh [Hz]: two elements of the next order in place of each."""
     finer = modes.mesh.mechanism.refined(2, 1)
     return natural_modes(finer, modes.q, modes.free, len(modes.squared))
 
 
-def _rounding_bars(modes: Modes) -> Array:
+def _compute_rounding_bars(modes: Modes) -> Array:
     """(modes,) error bars of the frequencies [Hz] of rounding alone: of omega^2 near zero its root."""
     squared = np.abs(modes.squared)
     lost = modes.rounding
@@ -195,13 +200,13 @@ def natural_modes(
         if count is None:
             raise InputError("natural_modes: accuracy needs a count, as the fastest modes of a mesh are none of a beam")
         limit = check_seconds("accuracy", accuracy, "a part of each frequency above 0 [-], for example 1e-3")
-        return _accurate(natural_modes(mechanism, q, free, count), limit)
-    mesh, at, moving = chosen(mechanism, q, free, count)
+        return _find_accurate_modes(natural_modes(mechanism, q, free, count), limit)
+    mesh, at, moving = resolve_setup(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
-    mass, damping, stiffness = matrices_at_rest(solver, rest(solver, at)[0])
-    squared, shapes = _modes(stiffness, mass, allowed_motions(solver), count)
+    mass, damping, stiffness = compute_rest_matrices(solver, find_rest_position(solver, at)[0])
+    squared, shapes = _find_modes(stiffness, mass, find_allowed_motions(solver), count)
     last = len(squared) if count is None else count
-    moves = nodal_shapes(solver, shapes[:, :last])
+    moves = compute_nodal_shapes(solver, shapes[:, :last])
     shown = shapes[:, :last]
     lost = np.einsum("um,um->m", shown.conj(), damping @ shown).real  # (mode,)
     size = np.abs(shown)
@@ -211,7 +216,7 @@ def natural_modes(
     return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost, rounding)
 
 
-def _accurate(modes: Modes, limit: float) -> Modes:
+def _find_accurate_modes(modes: Modes, limit: float) -> Modes:
     """The modes of the first of the finer meshes of which error bars keep a limit, part of each frequency [-].
 
     Raises ConvergenceError where none does.
@@ -221,13 +226,13 @@ def _accurate(modes: Modes, limit: float) -> Modes:
             modes.frequency > 0.0, modes.frequency, np.inf
         )  # of rigid motions and divergence none is asked
         part = modes.frequency_error / frequency
-        rounded = _rounding_bars(modes) / frequency
+        rounded = _compute_rounding_bars(modes) / frequency
         if not (part > limit).any():
             return modes
         hopeless = bool((rounded > limit).any())
         if hopeless or modes.mesh.mechanism.is_rigid or 6 * modes.mesh.size > MOST_UNKNOWNS:
             break
-        modes = refined_modes(modes)
+        modes = compute_refined_modes(modes)
     missed = rounded if hopeless else part
     worst = int(np.nanargmax(missed))
     why = "rounding leaves no more" if hopeless else f"with {modes.mesh.size} nodes"
@@ -237,7 +242,9 @@ def _accurate(modes: Modes, limit: float) -> Modes:
     )
 
 
-def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
+def _find_modes(
+    stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones."""
     k, m = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in (stiffness, mass))
     size = k.shape[0]
@@ -250,13 +257,13 @@ def _modes(stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None) 
         )
     symmetric = is_symmetric(k)
     if size <= ONE_AND_ALL or count is None or FEW * count > size:
-        squared, shapes = undamped(k, m) if symmetric else circulatory(k, m)[:2]
+        squared, shapes = find_undamped_modes(k, m) if symmetric else find_circulatory_modes(k, m)[:2]
     else:
-        squared, shapes = slowest(k, m, count) if symmetric else slowest_circulatory(k, m, count)
+        squared, shapes = find_slowest_modes(k, m, count) if symmetric else find_slowest_circulatory(k, m, count)
     return squared, allowed @ shapes
 
 
-def chosen(
+def resolve_setup(
     mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None, count: int | None
 ) -> tuple[Mesh, Array, tuple[str, ...]]:
     """Return the mesh, the configuration (nq,) [rad], [m], loops closed, and the names of the free joints that are asked for.
@@ -279,8 +286,8 @@ def chosen(
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
     if mechanism.closures:
-        with advising(GIVE_Q):
-            at = closed_near(mesh, at) if q is None else closed_at(mesh, at, drives_move=True)
+        with replace_advice(GIVE_Q):
+            at = find_closed_near(mesh, at) if q is None else find_closed_at(mesh, at, drives_move=True)
     if not moving and mechanism.is_rigid:
         raise InputError(
             f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
@@ -289,7 +296,7 @@ def chosen(
     return mesh, at, moving
 
 
-def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
+def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     """Bring the solver to the rest position [m], [rad]: of a tree with all joints held, of a loop with its free joints free.
 
     Return the relative motion of its joints, and the solver of the tree so held (of a loop itself).
@@ -300,10 +307,10 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     joints = begin_undeformed(solver, q, nothing, nothing)
     solver.update_loads(0.0, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
-        load_springs(solver, joints)
-        if count := constraints(solver):  # the forces G^T lambda = r of least norm that hold it where it stands
+        update_spring_forces(solver, joints)
+        if count := count_constraints(solver):  # the forces G^T lambda = r of least norm that hold it where it stands
             solver.evaluate(STATICS, joints)
-            solver.border.ties.multiplier[:count] = closing_forces(solver, solver.work.residual[0])
+            solver.border.ties.multiplier[:count] = solve_closing_forces(solver, solver.work.residual[0])
         return joints, held
     if held is not solver:
         begin_undeformed(held, q, nothing, nothing)
@@ -316,37 +323,37 @@ def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     return joints, held
 
 
-def load_springs(solver: Solver, joints: Joints) -> None:
+def update_spring_forces(solver: Solver, joints: Joints) -> None:
     """Give the springs between points the forces that they have where the mechanism stands [N]."""
-    n = constraints(solver)
+    n = count_constraints(solver)
     solver.evaluate(STATICS, joints)
     solver.border.ties.multiplier[n:] += solver.border.ties.value[n:]
 
 
-def matrices_at_rest(solver: Solver, joints: Joints) -> Matrices:
+def compute_rest_matrices(solver: Solver, joints: Joints) -> Matrices:
     """Return M, C and K [kg, N, m, s] at rest; dry friction, whose effort has no derivative there, is left out."""
     drives = solver.topology.drives.copy()
     drives[2] = 0.0
-    return tied_matrices(replace(solver, topology=solver.topology._replace(drives=freeze(drives))), joints)
+    return compute_tied_matrices(replace(solver, topology=solver.topology._replace(drives=freeze(drives))), joints)
 
 
-def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
+def compute_tied_matrices(solver: Solver, joints: Joints) -> Matrices:
     """Return M, C and K [kg, N, m, s] of a mechanism with the forces in closures that it has where it stands.
 
-    These act on K by differences (`stiffness_of_ties`); the march's linearisation leaves out part of that.
+    These act on K by differences (`compute_tie_stiffness`); the march's linearisation leaves out part of that.
     """
     ties = solver.border.ties
-    n = constraints(solver)
-    load_springs(solver, joints)
+    n = count_constraints(solver)
+    update_spring_forces(solver, joints)
     force = ties.multiplier.copy()
-    tied = stiffness_of_ties(solver, joints)
+    tied = compute_tie_stiffness(solver, joints)
     ties.multiplier[:n] = 0.0
     mass, damping, stiffness = compute_matrices(solver, joints)
     ties.multiplier[:] = force
     return Matrices(mass, damping, scipy.sparse.csc_array(stiffness + tied))
 
 
-def unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
+def count_unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     """Return in how many independent motions a mechanism would leave the rest position that the solver has found [-].
 
     And whether all motions were looked at: of many freedoms under forces that turn along the slowest alone are.  Dampers decide
@@ -355,20 +362,20 @@ def unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     """
     if not len(solver.topology.scale):
         return 0, True
-    allowed = allowed_motions(solver)
-    found = matrices_at_rest(solver, joints)
+    allowed = find_allowed_motions(solver)
+    found = compute_rest_matrices(solver, joints)
     m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in found)
     if is_symmetric(k):
-        return negative(k), True
+        return count_negative_eigenvalues(k), True
     few = k.shape[0] <= ONE_AND_ALL
     if abs(c).max() > 0.0:
-        root = (roots(m, c, k) if few else slowest_roots(m, c, k, SLOWEST)).root
+        root = (find_roots(m, c, k) if few else find_slowest_roots(m, c, k, SLOWEST)).root
         return int(((root.real > 0.0) * (1 + (root.imag > 0.0))).sum()), few
-    squared = circulatory(k, m)[0] if few else slowest_circulatory(k, m, SLOWEST)[0]
+    squared = find_circulatory_modes(k, m)[0] if few else find_slowest_circulatory(k, m, SLOWEST)[0]
     return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum()), few
 
 
-def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
+def compute_nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
     """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
     out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
     t = solver.topology
@@ -381,8 +388,8 @@ def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
-    """Return displacements of links' tips (motions, 3) [m] world from `nodal_shapes`; orientation : (nodes, 3, 3) [-]."""
+def compute_tip_displacements(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
+    """Return displacements of links' tips (motions, 3) [m] world from `compute_nodal_shapes`; orientation : (nodes, 3, 3) [-]."""
     out = {}
     for joint in mesh.mechanism.joints:
         link = mesh.mechanism.link_of[joint.child]
@@ -392,7 +399,7 @@ def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
     return out
 
 
-def numbers_of_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
+def convert_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
     """Return rates [rad/s] by joint as floats, none for None."""
     given = check_mapping("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
     return {

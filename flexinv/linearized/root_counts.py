@@ -26,7 +26,7 @@ WHOLE_TURNS = 0.05
 SAME_ROOT = 1e-6
 
 
-def missed_within(radius: float, known: Complex, matrix_at: Callable[[complex], Sparse]) -> int | None:
+def count_missing_roots(radius: float, known: Complex, matrix_at: Callable[[complex], Sparse]) -> int | None:
     """Return the number of roots within |z| < radius [1/s], [1/s^2] beside the ``known`` ones; None where it is not sure.
 
     known : all that are known, inside and outside, of a pair one or both; matrix_at : P(z), sparse, real for real z
@@ -36,15 +36,15 @@ def missed_within(radius: float, known: Complex, matrix_at: Callable[[complex], 
     apart = np.abs(twins[:, None] - known[None]).min(axis=1, initial=np.inf)
     known = np.concatenate([known, twins[apart > SAME_ROOT * np.abs(twins)]])
 
-    def phase(angle: float) -> float:
+    def compute_phase(angle: float) -> float:
         place = radius * np.exp(1j * angle)
-        return _phase(matrix_at(complex(place))) - float(np.angle(place - known).sum())
+        return _compute_phase(matrix_at(complex(place))) - float(np.angle(place - known).sum())
 
     angles = np.linspace(0.0, np.pi, CIRCLE_SIDES + 1)
-    phases = [phase(angle) for angle in angles]
+    phases = [compute_phase(angle) for angle in angles]
     total = 0.0
     for k in range(CIRCLE_SIDES):
-        turn = _turn(phase, (angles[k], angles[k + 1]), (phases[k], phases[k + 1]), MOST_PARTINGS)
+        turn = _turn(compute_phase, (angles[k], angles[k + 1]), (phases[k], phases[k + 1]), MOST_PARTINGS)
         if turn is None:
             return None
         total += turn
@@ -68,7 +68,7 @@ def _turn(
     return None if first is None or second is None else first + second
 
 
-def _phase(matrix: Sparse) -> float:
+def _compute_phase(matrix: Sparse) -> float:
     """Phase of a determinant [rad]: of its pivots, and of the order in which they were taken."""
     size = np.sqrt(np.maximum(abs(matrix).max(axis=1).toarray().ravel(), np.finfo(float).tiny))
     unit = scipy.sparse.diags_array(1 / size)

@@ -21,14 +21,14 @@ from flexinv.linearized.eigenvalues import (
     CIRCULATORY,
     NO_STIFFNESS,
     SOFT,
-    in_order,
-    near_slowest,
+    choose_shift,
+    compute_order,
+    count_sure_negative_pivots,
+    drop_rounded_parts,
     solve_held,
     split_by_inertia,
-    sure_negative_pivots,
-    without_rounded_parts,
 )
-from flexinv.linearized.root_counts import missed_within
+from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.typing import Array, Sparse
 
 # A pivot of K with a unit diagonal below this part is rounding, that of a motion without stiffness: some hundreds of roundings.
@@ -70,23 +70,23 @@ class ShiftedStiffness:
         return np.asarray(self.inner.solve(side / self.size, "T" if transposed else "N") / self.size)
 
 
-def slowest(stiffness: Sparse, mass: Sparse, count: int) -> tuple[Array, Array]:
+def find_slowest_modes(stiffness: Sparse, mass: Sparse, count: int) -> tuple[Array, Array]:
     """Return omega^2 (count,) [1/s^2], rising, and shapes (freedoms, count) with unit modal mass, of a symmetric K.
 
     Raises InputError where a freedom has neither inertia nor stiffness, ConvergenceError where some are missed.
     """
     k, m = (scipy.sparse.csc_array((part + part.T) / 2) for part in (stiffness, mass))
-    massless = _negative_massless(k, m)
-    shift = _definite_shift(k, m, massless)
+    massless = _count_negative_massless(k, m)
+    shift = _find_definite_shift(k, m, massless)
     if shift > 0.0:  # so small a shift hides all but motions without stiffness: near the slowest others all are known
-        squared, _ = _lanczos(k, m, shift, min(count + SPARE_MODES, _most(k)))
-        shift = near_slowest(squared, shift)
+        squared, _ = _run_lanczos(k, m, shift, min(count + SPARE_MODES, _compute_most_modes(k)))
+        shift = choose_shift(squared, shift)
         while _count_below(k, m, -shift) != massless:
             shift *= GROWS
     looked_for = count + SPARE_MODES
     for _ in range(MOST_DOUBLINGS + 1):
-        looked_for = min(looked_for, _most(k))
-        squared, shapes = _lanczos(k, m, shift, looked_for)
+        looked_for = min(looked_for, _compute_most_modes(k))
+        squared, shapes = _run_lanczos(k, m, shift, looked_for)
         if _is_complete(k, m, squared, count, massless):
             break
         looked_for *= 2
@@ -103,12 +103,12 @@ def slowest(stiffness: Sparse, mass: Sparse, count: int) -> tuple[Array, Array]:
     return squared, shapes
 
 
-def _most(k: Sparse) -> int:
+def _compute_most_modes(k: Sparse) -> int:
     """Most modes that ARPACK finds at once [-]."""
     return int(k.shape[0]) - 2
 
 
-def _lanczos(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[Array, Array]:
+def _run_lanczos(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[Array, Array]:
     """omega^2 (count,), rising, and shapes of unit modal mass about a shift."""
     factors = ShiftedStiffness(k + shift * m)
     if factors.least < NO_STIFFNESS:
@@ -125,14 +125,14 @@ def _lanczos(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[Array, Arr
     return squared[order], shapes / np.sqrt(np.einsum("km,km->m", shapes, m @ shapes))
 
 
-def _negative_massless(k: Sparse, m: Sparse) -> int:
+def _count_negative_massless(k: Sparse, m: Sparse) -> int:
     """Number of negative pivots of the freedoms without inertia [-]: they are below every omega^2."""
     none = split_by_inertia(m).massless
     if not none.shape[1]:
         return 0
     own = scipy.sparse.csc_array(none.T @ k @ none)
     solve_held(own, np.zeros((own.shape[0], 1)))  # refuses what has no stiffness either
-    count = sure_negative_pivots(own)
+    count = count_sure_negative_pivots(own)
     if count is None:
         raise InputError(NO_SHIFT)
     return count
@@ -145,10 +145,10 @@ def _count_below(stiffness: Sparse, mass: Sparse, squared: float) -> int | None:
     if not size.all():
         raise InputError(NO_SHIFT)
     unit = scipy.sparse.diags_array(1 / size)
-    return sure_negative_pivots(scipy.sparse.csc_array(unit @ matrix @ unit))
+    return count_sure_negative_pivots(scipy.sparse.csc_array(unit @ matrix @ unit))
 
 
-def _definite_shift(stiffness: Sparse, mass: Sparse, massless: int) -> float:
+def _find_definite_shift(stiffness: Sparse, mass: Sparse, massless: int) -> float:
     """The smallest shift [1/s^2], of powers of ten, that leaves nothing below zero; 0 where K is definite, beyond rounding."""
     if (
         stiffness.diagonal().all()
@@ -175,7 +175,7 @@ def _is_complete(k: Sparse, m: Sparse, squared: Array, count: int, massless: int
     return _count_below(k, m, float(place)) == massless + at + 1
 
 
-def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
+def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return omega^2 (count,) [1/s^2], by size, and shapes (freedoms, count) with unit modal mass, of a K that is not symmetric.
 
     As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here:
@@ -186,14 +186,14 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
     refuse_loose(k, m)
     smallest = SOFT * np.abs(k.diagonal()).max() / np.abs(m.diagonal()).max()
     shift = 0.0 if k.diagonal().all() and ShiftedStiffness(k).least > ROUNDED_PIVOT else smallest
-    looked_for = min(count + SPARE_MODES, _most(k))
+    looked_for = min(count + SPARE_MODES, _compute_most_modes(k))
     if shift > 0.0:
-        shift = near_slowest(_arnoldi(k, m, shift, looked_for)[0], shift)
+        shift = choose_shift(_run_arnoldi(k, m, shift, looked_for)[0], shift)
     for _ in range(MOST_DOUBLINGS + 1):
-        looked_for = min(looked_for, _most(k))
-        squared, right, left = _arnoldi(k, m, shift, looked_for)
-        place = gap_beyond(np.abs(squared), count)
-        if missed_within(place, squared, lambda z: k - z * m) == 0:
+        looked_for = min(looked_for, _compute_most_modes(k))
+        squared, right, left = _run_arnoldi(k, m, shift, looked_for)
+        place = find_gap_beyond(np.abs(squared), count)
+        if count_missing_roots(place, squared, lambda z: k - z * m) == 0:
             break
         looked_for *= 2
     else:
@@ -205,19 +205,19 @@ def slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[ND
     known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
     if shift == 0.0:
         known = np.minimum(known, SOFT**0.5 * np.abs(squared))  # K is definite beyond rounding: nothing is zero
-    squared, right = without_rounded_parts(squared, right, known)
+    squared, right = drop_rounded_parts(squared, right, known)
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), m @ right).real)
     order = np.argsort(np.abs(squared), kind="stable")
     if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):
         count += bool(squared[order[count - 1]].imag)
     order = order[:count]
-    order = order[in_order(squared[order])]
+    order = order[compute_order(squared[order])]
     squared = squared[order]
     shapes = shapes[:, order]
     return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
 
 
-def krylov_values(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the largest eigenvalues (count,) [any unit] of an operator, and vectors, by Arnoldi's method from a start.
 
     Raises ConvergenceError where they are not found.
@@ -232,7 +232,7 @@ def krylov_values(operator: Any, count: int, start: Array) -> tuple[NDArray[Any]
     return values, vectors
 
 
-def gap_beyond(size: Array, count: int) -> float:
+def find_gap_beyond(size: Array, count: int) -> float:
     """Return the middle of the widest gap [any unit] between sizes of roots (modes,), beyond the first ``count``."""
     level = np.sort(size)
     if len(level) <= count:
@@ -249,21 +249,24 @@ def refuse_loose(k: Sparse, m: Sparse) -> None:
         solve_held(scipy.sparse.csc_array(none.T @ k @ none), np.zeros((none.shape[1], 1)))
 
 
-def _arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """omega^2 (count,), right and left shapes (freedoms, count) about a shift; left ones those of the nearest value."""
     factors = ShiftedStiffness(k + shift * m)
     if factors.least < NO_STIFFNESS:
         raise InputError(NO_SHIFT)
     start = factors.solve(m @ np.random.default_rng(0).standard_normal(k.shape[0]))
 
-    def forward(x: Array) -> Array:
+    def apply_inverse(x: Array) -> Array:
         return factors.solve(m @ x)
 
-    def backward(x: Array) -> Array:
+    def apply_transposed_inverse(x: Array) -> Array:
         return factors.solve(m.T @ x, transposed=True)
 
-    operators = (scipy.sparse.linalg.LinearOperator(k.shape, matvec=f, dtype=float) for f in (forward, backward))
-    (values, right), (others, left) = (krylov_values(f, count, start) for f in operators)
+    operators = (
+        scipy.sparse.linalg.LinearOperator(k.shape, matvec=f, dtype=float)
+        for f in (apply_inverse, apply_transposed_inverse)
+    )
+    (values, right), (others, left) = (find_krylov_eigenvalues(f, count, start) for f in operators)
     free = np.ones(len(others), dtype=bool)
     order = []
     for value in values:

@@ -16,17 +16,17 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.linearized.complex_roots import SMALLEST_SHIFT, Roots, correct_roots, in_pairs
-from flexinv.linearized.eigenvalues import NO_STIFFNESS, near_slowest
-from flexinv.linearized.root_counts import missed_within
+from flexinv.linearized.complex_roots import SMALLEST_SHIFT, Roots, match_conjugate_roots, update_roots
+from flexinv.linearized.eigenvalues import NO_STIFFNESS, choose_shift
+from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.linearized.slowest_modes import (
     MOST_DOUBLINGS,
     NO_SHIFT,
     ROUNDED_PIVOT,
     SPARE_MODES,
     ShiftedStiffness,
-    gap_beyond,
-    krylov_values,
+    find_gap_beyond,
+    find_krylov_eigenvalues,
     refuse_loose,
 )
 from flexinv.typing import Array, Complex, Sparse
@@ -34,7 +34,7 @@ from flexinv.typing import Array, Complex, Sparse
 Terms = tuple[Sparse, Sparse, Sparse]
 
 
-def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) -> Roots:
+def find_slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) -> Roots:
     """Return the ``count`` slowest roots [1/s] of (root^2 M + root C + K) x = 0, of each pair one, with vectors and error bars.
 
     Raises InputError where a freedom has neither inertia nor stiffness, ConvergenceError where that none is missed is not proved.
@@ -45,12 +45,12 @@ def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) 
     looked_for = min(2 * (count + SPARE_MODES), most)
     smallest = SMALLEST_SHIFT * float(np.sqrt(np.abs(k.diagonal()).max() / np.abs(m.diagonal()).max())) or 1.0
     regular = k.diagonal().all() and ShiftedStiffness(k).least > ROUNDED_PIVOT
-    shift = 0.0 if regular else near_slowest(_arnoldi(parts, smallest, looked_for)[0], smallest)
+    shift = 0.0 if regular else choose_shift(_run_arnoldi(parts, smallest, looked_for)[0], smallest)
     for _ in range(MOST_DOUBLINGS + 1):
         looked_for = min(looked_for, most)
-        root, right, left = _arnoldi(parts, shift, looked_for)
-        place = gap_beyond(np.abs(root), min(2 * count, len(root) - 1))
-        if missed_within(place, root, lambda s: k + s * c + s * s * m) == 0:
+        root, right, left = _run_arnoldi(parts, shift, looked_for)
+        place = find_gap_beyond(np.abs(root), min(2 * count, len(root) - 1))
+        if count_missing_roots(place, root, lambda s: k + s * c + s * s * m) == 0:
             break
         looked_for *= 2
     else:
@@ -58,11 +58,11 @@ def slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: int) 
             f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; "
             "write another count"
         )
-    found = in_pairs(*correct_roots(list(parts), root, right, left, shift))
+    found = match_conjugate_roots(*update_roots(list(parts), root, right, left, shift))
     return Roots(found.root[:count], found.shapes[:, :count], found.left[:, :count], found.bar[:count])
 
 
-def _arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
+def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
     """Roots (count,) and right and left vectors (freedoms, count) about a shift; left ones those of the nearest value."""
     m, c, k = parts
     size = k.shape[0]
@@ -71,26 +71,29 @@ def _arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, 
         raise InputError(NO_SHIFT)
     first = c + shift * m
 
-    def forward(w: Array) -> Array:
+    def apply_inverse(w: Array) -> Array:
         x = -factors.solve(m @ w[size:] + first @ w[:size])
         return np.concatenate([x, w[:size] + shift * x])
 
-    def of_left(u: Array) -> Array:
+    def solve_left_part(u: Array) -> Array:
         return -factors.solve(u[:size] + shift * u[size:], transposed=True)
 
-    def backward(u: Array) -> Array:
-        y = of_left(u)
+    def apply_transposed_inverse(u: Array) -> Array:
+        y = solve_left_part(u)
         return np.concatenate([u[size:] + first.T @ y, m.T @ y])
 
-    start = forward(np.random.default_rng(0).standard_normal(2 * size))
+    start = apply_inverse(np.random.default_rng(0).standard_normal(2 * size))
     shape = (2 * size, 2 * size)
-    operators = (scipy.sparse.linalg.LinearOperator(shape, matvec=f, dtype=float) for f in (forward, backward))
-    (values, right), (others, left) = (krylov_values(f, count, start) for f in operators)
+    operators = (
+        scipy.sparse.linalg.LinearOperator(shape, matvec=f, dtype=float)
+        for f in (apply_inverse, apply_transposed_inverse)
+    )
+    (values, right), (others, left) = (find_krylov_eigenvalues(f, count, start) for f in operators)
     free = np.ones(len(others), dtype=bool)
     order = []
     for value in values:
         nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
         free[nearest] = False
         order.append(nearest)
-    y = np.column_stack([of_left(u.real) + 1j * of_left(u.imag) for u in left[:, order].T])
+    y = np.column_stack([solve_left_part(u.real) + 1j * solve_left_part(u.imag) for u in left[:, order].T])
     return np.asarray(shift + 1 / values, dtype=complex), np.asarray(right[:size]), np.conj(y)

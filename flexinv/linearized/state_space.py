@@ -92,7 +92,7 @@ class StateSpace:
     left_out: LeftOut | None = None
 
 
-def state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Array) -> StateSpace:
+def build_state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Array) -> StateSpace:
     """Return the state space of M, C and K (unknowns, unknowns) [kg, N, m, s] with efforts (unknowns, inputs) [-].
 
     Inputs are the efforts, then the given accelerations.  Raises InputError where an effort acts on what follows it without

@@ -32,14 +32,19 @@ from flexinv.dynamics.linearization import Matrices, compute_matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import INCREMENT, MOST_ITERATIONS
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized import natural_modes as at_rest
-from flexinv.linearized.closed_motions import allowed_motions, closing_forces, constraints, scaled_gradient
-from flexinv.linearized.complex_roots import roots
+from flexinv.linearized.closed_motions import (
+    compute_scaled_gradient,
+    count_constraints,
+    find_allowed_motions,
+    solve_closing_forces,
+)
+from flexinv.linearized.complex_roots import find_roots
 from flexinv.linearized.eigenvalues import ONE_AND_ALL
 from flexinv.linearized.natural_modes import Shapes
-from flexinv.linearized.slowest_roots import slowest_roots
+from flexinv.linearized.slowest_roots import find_slowest_roots
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.model.owned_cache import kept_with_owner
@@ -75,7 +80,7 @@ class Steady:
     residual: Array
 
 
-def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[str]) -> Steady:
+def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[str]) -> Steady:
     """Return the linearisation about a mechanism that turns steadily, joints at q (nq,) [rad], [m], some at ``rates`` [rad/s].
 
     free : joints that move about the steady motion; what holds them there is taken as a constant effort
@@ -89,7 +94,7 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
             raise InputError(f"rate of joint {name!r}: '{m.name}' turns by {known or 'no revolute joint'}")
         if not np.isfinite(rate):
             raise InputError(f"rate of joint {name!r} is {rate}, expected a finite number [rad/s]")
-    rates = with_coupled_rates(mesh, rates)
+    rates = add_coupled_rates(mesh, rates)
     spun = [j for j in m.joints if rates.get(j.name, 0.0) != 0.0]
     for joint in spun:
         if joint.stiffness:
@@ -99,24 +104,24 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
             )
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
     solver = Solver.of(mesh, free)
-    joints, held = at_rest.rest(solver, q)
+    joints, held = at_rest.find_rest_position(solver, q)
     if any(rates.values()):
         if len(held.topology.scale):
             _find_deformed_shape(held, q, rates)
         sections = solver.topology.independent
         solver.state.x[sections] = held.state.x[sections]
         solver.state.r[sections] = held.state.r[sections]
-        joints = _set_rates(solver, q, rates, 1.0)
+        joints = _apply_rates(solver, q, rates, 1.0)
     solver.evaluate(STATICS, joints)
-    along = _turning(solver, rates, 1.0)
+    along = _build_turning(solver, rates, 1.0)
     _move_along(solver, along)
-    found = _matrices(at_rest.tied_matrices(solver, joints), solver, along)
+    found = _compute_matrices(at_rest.compute_tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
     return Steady(solver, found, solver.work.residual[0].copy())
 
 
-def with_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, float]:
+def add_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, float]:
     """Return rates [rad/s] of joints with those that follow from couplings, sum factor rate = 0; joints beside them have none.
 
     Raises InputError where rates contradict a coupling, where they leave one open, and where a joint would slide along.
@@ -172,7 +177,7 @@ def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
             why = f"joint '{other.name}', which it carries, turns too"
     tied: list[Closure | Spring] = [*m.closures, *m.springs]
     for what in tied:
-        ends = [attachment_node(mesh, end) for end in (what.first, what.second) if end.link != WORLD]
+        ends = [find_attachment_node(mesh, end) for end in (what.first, what.second) if end.link != WORLD]
         turns = [bool(carried[n]) for n in ends] + [False] * (2 - len(ends))
         if turns[0] != turns[1]:
             why = f"'{what.name}' ties what turns to what does not"
@@ -185,7 +190,7 @@ def _check_across(mesh: Mesh, joint: Joint, axis: Array) -> None:
     m = mesh.mechanism
     carried = find_outboard_nodes(mesh, mesh.joint_node[joint.name])
     loads: list[tuple[str, Array]] = [(f.name, part) for f in m.forces for part in f.wrench.reshape(-1, 3)
-             if not f.follower and f.at.link != WORLD and carried[attachment_node(mesh, f.at)]]  # fmt: skip
+             if not f.follower and f.at.link != WORLD and carried[find_attachment_node(mesh, f.at)]]  # fmt: skip
     for what, vector in [("gravity", m.gravity), *loads]:
         across = np.linalg.norm(np.cross(axis, vector))
         if across > ACROSS * max(float(np.linalg.norm(vector)), np.finfo(float).tiny):
@@ -195,7 +200,7 @@ def _check_across(mesh: Mesh, joint: Joint, axis: Array) -> None:
             )
 
 
-def _set_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: float) -> Joints:
+def _apply_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: float) -> Joints:
     """Give joints a part of their rates; return their relative motion."""
     mesh = solver.mesh
     t = solver.topology
@@ -207,7 +212,7 @@ def _set_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: float
     return compute_joint_motion(mesh, q, qd, np.zeros(mesh.mechanism.nv))
 
 
-def _turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning:
+def _build_turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning:
     mesh = solver.mesh
     out = Turning(np.zeros((mesh.size, 3)), np.zeros((mesh.size, 3)))
     for name, rate in rates.items():
@@ -236,13 +241,13 @@ def _move_along(solver: Solver, turning: Turning) -> None:
 def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -> None:
     """Find the deformed shape, rates raised from zero in steps as large as converge."""
     x, r, place = (part.copy() for part in (solver.state.x, solver.state.r, solver.state.place))
-    solver.evaluate(STATICS, _set_rates(solver, q, rates, 0.0))
+    solver.evaluate(STATICS, _apply_rates(solver, q, rates, 0.0))
     reached = 0.0
     step = 1.0
     while reached < 1.0:
         part = min(1.0, reached + step)
         try:
-            _newton(solver, _set_rates(solver, q, rates, part), _turning(solver, rates, part))
+            _find_steady_state(solver, _apply_rates(solver, q, rates, part), _build_turning(solver, rates, part))
         except ConvergenceError:
             solver.state.x[:] = x
             solver.state.r[:] = r
@@ -255,17 +260,17 @@ def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -
         reached = part
 
 
-def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
-    n = constraints(solver)
+def _find_steady_state(solver: Solver, joints: Joints, turning: Turning) -> None:
+    n = count_constraints(solver)
     ties = solver.border.ties
     size = 0.0
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
-        at_rest.load_springs(solver, joints)
-        stiffness = _matrices(compute_matrices(solver, joints), solver, turning).stiffness
+        at_rest.update_spring_forces(solver, joints)
+        stiffness = _compute_matrices(compute_matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
-        y = _increment(solver, stiffness, residual)
-        ties.multiplier[:n] += closing_forces(solver, residual + stiffness @ y)
+        y = _solve_increment(solver, stiffness, residual)
+        ties.multiplier[:n] += solve_closing_forces(solver, residual + stiffness @ y)
         if not np.isfinite(y).all():
             break
         at_rest.update_start(solver.topology, STATICS, solver.state, y)
@@ -278,14 +283,14 @@ def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
     )
 
 
-def _increment(solver: Solver, stiffness: Sparse, residual: Array) -> Array:
+def _solve_increment(solver: Solver, stiffness: Sparse, residual: Array) -> Array:
     """y (unknowns,) of  K y - G^T dlambda = -r,  G y = -phi: what closes the loops, and then the motions that they allow.
 
     All in unknowns over their scales: metres of a small mechanism stand beside radians.
     """
     scale = solver.topology.scale
-    free = allowed_motions(solver)
-    g, rows = scaled_gradient(solver)
+    free = find_allowed_motions(solver)
+    g, rows = compute_scaled_gradient(solver)
     phi = solver.border.ties.value[: len(rows)]
     y = scale * np.linalg.lstsq(g, -phi / rows, rcond=REDUNDANT)[0] if len(rows) else np.zeros(len(scale))
     inner = scipy.sparse.csc_array(free.T @ stiffness @ free)
@@ -295,7 +300,7 @@ def _increment(solver: Solver, stiffness: Sparse, residual: Array) -> Array:
         return np.full(len(scale), np.nan)
 
 
-def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
+def _compute_matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
     """M, C and K in the axes that turn along, from those of the march's unknowns, with A, B and D of the head of this file."""
     t = solver.topology
     if not turning.rate.any():
@@ -349,7 +354,7 @@ class SteadyModes(Shapes):
         """
         if self.mesh.mechanism.is_rigid:
             return self.rounding
-        finer = refined_steady_modes(self)
+        finer = compute_refined_modes(self)
         return np.asarray(self.rounding + at_rest.SAFETY * np.abs(self.root - finer.root))
 
     @property
@@ -365,7 +370,7 @@ class SteadyModes(Shapes):
 
 
 @kept_with_owner()
-def refined_steady_modes(modes: SteadyModes) -> SteadyModes:
+def compute_refined_modes(modes: SteadyModes) -> SteadyModes:
     """Return the same modes of a finer mesh [1/s]: two elements of the next order in place of each."""
     finer = modes.mesh.mechanism.refined(2, 1)
     return steady_modes(finer, modes.q, modes.rates, modes.free, len(modes.root))
@@ -390,19 +395,19 @@ def steady_modes(
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
     ConvergenceError where no deformed shape is found, or a root is lost.
     """
-    mesh, at, names = at_rest.chosen(mechanism, q, free, count)
-    rates = at_rest.numbers_of_rates(rates)
-    motion = steady_motion(mesh, at, rates, set(names))
-    turning = with_coupled_rates(mesh, rates)
-    n = allowed_motions(motion.solver)
+    mesh, at, names = at_rest.resolve_setup(mechanism, q, free, count)
+    rates = at_rest.convert_rates(rates)
+    motion = build_steady_motion(mesh, at, rates, set(names))
+    turning = add_coupled_rates(mesh, rates)
+    n = find_allowed_motions(motion.solver)
     m, c, k = (scipy.sparse.csc_array(n.T @ part @ n) for part in motion.matrices)
     size = k.shape[0]
     few = count is not None and size > ONE_AND_ALL and at_rest.FEW * count <= size
-    found = slowest_roots(m, c, k, count) if few and count is not None else roots(m, c, k)
+    found = find_slowest_roots(m, c, k, count) if few and count is not None else find_roots(m, c, k)
     root = found.root
     shapes = found.shapes
     last = len(root) if count is None else count
-    moves: Complex = at_rest.nodal_shapes(motion.solver, n @ shapes[:, :last])
+    moves: Complex = at_rest.compute_nodal_shapes(motion.solver, n @ shapes[:, :last])
     moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
     largest = np.where(moved > TWISTS * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.closures import Rows, constraint_rows
+from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import SECTION
 from flexinv.model.owned_cache import kept_with_owner
@@ -81,7 +81,7 @@ def _find_upright(vectors: Array) -> NDArray[np.bool_]:
 
 def _describe_spatial_closure(mesh: Mesh, plane: Plane) -> str:
     """Return a message on a closure with frames outside the plane or more than planar ties; empty if none has [-]."""
-    rows = constraint_rows(mesh)
+    rows = build_constraint_rows(mesh)
     u = convert_to_plane(plane, rows.a, rows.u)
     w = convert_to_plane(plane, rows.b, rows.w)
     above = [convert_to_plane(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.closures import Rows, constraint_rows
+from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, build_layout, build_ties
 from flexinv.dynamics.dofs import Topology, build_topology, compute_offsets
 from flexinv.elements.planar_beam import POINTS_AT_ONCE, PlanarElements
@@ -74,7 +74,7 @@ def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     plane = find_plane(mesh)
     t = build_topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
-    rows = constraint_rows(mesh)
+    rows = build_constraint_rows(mesh)
     row = np.flatnonzero(find_planar_rows(plane, rows)).astype(np.int64)
     tree = _build_tree(mesh, t, plane)
     space = _build_embedding(mesh, plane, row)

@@ -14,8 +14,8 @@ from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, GivenLoops
-from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.reactions import closure_wrenches
+from flexinv.constraints.closures import build_constraint_rows
+from flexinv.constraints.reactions import compute_closure_wrenches
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
 from flexinv.inverse.inverse_dynamics import check_constant, compute_applied_forces, compute_spring_efforts
 from flexinv.kernels.memory import LINE, make_aligned_zeros
@@ -24,7 +24,7 @@ from flexinv.kernels.threads.affinity import count_processors
 from flexinv.kernels.threads.atomics import COMPILED
 from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import freeze, kept_with_owner
@@ -175,14 +175,14 @@ class TorqueFunction(ByValue):
         m = self.mechanism
         mesh = self.mesh
         q, qd, qdd = joint_arrays.make_contiguous_states(m, (q, qd, qdd), order)
-        motion = rigid_motion(mesh, q, qd, qdd)
+        motion = compute_rigid_motion(mesh, q, qd, qdd)
         acting = compute_applied_forces(mesh, motion, np.zeros(len(q)))
         second = nodal_dynamics.compute_inverse_dynamics(mesh, motion, qd, qdd, acting, self.passive)
         torque = second.torque + compute_spring_efforts(m, q, history=False) if self.passive else second.torque
         reaction: dict[str, Array] = {}
         if self.loops is not None:
             shares = self.loops.shares(q, qd, qdd, torque)
-            pushed, reaction = closure_wrenches(mesh, motion, constraint_rows(mesh), shares.multipliers)
+            pushed, reaction = compute_closure_wrenches(mesh, motion, build_constraint_rows(mesh), shares.multipliers)
             second = nodal_dynamics.compute_inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
             torque = shares.tau
         wrench = {name: second.wrenches[node] for name, node in mesh.joint_node.items()}
@@ -242,7 +242,7 @@ class TorqueFunction(ByValue):
             loops.check(*rows[:3])
         if counter[2]:
             blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
-            loops.share_some(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
+            loops.apply_shares(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
 
     def _mails(self, size: int) -> NDArray[np.uint64]:
         """Mails of those who help with a call of so many efforts."""
@@ -258,7 +258,7 @@ class TorqueFunction(ByValue):
             return
         for start in range(0, len(tau), NODAL_SAMPLES):
             part = slice(start, start + NODAL_SAMPLES)
-            nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
+            nodes = compute_rigid_motion(self.mesh, *(a[part] for a in motion))
             loads = compute_applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
             if loads is not None:
                 tau[part] -= nodal_dynamics.compute_projected_efforts(self.mesh, nodes, loads)
@@ -309,7 +309,7 @@ def _build_loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
     plain = build_bodies(mesh, passive)
     if not m.closures:
         return plain, NO_LOOPS
-    rows = constraint_rows(mesh)
+    rows = build_constraint_rows(mesh)
 
     def run(bodies: Bodies, plan: LoopPlan) -> Array:
         q = sample_configurations(m, PLACES)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.elements.joint_law import build_joint_laws
 from flexinv.errors import InputError
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, fill_torque_derivatives
@@ -72,7 +72,7 @@ def torque_derivatives(
     scratch = np.zeros((mechanism.nv, AXIS_CELLS)), np.zeros((len(carried.node), BODY_CELLS))
     for start in range(0, samples if mechanism.nv else 0, NODAL_SAMPLES):
         part = slice(start, start + NODAL_SAMPLES)
-        motion = rigid_motion(mesh, *(state[part] for state in states)).frames
+        motion = compute_rigid_motion(mesh, *(state[part] for state in states)).frames
         fill_torque_derivatives(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     law = build_joint_laws(mechanism)

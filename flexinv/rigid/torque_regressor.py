@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.elements.joint_law import compute_law_derivatives
 from flexinv.errors import InputError
-from flexinv.kinematics.configuration import nodes_of
+from flexinv.kinematics.configuration import build_nodes
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion, scalar_coordinate
+from flexinv.kinematics.nodal_motion import compute_rigid_motion, read_scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
@@ -125,7 +125,7 @@ def torque_regressor(
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
-    fill_regressor(nodes_of(mesh), nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
+    fill_regressor(build_nodes(mesh), nodes, gravity, compute_rigid_motion(mesh, *states).frames, matrix)
     names = [f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL]
     values = np.concatenate([compute_link_parameters(link) for link in mechanism.links])
     parts = [(matrix, names, INERTIAL_UNITS * len(mechanism.links), values)]
@@ -146,7 +146,7 @@ def _build_drive_columns(
     turns = KINDS[joint.kind].units != ("m",)
     place = np.zeros_like(qd[:, rows])
     if joint.nv == 1:
-        place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
+        place[:, 0] = read_scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
     columns = compute_law_derivatives(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
     keys = ["rotor_inertia", "damping", "friction", "stiffness", "stiffness_rest"]
     units = ("kg m^2", "N m s", "N m", "N m/rad", "N m") if turns else ("kg", "N s/m", "N", "N/m", "N")

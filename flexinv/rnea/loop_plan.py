@@ -16,11 +16,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import Rows, closed_rows, measures
+from flexinv.constraints.allocation import count_ranks
+from flexinv.constraints.closures import Rows, evaluate_closures, list_velocity_scales
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, find_carrier_nodes
@@ -58,14 +58,17 @@ def plan_loops(
     m = mesh.mechanism
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
     first = build_loop_tables(mesh, candidates[1], rows, limits, np.ones(len(rows.closure), dtype=bool))
-    unit = measures(mesh) / rows.scale[:, None]  # of lengths over the mechanism's
+    unit = list_velocity_scales(mesh) / rows.scale[:, None]  # of lengths over the mechanism's
     g = _compute_scaled_jacobian(first, unit, lambda plan: run(candidates[1], plan))
-    rank = int(ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
+    rank = int(count_ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
     if rank < len(passive) or not drives:
         return None
     unmoved = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2)))
     rest = np.zeros((1, m.nv))
-    phi = closed_rows(mesh, rigid_motion(mesh, sample_configurations(m, 1), rest, rest), rows)[0][0, :, 0] / rows.scale
+    phi = (
+        evaluate_closures(mesh, compute_rigid_motion(mesh, sample_configurations(m, 1), rest, rest), rows)[0][0, :, 0]
+        / rows.scale
+    )
     if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
     kept = np.asarray(g.any(axis=(0, 2)))

@@ -32,7 +32,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
 from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import relative_motion, rigid_motion
+from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.model.owned_cache import freeze
 from flexinv.planar.detection import Plane, find_plane
@@ -166,8 +166,8 @@ class FreeLayout:
         mesh = self.solver.mesh
         t = self.solver.topology
         zero = np.zeros((len(q), mesh.mechanism.nv))
-        motion = rigid_motion(mesh, q, zero, zero)
-        rel = relative_motion(mesh, q, zero, zero)
+        motion = compute_rigid_motion(mesh, q, zero, zero)
+        rel = compute_relative_motion(mesh, q, zero, zero)
         flat = np.zeros((len(q), len(t.scale)))
         flat[:, self.place] = motion.x[:, self.section]
         for n in np.flatnonzero(t.freedoms):

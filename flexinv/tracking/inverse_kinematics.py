@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.errors import InputError
 from flexinv.kernels.smooth_pieces import fit_pieces
 from flexinv.kernels.so3 import log_so3
-from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
+from flexinv.kinematics.mesh import Mesh, find_attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import start_coordinates
@@ -99,8 +99,8 @@ def resolve_frame(mesh: Mesh, frame: str | Attachment) -> Frame:
     if isinstance(frame, str):
         if (node := mesh.tip_node.get(name)) is not None:
             return Frame(name, int(node), np.zeros(3), np.eye(3))
-        return Frame(name, attachment_node(mesh, Attachment(name)), m.link_of[name].tip, np.eye(3))
-    node = attachment_node(mesh, frame)
+        return Frame(name, find_attachment_node(mesh, Attachment(name)), m.link_of[name].tip, np.eye(3))
+    node = find_attachment_node(mesh, frame)
     stations = mesh.section_stations.get(name)
     if stations is not None and frame.station is not None and np.abs(stations - frame.station).min() > NEGLIGIBLE:
         near = ", ".join(f"{s:.4g}" for s in stations)
@@ -259,7 +259,7 @@ class RigidWay:
 
     def _compute_poses(self, angles: Array, rates: Array) -> Poses:
         q = self._convert_angles(angles)
-        return self.frame.poses(rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
+        return self.frame.poses(compute_rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
 
     def _assemble_rows(self, linear: Array, angular: Array | None) -> Array:
         """(samples, 3 or 6): a vector and, where orientation is asked for, a rotation times the mechanism's length."""

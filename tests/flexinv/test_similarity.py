@@ -19,7 +19,7 @@ from similar import coordinates, efforts, similar
 
 import flexinv
 from flexinv.analysis.overview import resolve_start_configuration
-from flexinv.constraints.continuation import mobility
+from flexinv.constraints.continuation import compute_mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Mechanism
@@ -154,7 +154,7 @@ def rigid(name: str, s: float) -> Answers:
     out = {"sample": efforts(m, now, 1 / s), "cycle": efforts(m, cycle, 1 / s)}
     out["torque"] = efforts(m, flexinv.joint_torques(small, q, qd, qdd), 1 / s)
     if m.closures:
-        found = mobility(build(small), q[0])
+        found = compute_mobility(build(small), q[0])
         out["mobility"] = np.array([found.freedoms, found.redundant])
         loops = solved(name, s).loops
         assert loops is not None

@@ -11,9 +11,9 @@ from rigid_trees import TREE, tree, unit
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.constraints.closures import closed_rows, constraint_jacobian, constraint_rows
+from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian, evaluate_closures
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Mechanism, Placement
 from flexinv.rigid.blocks import CALL_CELLS
 from flexinv.rigid.prepare import TorqueFunction, prepare
@@ -66,7 +66,7 @@ def closed_tree(
     q = random_states(mechanism, 1, random)[0]
     one, other = bodies if seed % 2 and kind != "fixed" else (WORLD, near if seed % 2 else far)
     rest = np.zeros((1, mechanism.nv))
-    motion, mesh = rigid_motion(build(mechanism), q, rest, rest), build(mechanism)
+    motion, mesh = compute_rigid_motion(build(mechanism), q, rest, rest), build(mechanism)
 
     def pose(link: str) -> tuple[Array, Array]:
         if link == WORLD:
@@ -91,13 +91,13 @@ def driven(
 ) -> tuple[Mechanism, tuple[Array, Array, Array]]:
     """The drives, and motions of 150 samples at one configuration."""
     mesh, rest = build(closed), np.zeros((1, closed.nv))
-    rows = constraint_rows(mesh)
-    g = constraint_jacobian(mesh, rigid_motion(mesh, q, rest, rest), rows)[0]
+    rows = build_constraint_rows(mesh)
+    g = compute_constraint_jacobian(mesh, compute_rigid_motion(mesh, q, rest, rest), rows)[0]
     _, values, right = np.linalg.svd(g)
     rank = int((values > 1e-10 * values[0]).sum())
     qd = random.normal(size=(150, closed.nv - rank)) @ right[rank:]
     states = np.repeat(q, 150, axis=0)
-    turning = closed_rows(mesh, rigid_motion(mesh, states, qd, 0 * qd), rows)[0][:, :, 2]
+    turning = evaluate_closures(mesh, compute_rigid_motion(mesh, states, qd, 0 * qd), rows)[0][:, :, 2]
     qdd = random.normal(size=qd.shape) @ right[rank:].T @ right[rank:] - turning @ np.linalg.pinv(g, rcond=1e-10).T
     passive: list[str] = []
     for joint in random.permutation(

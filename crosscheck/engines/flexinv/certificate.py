@@ -10,11 +10,11 @@ import numpy as np
 from crosscheck.engines.shared.probe_states import Array, about_origin, carried, configurations
 from crosscheck.measures.certificate import Certificate
 from flexinv.analysis.solve import solve
-from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import constraint_jacobian, constraint_rows
+from flexinv.constraints.allocation import count_ranks
+from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement
 from flexinv.rigid.joint_torques import joint_torques
 
@@ -33,7 +33,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     tree = replace(mechanism, closures=(), springs=(), forces=())
     mesh = build(tree)
     rest = np.zeros((len(q), tree.nv))
-    motion = rigid_motion(mesh, q, rest, rest)
+    motion = compute_rigid_motion(mesh, q, rest, rest)
     moving = _moving(tree)
     weights = np.where([tree.links[k].name in moving for k in mesh.link], mesh.mass, 0.0)
     rank = _rank(mechanism, case) if mechanism.closures else None
@@ -172,11 +172,11 @@ def _rank(mechanism: Mechanism, case: Case) -> int:
     solution = solve(mechanism, case.motion, case.sample, end=case.sample, start=case.start)
     mesh = build(mechanism)
     first = slice(0, 1)
-    motion = rigid_motion(mesh, solution.q[first], solution.qd[first], solution.qdd[first])
-    rows = constraint_rows(mesh)
+    motion = compute_rigid_motion(mesh, solution.q[first], solution.qd[first], solution.qdd[first])
+    rows = build_constraint_rows(mesh)
     acts = np.array([not c.active or c.active[0][0] <= 0.0 for c in mechanism.closures])
-    g = constraint_jacobian(mesh, motion, rows)[0][acts[rows.closure]]
-    return int(ranks(np.linalg.svd(g, compute_uv=False)))
+    g = compute_constraint_jacobian(mesh, motion, rows)[0][acts[rows.closure]]
+    return int(count_ranks(np.linalg.svd(g, compute_uv=False)))
 
 
 def _mass(mechanism: Mechanism) -> float:

@@ -15,9 +15,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation import ranks
-from flexinv.constraints.closures import Phase, Rows, constraint_rows, measures, phases
-from flexinv.constraints.reactions import closure_wrenches
+from flexinv.constraints.allocation import count_ranks
+from flexinv.constraints.closures import Phase, Rows, build_constraint_rows, list_phases, list_velocity_scales
+from flexinv.constraints.reactions import compute_closure_wrenches
 from flexinv.inverse.inverse_dynamics import (
     NodalForces,
     compute_joint_wrenches,
@@ -52,15 +52,15 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
     time : (samples,) [s] of a uniform grid.  A beam gives way in all six directions: what it would transmit strains it.
     """
     m = mesh.mechanism
-    rows = constraint_rows(mesh)
+    rows = build_constraint_rows(mesh)
     arms = np.array(3 * [mesh.length] + 3 * [1.0])
     loose, firm = ({c.name: np.zeros(6) for c in m.closures} for _ in range(2))
     carried = {joint: np.zeros(6) for joint in mesh.joint_node}
-    for phase in phases(m, time):
+    for phase in list_phases(m, time):
         some = _some(motion, phase)
         scale = rows.scale
         acting = np.flatnonzero(phase.active[rows.closure])
-        units = [closure_wrenches(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
+        units = [compute_closure_wrenches(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
         for _, wrenches in units:
             _raise(firm, wrenches, arms)
         felt = np.stack([_felt(mesh, some, forces) for forces, _ in units], axis=1) if units else np.zeros((1, 0, 1))
@@ -69,7 +69,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
             null[:, acting] = _null(felt, k)
             if not null.any():
                 continue
-            forces, wrenches = closure_wrenches(mesh, some, rows, null / scale)
+            forces, wrenches = compute_closure_wrenches(mesh, some, rows, null / scale)
             own = compute_local_wrenches(mesh, some, forces)
             _raise(loose, wrenches, arms)
             _raise(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)
@@ -89,7 +89,7 @@ def _felt(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
     wrenches = compute_joint_wrenches(mesh, motion, forces)
     within = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(n[1:] for n in mesh.section_nodes.values())]))
     parts = [
-        compute_projected_efforts(mesh, motion, forces) * measures(mesh),
+        compute_projected_efforts(mesh, motion, forces) * list_velocity_scales(mesh),
         mesh.length * wrenches.force[:, within].reshape(len(motion.x), -1),
         wrenches.moment[:, within].reshape(len(motion.x), -1),
     ]
@@ -111,4 +111,4 @@ def _some(motion: NodalMotion, phase: Phase) -> NodalMotion:
 def _null(g: Array, k: int) -> Array:
     """The k-th vector from the end of a basis of the null space of G^T, zero where it has fewer: (samples, rows)."""
     u, values, _ = np.linalg.svd(g)
-    return np.asarray(np.where((g.shape[1] - 1 - k >= ranks(values))[:, None], u[:, :, -1 - k], 0.0))
+    return np.asarray(np.where((g.shape[1] - 1 - k >= count_ranks(values))[:, None], u[:, :, -1 - k], 0.0))

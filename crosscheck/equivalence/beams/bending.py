@@ -16,7 +16,7 @@ from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Share, share_of
 from flexinv.analysis.solve import solve
 from flexinv.errors import FlexinvError
-from flexinv.linearized.modal_damping import damped
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -50,7 +50,7 @@ def felt(beams: Beams) -> Felt:
         return Felt(alone)
     mixed = beams.first.modal_damping is None or beams.second.modal_damping is None
     if mixed and (beams.first.modal_damping or beams.second.modal_damping):
-        beams = replace(beams, first=damped(beams.first), second=damped(beams.second))
+        beams = replace(beams, first=apply_stated_ratio(beams.first), second=apply_stated_ratio(beams.second))
         beams = replace(beams, first=_stated(beams.first), second=_stated(beams.second))
         bent = list(beams.differences())
     try:
@@ -91,7 +91,7 @@ def torques(mechanism: Mechanism) -> dict[str, Array]:
     Raises ConvergenceError, InputError.
     """
     joints = tuple(replace(joint, actuated=True) for joint in mechanism.joints)
-    tree = replace(damped(mechanism), joints=joints, closures=(), springs=(), forces=())
+    tree = replace(apply_stated_ratio(mechanism), joints=joints, closures=(), springs=(), forces=())
     found = solve(tree, motion_of(tree), step=DURATION / STEPS).torque_all
     return {joint.name: found[:, tree.v_slices[joint.name]] for joint in tree.joints if joint.nv}
 

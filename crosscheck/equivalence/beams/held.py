@@ -15,7 +15,7 @@ import numpy as np
 
 from crosscheck.equivalence.tree import sum_of
 from crosscheck.lifting.rigid import moved, on
-from flexinv.kinematics.mesh import arc
+from flexinv.kinematics.mesh import compute_section_frame
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 
 POINTS = 8  # of Gauss on each half of a stretch: exact for straight beams, to rounding for arcs of a turn
@@ -39,7 +39,7 @@ def held(mechanism: Mechanism) -> Mechanism:
 
 def section_frame(beam: Beam, station: float | None) -> Placement:
     """Return a section's frame [m] in the link frame, at a fraction 0..1 of the length [-]; None : at the end."""
-    return on(beam.placement, arc(beam, beam.length * (1.0 if station is None else station)))
+    return on(beam.placement, compute_section_frame(beam, beam.length * (1.0 if station is None else station)))
 
 
 def _link(link: Link, beam: Beam | None) -> Link:

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.lifting.reader_dynamics import ReaderDynamics
-from flexinv.constraints.closures import measures
-from flexinv.constraints.continuation import start_follower
-from flexinv.constraints.loop_starts import places_near
+from flexinv.constraints.closures import list_velocity_scales
+from flexinv.constraints.continuation import build_start_follower
+from flexinv.constraints.loop_starts import list_closed_nearby
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Array, Mechanism
@@ -64,8 +64,8 @@ def prove_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collecti
 
 def _places(mechanism: Mechanism, guess: Array) -> list[Array]:
     mesh = build(_rigid(mechanism))
-    closed = start_follower(mesh).solve(guess)
-    return [] if closed is None else [closed, *places_near(mesh, closed)]
+    closed = build_start_follower(mesh).solve(guess)
+    return [] if closed is None else [closed, *list_closed_nearby(mesh, closed)]
 
 
 def _rigid(mechanism: Mechanism) -> Mechanism:
@@ -78,9 +78,9 @@ def _apart(mechanism: Mechanism, place: Array, residual: Array, jacobian: Array)
     left = float(np.abs(residual).max(initial=0.0))
     if not left <= OPEN * max(1.0, mesh.length):
         return f"where the mechanism is closed, its own equations are open by {left:.3g} m or rad"
-    ours = start_follower(mesh).closures(place)[1]
+    ours = build_start_follower(mesh).closures(place)[1]
     one = _row_space(ours)
-    two = _row_space(jacobian * measures(mesh))
+    two = _row_space(jacobian * list_velocity_scales(mesh))
     if len(one) != len(two):
         return f"its own equations leave {mechanism.nv - len(two)} freedoms, the mechanism's {mechanism.nv - len(one)}"
     gap = float(np.abs(one.T @ one - two.T @ two).max(initial=0.0))

@@ -17,7 +17,7 @@ from crosscheck.equivalence.result import Comparison
 from flexinv import joint_torques
 from flexinv.analysis.evaluation import build_rigid_trajectory
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Beam, Body, Inertia, Mechanism, Placement, Section
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
@@ -101,7 +101,7 @@ def test_a_held_mechanism_has_the_torques_of_a_mesh_that_does_not_bend(name: str
     flexible = mechanism(name).with_mesh(1, 8)
     mesh, rng = build(flexible), np.random.default_rng(3)
     q, qd, qdd = (rng.standard_normal((5, flexible.nv)) for _ in range(3))
-    wrench = build_rigid_trajectory(mesh, rigid_motion(mesh, q, qd, qdd)).wrench
+    wrench = build_rigid_trajectory(mesh, compute_rigid_motion(mesh, q, qd, qdd)).wrench
     nodes = [(mesh.joint_node[joint.name], joint.axis) for joint in flexible.joints]
     wanted = np.column_stack([wrench[:, node, 3:] @ axis for node, axis in nodes])
     found = joint_torques(held(flexible), q, qd, qdd)

@@ -27,7 +27,7 @@ from crosscheck.verdicts.certificates import certificates
 from crosscheck.verdicts.plan import task
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.linearized.modal_damping import damped
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
 
@@ -272,7 +272,7 @@ def test_a_certificate_says_who_computed_what_an_engine_is_given() -> None:
     """The file states a damping ratio; the time that follows from it comes from flexinv's modes."""
     folder = MODELS / "flex_one_link_damped"
     assert given(load_mechanism(folder)) == {}  # nothing is computed yet
-    mechanism = damped(load_mechanism(folder))
+    mechanism = apply_stated_ratio(load_mechanism(folder))
     (line,) = checks("m", "c", "exudyn", Certificate(given=given(mechanism)), Certificate())
     assert line.holds
     assert line.words.startswith("retardation time 0.00095267 s from ratio 0.03 at mode 1, computed by flexinv")

@@ -34,7 +34,7 @@ from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.so3 import exp_so3
-from flexinv.kinematics.nodal_motion import moved
+from flexinv.kinematics.nodal_motion import integrate_configuration
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.model.motion import Motion
 
@@ -52,7 +52,7 @@ ALONE = (
 
 def swing(mechanism: Mechanism, duration: float = 0.2) -> tuple[Case, Array]:
     """A short motion of all joints and flexinv's efforts for it."""
-    there = moved(mechanism, mechanism.neutral, np.random.default_rng(5).uniform(-1, 1, mechanism.nv))
+    there = integrate_configuration(mechanism, mechanism.neutral, np.random.default_rng(5).uniform(-1, 1, mechanism.nv))
     motion = Motion.point_to_point(mechanism.neutral, there, duration)
     case = case_of(motion, duration, duration / 20)
     return case, solve(mechanism, motion, duration / 20).torque_all

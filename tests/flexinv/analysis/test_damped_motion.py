@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.linearized.modal_damping import with_ratio
+from flexinv.linearized.modal_damping import apply_damping_ratio
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.model.mechanism import Beam, Inertia, Joint, Link, Mechanism, with_retardation
 
@@ -115,7 +115,7 @@ def test_second_order_and_balanced_work(name: str) -> None:
 
 
 def test_one_ratio_gives_those_of_all_modes() -> None:
-    mechanism, seconds, modes = with_ratio(arm(), 0.01, mode=2)
+    mechanism, seconds, modes = apply_damping_ratio(arm(), 0.01, mode=2)
     found = natural_modes(mechanism)
     omega = np.sqrt(found.squared)
     assert found.ratio[1] == pytest.approx(0.01, rel=1e-12)
@@ -141,9 +141,9 @@ def test_a_damper_in_a_free_joint_damps_its_mode() -> None:
     [
         (lambda: with_retardation(arm(), -1.0), "expected one number >= 0 or six"),
         (lambda: with_retardation(arm(), [1.0, 2.0]), "expected one number >= 0 or six"),
-        (lambda: with_ratio(arm(), 2.0), "expected 0 to 1"),
-        (lambda: with_ratio(arm(), 0.01, mode=99), "mode 99, expected 1 to"),
-        (lambda: with_ratio(Mechanism("none", (), ()), 0.01), "has no beam"),
+        (lambda: apply_damping_ratio(arm(), 2.0), "expected 0 to 1"),
+        (lambda: apply_damping_ratio(arm(), 0.01, mode=99), "mode 99, expected 1 to"),
+        (lambda: apply_damping_ratio(Mechanism("none", (), ()), 0.01), "has no beam"),
     ],
 )
 def test_what_cannot_be_is_refused(make: object, words: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation import by_singular_values, share_out
+from flexinv.constraints.allocation import split_by_svd, split_efforts
 from flexinv.constraints.allocation_kernel import Shares
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def test_equals_singular_values(rows: int, nv: int, rank: int, drives: int) -> N
     weight = rng.uniform(0.2, 5.0, drives)
     for w in (None, weight):
         root = np.ones(drives) if w is None else np.sqrt(w)
-        assert _apart(share_out(g, tree, driven, w), by_singular_values(g, tree, driven, root)) < ROUNDING
+        assert _apart(split_efforts(g, tree, driven, w), split_by_svd(g, tree, driven, root)) < ROUNDING
 
 
 def test_doubtful_samples_are_left_to_singular_values() -> None:
@@ -62,7 +62,7 @@ def test_doubtful_samples_are_left_to_singular_values() -> None:
     g[2] = _closures(rng, 1, 4, 4, 4)[0]  # nothing moves
     g[4] = _closures(rng, 1, 4, 4, 2)[0] + 1e-9 * rng.normal(size=(4, 4))
     driven = np.array([True, False, True, False])
-    both = share_out(g, tree, driven), by_singular_values(g, tree, driven, np.ones(2))
+    both = split_efforts(g, tree, driven), split_by_svd(g, tree, driven, np.ones(2))
     for k in range(6):
         one, two = (Shares(s.tau[[k]], s.multipliers[[k]], s.left[[k]], s.preload[[k]], s.condition[[k]]) for s in both)
         if k in (2, 4):
@@ -78,8 +78,8 @@ def test_doubtful_samples_are_left_to_singular_values() -> None:
 def test_all_in_doubt() -> None:
     g, tree = np.tile(np.eye(2), (3, 1, 1)), np.ones((3, 2))
     ours, svd = (
-        share_out(g, tree, np.array([True, False])),
-        by_singular_values(g, tree, np.array([True, False]), np.ones(1)),
+        split_efforts(g, tree, np.array([True, False])),
+        split_by_svd(g, tree, np.array([True, False]), np.ones(1)),
     )
     assert np.array_equal(ours.multipliers, svd.multipliers)
     assert ours.preload.shape == svd.preload.shape
@@ -90,7 +90,7 @@ def test_closures_that_tie_nothing_leave_the_efforts_as_they_are() -> None:
     rng = np.random.default_rng(4)
     g, tree = np.zeros((9, 3, 4)), rng.normal(size=(9, 4))
     g[2, 1], g[8, 1] = 3e-17, 2e-16
-    shares = share_out(g, tree, np.ones(4, dtype=bool))
+    shares = split_efforts(g, tree, np.ones(4, dtype=bool))
     others = np.flatnonzero(~g.any(axis=(1, 2)))
     assert np.array_equal(shares.tau[others], tree[others])
     assert np.isfinite(shares.tau).all()

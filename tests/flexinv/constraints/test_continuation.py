@@ -13,8 +13,8 @@ from loop_examples import Example, loaded, loaded_tree
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.constraints.allocation import share_out
-from flexinv.constraints.continuation import mobility
+from flexinv.constraints.allocation import split_efforts
+from flexinv.constraints.continuation import compute_mobility
 from flexinv.kernels.so3 import exp_so3
 from flexinv.model.mechanism import Mechanism, Placement
 
@@ -70,10 +70,10 @@ def test_closure_reaction_balances_the_rocker(turned: flexinv.Solution) -> None:
 
 def test_mobility_counts_redundant_constraints() -> None:
     s = flexinv.solve(four_bar(), TURN, step=0.1, start=START)
-    assert vars(mobility(s.mesh, s.q[0])) == {"freedoms": 1, "constraints": 5, "redundant": 3}
+    assert vars(compute_mobility(s.mesh, s.q[0])) == {"freedoms": 1, "constraints": 5, "redundant": 3}
     skew = replace(four_bar(kind="spherical"))
     s = flexinv.solve(skew, TURN, step=0.1, start=START)
-    assert vars(mobility(s.mesh, s.q[0])) == {"freedoms": 1, "constraints": 3, "redundant": 1}
+    assert vars(compute_mobility(s.mesh, s.q[0])) == {"freedoms": 1, "constraints": 3, "redundant": 1}
 
 
 def test_redundant_constraints_change_nothing() -> None:
@@ -117,7 +117,7 @@ def test_two_drives_share_with_least_norm() -> None:
 
 def test_share_out_weights_the_drives() -> None:
     g = np.array([[[1.0, -1.0]]])  # q1 = q2
-    shares = share_out(g, np.array([[3.0, 0.0]]), np.array([True, True]), weight=np.array([1.0, 2.0]))
+    shares = split_efforts(g, np.array([[3.0, 0.0]]), np.array([True, True]), weight=np.array([1.0, 2.0]))
     assert shares.tau[0] == pytest.approx([2.0, 1.0])  # minimum of a^2 + 2 b^2 with a + b = 3
 
 

@@ -13,16 +13,16 @@ from rigid_trees import tree
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.analysis.solve import solve
 from flexinv.constraints import continuation as loops
-from flexinv.constraints.closures import Rows, constraint_jacobian
-from flexinv.constraints.continuation_kernel import Continuation, factor
-from flexinv.constraints.equations import closure_residuals, closure_rows
+from flexinv.constraints.closures import Rows, compute_constraint_jacobian
+from flexinv.constraints.continuation_kernel import Continuation, compute_qr
+from flexinv.constraints.equations import fill_closure_residuals, fill_closure_rows
 from flexinv.kernels import sparse_qr
 from flexinv.kernels.fronts import build_fronts
 from flexinv.kernels.jit import jit
 from flexinv.kernels.sparse_qr import FrontFactors, compute_condition_estimate, fill_zeros, write_entry
-from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
+from flexinv.kinematics.configuration import build_nodes, integrate_coordinates, move_nodes
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import difference, moved, rigid_motion
+from flexinv.kinematics.nodal_motion import compute_difference, compute_rigid_motion, integrate_configuration
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import CLOSURES, Attachment, Closure, Mechanism
 from flexinv.typing import Array
@@ -40,19 +40,19 @@ def nodes_at(t, q, qd, qdd, j, f):
 @jit
 def stepped(t, q, d):
     """A step of q in place."""
-    step_coordinates(t, q, d)
+    integrate_coordinates(t, q, d)
 
 
 @jit
 def equations(t, c, f, phi, g):
     """Residuals (rows, 3) and Jacobian (rows, nv)."""
-    closure_rows(t, c, f, phi, g)
+    fill_closure_rows(t, c, f, phi, g)
 
 
 @jit
 def residuals_alone(c, f, phi):
     """Residuals (rows, 3)."""
-    closure_residuals(c, f, phi)
+    fill_closure_residuals(c, f, phi)
 
 
 @jit
@@ -61,7 +61,7 @@ def least_squares(p):
     fill_zeros(p.qr)
     for e in range(p.fronts.entry.shape[0]):
         write_entry(p.fronts, p.qr, e, 0, p.g[p.fronts.entry[e, 0], p.fronts.entry[e, 1]])
-    if not factor(p):
+    if not compute_qr(p):
         return False, np.inf
     sparse_qr.solve_least_squares(p.fronts, p.qr, p.y, p.x)
     for i in range(p.x.shape[0]):
@@ -96,22 +96,22 @@ def one_state(mesh: Mesh) -> tuple[Array, Array, Array]:
 def test_nodes_move_as_in_rigid_motion() -> None:
     mesh = build(tree())
     q, qd, qdd = one_state(mesh)
-    expected, (j, f) = rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
-    nodes_at(nodes_of(mesh), q[0], qd[0], qdd[0], j, f)
+    expected, (j, f) = compute_rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
+    nodes_at(build_nodes(mesh), q[0], qd[0], qdd[0], j, f)
     for found, name in zip(f, ("x", "rotation", "v", "omega", "a", "alpha"), strict=True):
         values = getattr(expected, name)[0]
         assert abs(found - values).max() < ROUNDING * max(1.0, abs(values).max()), name
 
 
 def test_steps_are_those_of_the_manifold() -> None:
-    """Quaternions turn by R exp(psi), cosine and sine by the angle: `difference` finds the step again."""
+    """Quaternions turn by R exp(psi), cosine and sine by the angle: `compute_difference` finds the step again."""
     mesh = build(tree())
     q, d, _ = (a[0] for a in one_state(mesh))
     for step in (d / abs(d).max(), 1e-9 * d, 0 * d):  # less than half a turn
         found = q.copy()
-        stepped(nodes_of(mesh), found, step)
-        assert abs(difference(mesh.mechanism, q, found) - step).max() < ROUNDING * max(1.0, abs(q).max())
-        assert (found == moved(mesh.mechanism, q, step)).all()
+        stepped(build_nodes(mesh), found, step)
+        assert abs(compute_difference(mesh.mechanism, q, found) - step).max() < ROUNDING * max(1.0, abs(q).max())
+        assert (found == integrate_configuration(mesh.mechanism, q, step)).all()
     assert np.array_equal(found, q)  # without a step, not even quaternions are normalised again
 
 
@@ -138,18 +138,18 @@ def of_vectors(f: Frames, rows: Rows) -> Array:
 def test_equations_of_every_kind() -> None:
     """Seen from the first frame as they are in the world; and G qd = phi' at a state that is far from closed."""
     mesh = build(tied())
-    rows = loops.constraint_rows(mesh)
+    rows = loops.build_constraint_rows(mesh)
     q, qd, qdd = one_state(mesh)
-    motion, (j, f) = rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
-    nodes_at(nodes_of(mesh), q[0], qd[0], qdd[0], j, f)
+    motion, (j, f) = compute_rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
+    nodes_at(build_nodes(mesh), q[0], qd[0], qdd[0], j, f)
     phi, g = np.empty((len(rows.closure), 3)), np.zeros((len(rows.closure), mesh.mechanism.nv))
-    equations(nodes_of(mesh), rows, f, phi, g)
+    equations(build_nodes(mesh), rows, f, phi, g)
     expected, alone = of_vectors(f, rows), np.empty_like(phi)
     residuals_alone(rows, f, alone)
     assert np.array_equal(phi, alone)
     assert abs(phi - expected).max() < ROUNDING * abs(expected).max()
     assert abs(g @ qd[0] - phi[:, 1]).max() < ROUNDING * abs(phi[:, 1]).max()
-    assert abs(constraint_jacobian(mesh, motion, rows)[0] - g).max() < ROUNDING * abs(g).max()
+    assert abs(compute_constraint_jacobian(mesh, motion, rows)[0] - g).max() < ROUNDING * abs(g).max()
 
 
 def problem(a: Array, y: Array) -> Continuation:
@@ -205,7 +205,7 @@ def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.Mo
         condition.fill(np.inf)
         return int(first)
 
-    monkeypatch.setattr(loops, "continue_branch", not_at_all)
+    monkeypatch.setattr(loops, "find_branch", not_at_all)
     expected = solve(mechanism, case.motion, step=case.step, start=case.start)
     for part in ("q", "qd", "qdd"):
         values = getattr(expected, part)
@@ -216,13 +216,13 @@ def test_long_steps_are_halved_by_the_caller(monkeypatch: pytest.MonkeyPatch) ->
     """The kernel refuses a step that surprises; from there it goes on by itself."""
     mechanism, case = four_bar()
     reached = []
-    original = loops.continue_branch
+    original = loops.find_branch
 
     def counted(*arguments: object) -> int:
         reached.append((arguments[-1], original(*arguments)))
         return int(reached[-1][1])
 
-    monkeypatch.setattr(loops, "continue_branch", counted)
+    monkeypatch.setattr(loops, "find_branch", counted)
     coarse = solve(mechanism, case.motion, step=1 / 10, start=case.start)
     assert len(reached) > 1
     assert any(last == 11 for _, last in reached)

@@ -10,7 +10,7 @@ from flexible_examples import STRIP
 from four_bar_example import START, TURN, four_bar
 
 import flexinv
-from flexinv.constraints.continuation import mobility
+from flexinv.constraints.continuation import compute_mobility
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism
 
@@ -42,7 +42,7 @@ def test_a_gear_reduces_inertia_damping_and_weight() -> None:
     moment = (2.0 + 3.0 * 0.01) * speed * s.qdd[:, 0] + 0.3 * speed * s.qd[:, 0] + 3.0 * 9.81 * 0.1 * np.cos(wheel)
     assert abs(s.torque[:, 0] - (0.01 * s.qdd[:, 0] + speed * moment)).max() < 1e-12 * abs(s.torque).max()
     assert abs(s.unactuated).max() < 1e-12 * abs(s.torque).max()
-    assert mobility(build(train()), s.q[0]).freedoms == 1
+    assert compute_mobility(build(train()), s.q[0]).freedoms == 1
 
 
 def test_a_gear_in_a_loop() -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
-from flexinv.constraints.continuation import mobility
+from flexinv.constraints.continuation import compute_mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -236,7 +236,7 @@ def test_mobility(name: str) -> None:
     mechanism = flexinv.load_mechanism(MODELS / name)
     _, _, s = solved(name, next(iter(load_cases(MODELS / name, mechanism))))
     for k in (0, len(s.time) // 3, -1):
-        found = mobility(s.mesh, s.q[k])
+        found = compute_mobility(s.mesh, s.q[k])
         assert (found.freedoms, found.constraints, found.redundant) == MOBILITY[name]
 
 

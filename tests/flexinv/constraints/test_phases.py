@@ -21,12 +21,12 @@ from two_arms_example import (
 
 import flexinv
 from crosscheck.engines.pinocchio import adapter as pinocchio
-from flexinv.constraints.closures import constraint_jacobian, constraint_rows, phases
-from flexinv.constraints.continuation import closed_motion, closed_near, mobility
+from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian, list_phases
+from flexinv.constraints.continuation import compute_mobility, find_closed_near, solve_closed_motion
 from flexinv.files.load_cases import load_cases
 from flexinv.inverse.inverse_dynamics import compute_nodal_forces, compute_projected_efforts
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -62,12 +62,14 @@ def test_the_closed_phase_equals_the_closed_mechanism_and_least_squares(carried:
     span = slice(round(GRASP / STEP), round(RELEASE / STEP))
     time = carried.time[span]
     unknown = np.array([False] * 6 + [True] * 3)
-    rows = constraint_rows(mesh)
-    q, qd, qdd = closed_motion(mesh, lambda t: move.evaluate(closed, t), time, unknown, rows, carried.q[span.start])
+    rows = build_constraint_rows(mesh)
+    q, qd, qdd = solve_closed_motion(
+        mesh, lambda t: move.evaluate(closed, t), time, unknown, rows, carried.q[span.start]
+    )
     assert abs(q - carried.q[span]).max() < 1e-12
-    nodes = rigid_motion(mesh, q, qd, qdd)
+    nodes = compute_rigid_motion(mesh, q, qd, qdd)
     tree = compute_projected_efforts(mesh, nodes, compute_nodal_forces(mesh, nodes))
-    g = constraint_jacobian(mesh, nodes, rows)
+    g = compute_constraint_jacobian(mesh, nodes, rows)
     for k in range(0, len(time), 20):
         allowed = np.linalg.svd(g[k])[2][np.linalg.matrix_rank(g[k], tol=1e-9) :]
         least = np.linalg.lstsq(allowed[:, :6], allowed @ tree[k])[0]
@@ -122,13 +124,13 @@ def test_a_bar_that_nothing_holds_is_an_error() -> None:
 def test_info_counts_the_freedoms_at_the_start() -> None:
     """Only the table acts then: nine coordinates less the bar's three in the plane."""
     mesh = build(two_arms())
-    q = closed_near(mesh, np.array([2.0, -1.0, 0.0, 1.0, 1.0, 0.0, *FROM]))
-    found = mobility(mesh, q)
+    q = find_closed_near(mesh, np.array([2.0, -1.0, 0.0, 1.0, 1.0, 0.0, *FROM]))
+    found = compute_mobility(mesh, q)
     assert (found.freedoms, found.constraints, found.redundant) == (6, 6, 3)
 
 
 def test_phases_of_a_grid() -> None:
-    found = phases(two_arms(), STEP * np.arange(301))
+    found = list_phases(two_arms(), STEP * np.arange(301))
     assert [(p.first, p.last) for p in found] == [(0, 100), (100, 200), (200, 301)]
     assert [p.active.tolist() for p in found] == [
         [True, False, False, False],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexinv
-from flexinv.kinematics.mesh import build, section_breaks
+from flexinv.kinematics.mesh import build, list_section_breaks
 
 TABLE = """[sections.{name}]
 EA_N = 1e6
@@ -69,13 +69,13 @@ def test_the_error_bar_covers_the_truth(tmp_path: Path, stations: str) -> None:
 def test_elements_end_at_steps_and_not_in_tapers(tmp_path: Path) -> None:
     beam = stepped(tmp_path, STEP).beams[0].beam
     assert beam is not None
-    assert section_breaks(beam) == [0.5, 0.5]
+    assert list_section_breaks(beam) == [0.5, 0.5]
     taper = stepped(tmp_path, row((0, "thick"), (0.5, "thick"), (1, "thin"))).beams[0].beam
     assert taper is not None
-    assert section_breaks(taper) == [0.5]  # a kink
+    assert list_section_breaks(taper) == [0.5]  # a kink
     smooth = stepped(tmp_path, row((0, "thick"), (1, "thin"))).beams[0].beam
     assert smooth is not None
-    assert section_breaks(smooth) == []
+    assert list_section_breaks(smooth) == []
 
 
 def test_mass_is_that_of_each_side(tmp_path: Path) -> None:

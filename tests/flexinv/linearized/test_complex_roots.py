@@ -15,12 +15,12 @@ from campaigns.spectra_reference import Pencil, spectrum_of
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized import slowest_modes, slowest_roots
 from flexinv.linearized import steady_modes as steady
-from flexinv.linearized.complex_roots import moved_by_rates, roots
+from flexinv.linearized.complex_roots import find_rate_driven_motions, find_roots
 from flexinv.linearized.eigenvalues import split_by_inertia
-from flexinv.linearized.linear_model import linear_model, poles_of
+from flexinv.linearized.linear_model import compute_poles, linear_model
 from flexinv.linearized.natural_modes import natural_modes
-from flexinv.linearized.root_counts import missed_within
-from flexinv.linearized.state_space import Basis, LeftOut, state_space
+from flexinv.linearized.root_counts import count_missing_roots
+from flexinv.linearized.state_space import Basis, LeftOut, build_state_space
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import (
     WORLD,
@@ -47,7 +47,7 @@ def sparse(matrix: Array) -> Sparse:
 def test_slow_and_fast_roots_beside_one_without_stiffness_are_exact() -> None:
     """About one shift 7e3 1/s was off by 3e-3 of itself beside 1e9 1/s and a free motion."""
     frequency = np.array([0.0, 1e-1, 1.0, 7e3, 1e6, 1e9])
-    found = roots(*(sparse(np.diag(part)) for part in (np.ones(6), np.zeros(6), frequency**2)))
+    found = find_roots(*(sparse(np.diag(part)) for part in (np.ones(6), np.zeros(6), frequency**2)))
     exact = np.sort(np.concatenate([[0.0], frequency]))  # of the free motion both
     off = np.abs(np.abs(found.root) - exact)
     assert (off <= found.bar).all()
@@ -56,27 +56,27 @@ def test_slow_and_fast_roots_beside_one_without_stiffness_are_exact() -> None:
 
 def test_dampers_on_what_has_no_inertia_are_roots_of_their_own() -> None:
     """c x' + k x = 0 beside a mass on a spring: three roots."""
-    found = roots(sparse(np.diag([1.0, 0.0])), sparse(np.diag([0.0, 2.0])), sparse(np.diag([9.0, 4.0])))
+    found = find_roots(sparse(np.diag([1.0, 0.0])), sparse(np.diag([0.0, 2.0])), sparse(np.diag([9.0, 4.0])))
     np.testing.assert_allclose(found.root, [-2.0, 3.0j], rtol=ROUNDING)
 
 
 def test_gyroscopic_terms_move_what_follows() -> None:
     """x'' + x + g e' = 0, k e = g x': e follows the rate of x, and (1 + g^2 / k) x'' + x = 0."""
     gyroscopic = np.array([[0.0, 2.0], [-2.0, 0.0]])
-    found = roots(sparse(np.diag([1.0, 0.0])), sparse(gyroscopic), sparse(np.diag([1.0, 4.0])))
+    found = find_roots(sparse(np.diag([1.0, 0.0])), sparse(gyroscopic), sparse(np.diag([1.0, 4.0])))
     np.testing.assert_allclose(found.root, [1j / np.sqrt(2.0)], rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("squared", [2.0, 3.0, 7.0, 11.0, 13.0, 156.9276888, 1e6 / 7.0])
 def test_both_roots_of_what_falls_are_found(squared: float) -> None:
     """Of +w and -w, equal in size but for rounding, both ends had the same one on their side of the place where they part."""
-    found = roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
+    found = find_roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
     np.testing.assert_allclose(np.sort(found.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
 
 
 def test_light_damping_is_no_rounding() -> None:
     """A part of critical damping of 1e-9 was taken for rounding."""
-    found = roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
+    found = find_roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
     np.testing.assert_allclose(found.root.real, [-1e-9], rtol=1e-6)
 
 
@@ -175,7 +175,7 @@ def test_dampers_beside_each_other_leave_the_pole_of_one_exact(time: float) -> N
     """What follows is taken apart by C over K, and takes no part in the motion of the other: it was off by 2e-4 to 2e-2."""
     model = linear_model(slides(time))
     off = abs(model.poles[-1] - fast_root(time))
-    assert off <= poles_of(model.A)[1][-1]  # of rounding alone
+    assert off <= compute_poles(model.A)[1][-1]  # of rounding alone
     assert copy.deepcopy(model) == model
 
 
@@ -187,14 +187,14 @@ def test_the_bar_of_a_pole_covers_what_follows_it_not_quite_at_once(time: float)
     gyroscopic = 0.1 * time
     damping = np.array([[0.0, 0.0, 0.0], [0.0, time, gyroscopic], [0.0, -gyroscopic, FOLLOWS]])
     split = split_by_inertia(sparse(mass))
-    moved, held = moved_by_rates(split, sparse(damping), sparse(stiffness))
+    moved, held = find_rate_driven_motions(split, sparse(damping), sparse(stiffness))
     assert held.shape[1] == 1
     every = np.hstack([part.toarray() for part in (split.massive, moved, held)])
-    space = state_space(Basis(every, every, 0, 1, 1, 1), (mass, damping, stiffness), np.zeros((3, 0)))
-    poles, bars = poles_of(space.a, space.left_out)
+    space = build_state_space(Basis(every, every, 0, 1, 1, 1), (mass, damping, stiffness), np.zeros((3, 0)))
+    poles, bars = compute_poles(space.a, space.left_out)
     exact = spectrum_of(Pencil(mass, damping, stiffness, np.eye(3), float(np.abs(stiffness).max())))
     off = np.abs(exact.root - poles[-1]).min()
-    assert off > 1e3 * poles_of(space.a)[1][-1]  # of rounding alone
+    assert off > 1e3 * compute_poles(space.a)[1][-1]  # of rounding alone
     assert off <= bars[-1] < 1.1 * off  # the move is a hundredth of the pole, and so are the orders that are bounded
 
 
@@ -213,7 +213,7 @@ def test_roots_of_several_dampers_are_those_of_the_whole_pencil(seed: int) -> No
     damping[2:5, 2:5] = 1e-5 * np.diag(dice.uniform(1.0, 3.0, 3))
     damping[5:, 5:] = FOLLOWS * np.diag(dice.uniform(0.5, 2.0, 3))
     mass = np.diag([1.0, 2.0, *np.zeros(6)])
-    found = roots(sparse(mass), sparse(damping), sparse(stiffness))
+    found = find_roots(sparse(mass), sparse(damping), sparse(stiffness))
     exact = spectrum_of(Pencil(mass, damping, stiffness, np.eye(8), float(np.abs(stiffness).max())))
     apart = np.abs(found.root[:, None] - exact.root[None])
     assert len(found.root) == 2 + 3  # of each pair one, and those of what follows are beyond all
@@ -269,35 +269,35 @@ def test_roots_within_a_circle_are_counted() -> None:
         return scipy.sparse.csc_array(k - z * m)
 
     inside = int((np.abs(exact) < radius).sum())
-    assert missed_within(radius, exact, at) == 0
-    assert missed_within(radius, np.zeros(0, dtype=complex), at) == inside
+    assert count_missing_roots(radius, exact, at) == 0
+    assert count_missing_roots(radius, np.zeros(0, dtype=complex), at) == inside
     real = np.flatnonzero((exact.imag == 0.0) & (np.abs(exact) < radius))
     pair = np.flatnonzero((exact.imag != 0.0) & (np.abs(exact) < radius))
     if len(real):
-        assert missed_within(radius, np.delete(exact, real[0]), at) == 1
+        assert count_missing_roots(radius, np.delete(exact, real[0]), at) == 1
     both = np.isclose(exact, exact[pair[0]]) | np.isclose(exact, exact[pair[0]].conj())
-    assert missed_within(radius, exact[~both], at) == 2
+    assert count_missing_roots(radius, exact[~both], at) == 2
 
 
 def test_a_mode_that_is_missed_under_a_push_that_turns_along_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     column = bar(15, push=10.0, follower=True)
-    right = slowest_modes._arnoldi
+    right = slowest_modes._run_arnoldi
 
     def without_first(*arguments: object) -> tuple[Array, ...]:
         squared, *shapes = right(*arguments)  # type: ignore[arg-type]
         slowest = np.abs(squared).argmin()
         return np.delete(squared, slowest), *(np.delete(part, slowest, axis=1) for part in shapes)
 
-    monkeypatch.setattr(slowest_modes, "_arnoldi", without_first)
+    monkeypatch.setattr(slowest_modes, "_run_arnoldi", without_first)
     with pytest.raises(ConvergenceError, match="is not proved"):
         natural_modes(column, count=4)
-    other = slowest_roots._arnoldi
+    other = slowest_roots._run_arnoldi
 
     def without_slowest(*arguments: object) -> tuple[Array, ...]:
         root, *shapes = other(*arguments)  # type: ignore[arg-type]
         keep = ~np.isclose(np.abs(root), np.abs(root).min(), rtol=1e-6)
         return root[keep], *(part[:, keep] for part in shapes)
 
-    monkeypatch.setattr(slowest_roots, "_arnoldi", without_slowest)
+    monkeypatch.setattr(slowest_roots, "_run_arnoldi", without_slowest)
     with pytest.raises(ConvergenceError, match="is not proved"):
         steady_modes(replace(column, name="other"), count=4)

@@ -10,7 +10,7 @@ import scipy
 
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized import first_order
-from flexinv.linearized.complex_roots import roots
+from flexinv.linearized.complex_roots import find_roots
 from flexinv.typing import Array, Sparse
 
 # Roundings of a few unknowns.
@@ -42,7 +42,7 @@ def tied(stiff: float) -> tuple[Sparse, Sparse, Sparse]:
 @pytest.mark.parametrize("stiff", [1.0, 1e3, 1e5])
 def test_a_soft_motion_without_inertia_among_stiff_ones_has_its_root(stiff: float) -> None:
     """Its C was judged over the stiffness of each freedom alone, and one root of -1e6 1/s was left out."""
-    found = roots(*tied(stiff))
+    found = find_roots(*tied(stiff))
     # of the entries, 1e-16 times their sizes over that of the soft motion
     np.testing.assert_allclose(found.root, [3j, -1e6, -1e6], rtol=1e-15 * max(stiff, 1e3))
 
@@ -59,7 +59,7 @@ def test_what_is_known_less_well_than_to_rounding_of_itself_keeps_its_bar() -> N
     end = np.array([0.0, 0.0, 1.0])
     springs = ((1.0, along), (1.0, first), (stiff, second), (1.0, end))
     stiffness = sum(k * np.outer(way, way) for k, way in springs)
-    found = roots(sparse(np.diag(along)), sparse(FOLLOWS * np.outer(end, end)), sparse(stiffness))
+    found = find_roots(sparse(np.diag(along)), sparse(FOLLOWS * np.outer(end, end)), sparse(stiffness))
 
     def row(s: complex) -> complex:
         return s * s + 1.0 + 1.0 / (1.0 + 1.0 / stiff + 1.0 / (1.0 + FOLLOWS * s))
@@ -76,7 +76,7 @@ def test_a_damper_that_rounding_hides_is_said() -> None:
     with pytest.warns(
         ModelWarning, match=r"whether 1 motion\(s\) without inertia have a root of their own, beyond 1e\+05 1/s"
     ):
-        found = roots(sparse(mass), sparse(np.diag([0.0, 1e8, 1e-5])), sparse(stiffness))
+        found = find_roots(sparse(mass), sparse(np.diag([0.0, 1e8, 1e-5])), sparse(stiffness))
     np.testing.assert_allclose(np.sort_complex(found.root), [-1.0, 1j], rtol=ROUNDING)
 
 
@@ -97,11 +97,11 @@ def test_a_root_that_both_ends_have_lost_is_said(monkeypatch: pytest.MonkeyPatch
 
     direct = first_order._direct
     slow = first_order._slow
-    assert len(roots(*apart()).root) == 4
+    assert len(find_roots(*apart()).root) == 4
     monkeypatch.setattr(first_order, "_direct", lambda *given: moved(direct(*given)))
     monkeypatch.setattr(first_order, "_slow", lambda *given: (moved(slow(*given)[0]), 0.0))
     with pytest.warns(ModelWarning, match="that none of 8 roots is lost is not proved"):
-        found = roots(*apart())
+        found = find_roots(*apart())
     assert found.bar[-1] > 0.1 * np.abs(found.root[-1])
 
 
@@ -121,16 +121,16 @@ def test_a_root_that_is_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(first_order, "_direct", lambda *given: taken(direct(*given)))
     monkeypatch.setattr(first_order, "_slow", lambda *given: (taken(slow(*given)[0]), 0.0))
     with pytest.raises(ConvergenceError, match="of 8 roots 2 are lost, or there twice"):
-        roots(*apart())
+        find_roots(*apart())
 
 
 @pytest.mark.parametrize(("missed", "said"), [(None, "is not proved"), (2, "2 are lost")])
 def test_what_the_count_says_is_said(missed: int | None, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(first_order, "missed_within", lambda *_: missed)
+    monkeypatch.setattr(first_order, "count_missing_roots", lambda *_: missed)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises((ModelWarning, ConvergenceError), match=said):
-            roots(*apart())
+            find_roots(*apart())
 
 
 def test_several_zeros_together_are_no_lost_roots() -> None:
@@ -139,6 +139,6 @@ def test_several_zeros_together_are_no_lost_roots() -> None:
     stiffness[1, 0] = -1.0
     turned = scipy.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     matrices = (turned.T @ part @ turned for part in (np.eye(3), np.zeros((3, 3)), stiffness))
-    found = roots(*(sparse(part) for part in matrices))
+    found = find_roots(*(sparse(part) for part in matrices))
     swings = found.root[np.abs(found.root) > 1.0]
     np.testing.assert_allclose(swings, [2j], rtol=1e-7)

@@ -18,9 +18,9 @@ from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
 from flexinv.linearized import natural_modes as module
-from flexinv.linearized.eigenvalues import undamped
+from flexinv.linearized.eigenvalues import find_undamped_modes
 from flexinv.linearized.linear_model import linear_model
-from flexinv.linearized.natural_modes import natural_modes, tip_moves
+from flexinv.linearized.natural_modes import compute_tip_displacements, natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import (
     WORLD,
@@ -66,7 +66,8 @@ def test_a_closure_at_the_tip_holds_the_beam(kind: str, root: float) -> None:
     assert np.sqrt(found.squared[in_plane(found)[0]]) == pytest.approx(root**2, rel=SPECTRAL)
     moves = np.concatenate([found.displacement, found.rotation], axis=2)
     assert (
-        np.abs(tip_moves(found.mesh, moves, found.orientation)["beam"]).max() < 1e-10 * np.abs(found.displacement).max()
+        np.abs(compute_tip_displacements(found.mesh, moves, found.orientation)["beam"]).max()
+        < 1e-10 * np.abs(found.displacement).max()
     )
 
 
@@ -140,7 +141,7 @@ def test_a_swing_is_a_loop_that_gravity_stiffens(gap: float) -> None:
 
 def test_half_of_the_bar_hangs_on_the_closure(monkeypatch: pytest.MonkeyPatch) -> None:
     exact, rest = by_hand(0.5)
-    monkeypatch.setattr(module, "stiffness_of_ties", lambda solver, joints: 0.0)
+    monkeypatch.setattr(module, "compute_tie_stiffness", lambda solver, joints: 0.0)
     assert abs(natural_modes(swing(0.5), q=[rest, -rest, -rest]).squared[0] / exact - 1) > 0.04
     parallel = G * (M_ROD + M_BAR) / (R * (M_ROD * 2 / 3 + M_BAR))  # where the bar does not turn
     assert by_hand(BAR)[0] == pytest.approx(parallel, rel=1e-9)
@@ -198,14 +199,17 @@ def test_damping_leaves_what_solvers_share_alone(monkeypatch: pytest.MonkeyPatch
     dry = pendulum(2)
     dry = replace(dry, joints=tuple(replace(joint, friction=0.3) for joint in dry.joints))
     solver = Solver.of(build(dry), {"q0", "q1"})
-    shared, seen, tied = solver.topology.drives[2], [], module.tied_matrices
+    shared, seen, tied = solver.topology.drives[2], [], module.compute_tied_matrices
 
     def watched(own: Solver, joints: module.Joints) -> module.Matrices:
         seen.append((shared.max(), own.topology.drives[2].max()))
         return tied(own, joints)
 
-    monkeypatch.setattr(module, "tied_matrices", watched)
-    assert abs(module.matrices_at_rest(solver, module.rest(solver, np.zeros(2))[0]).damping).max() == 0.0
+    monkeypatch.setattr(module, "compute_tied_matrices", watched)
+    assert (
+        abs(module.compute_rest_matrices(solver, module.find_rest_position(solver, np.zeros(2))[0]).damping).max()
+        == 0.0
+    )
     assert seen[-1] == (0.3, 0.0)
     assert shared.max() == 0.3
 
@@ -259,6 +263,6 @@ def test_a_motion_that_has_next_to_no_stiffness_costs_no_other_one(seed: int) ->
     stiffness[0, 0] = exact[0]
     leaning = np.eye(9)
     leaning[1:, 0] = LEAN * dice.normal(size=8)
-    squared, shapes = undamped(csc_array(leaning.T @ stiffness @ leaning), csc_array(np.eye(9)))
+    squared, shapes = find_undamped_modes(csc_array(leaning.T @ stiffness @ leaning), csc_array(np.eye(9)))
     np.testing.assert_allclose(squared, exact, rtol=LEANING)
     np.testing.assert_allclose(shapes.T @ shapes, np.eye(9), rtol=0, atol=LEANING)

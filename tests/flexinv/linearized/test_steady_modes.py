@@ -148,20 +148,20 @@ def test_a_mass_on_a_turntable() -> None:
 
 
 def test_without_coriolis_the_turntable_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    matrices = module._matrices
+    matrices = module._compute_matrices
 
     def without(*arguments: object) -> Matrices:
         found = matrices(*arguments)  # type: ignore[arg-type]
         return found._replace(damping=0.0 * found.damping)
 
-    monkeypatch.setattr(module, "_matrices", without)
+    monkeypatch.setattr(module, "_compute_matrices", without)
     with pytest.raises(AssertionError):
         test_a_mass_on_a_turntable()
 
 
 def test_without_what_turns_along_the_rotor_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        module, "_matrices", lambda found, solver, turning: Matrices(*(part.toarray() for part in found))
+        module, "_compute_matrices", lambda found, solver, turning: Matrices(*(part.toarray() for part in found))
     )
     found = steady_modes(straight(0, Mounting()), rates={"hub": 750 * RPM}, count=6)
     assert abs(found.root.imag[:5] / OTHER_CODE[750][:5] - 1).max() > 0.03
@@ -230,4 +230,4 @@ def test_what_is_not_steady_is_refused() -> None:
         steady_modes(replace(rotor, links=(*rotor.links, rod("wheel")), joints=wheel), rates={"wheel": 5.0})
     tie = Closure("tie", "spherical", Attachment(WORLD), Attachment("blade", Placement(), 1.0))
     with pytest.raises(InputError, match=r"'tie' ties what turns to what does not"):
-        module.steady_motion(build(replace(rotor, closures=(tie,))), np.zeros(1), {"hub": 5.0}, set())
+        module.build_steady_motion(build(replace(rotor, closures=(tie,))), np.zeros(1), {"hub": 5.0}, set())

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 import flexinv
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import difference, moved, nearest_difference, rigid_motion
+from flexinv.kinematics.nodal_motion import (
+    compute_difference,
+    compute_nearest_difference,
+    compute_rigid_motion,
+    integrate_configuration,
+)
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, motion_subspace
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.planar.detection import NotPlanar, find_plane
@@ -114,10 +119,12 @@ def test_the_table_is_consistent(name: str) -> None:
 
 def test_a_turn_of_a_screw_is_not_taken_for_none() -> None:
     m = jack()
-    q = moved(m, np.array([0.3]), np.array([2 * np.pi]))
-    assert difference(m, np.array([0.3]), q) == pytest.approx(2 * np.pi)
-    assert nearest_difference(m, np.array([0.3]), q) == pytest.approx(2 * np.pi)  # of a revolute joint it is none
-    x = rigid_motion(build(m), np.array([[0.3], q]), np.zeros((2, 1)), np.zeros((2, 1))).x[:, 0, 2]
+    q = integrate_configuration(m, np.array([0.3]), np.array([2 * np.pi]))
+    assert compute_difference(m, np.array([0.3]), q) == pytest.approx(2 * np.pi)
+    assert compute_nearest_difference(m, np.array([0.3]), q) == pytest.approx(
+        2 * np.pi
+    )  # of a revolute joint it is none
+    x = compute_rigid_motion(build(m), np.array([[0.3], q]), np.zeros((2, 1)), np.zeros((2, 1))).x[:, 0, 2]
     assert np.diff(x) == pytest.approx(PITCH)
 
 
@@ -204,7 +211,7 @@ def test_derivatives_are_those_of_the_parts() -> None:
     h = 1e-5
     for k in range(m.nv):
         step = h * np.eye(m.nv)[k]
-        two = [flexinv.joint_torques(m, moved(m, q, s), qd, qdd) for s in (step, -step)]
+        two = [flexinv.joint_torques(m, integrate_configuration(m, q, s), qd, qdd) for s in (step, -step)]
         size = np.abs(found.q).max()
         np.testing.assert_allclose(
             found.q[0, :, k], (two[0] - two[1]) / (2 * h), rtol=0, atol=1e-8 * size

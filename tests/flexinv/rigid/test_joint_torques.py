@@ -12,7 +12,7 @@ from loop_examples import loaded_tree
 import flexinv
 from flexinv.inverse.inverse_dynamics import compute_inverse_dynamics, compute_joint_wrenches, compute_nodal_forces
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import differenced, rigid_motion
+from flexinv.kinematics.nodal_motion import compute_differenced_motion, compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 
 
@@ -66,8 +66,8 @@ def test_undeformed_tree_moves_as_a_rigid_one() -> None:
     step = 1e-4
     time = step * np.arange(-4, 5)[:, None]
     q, qd, qdd = q0 + qd0 * time + qdd0 * time**2 / 2, qd0 + qdd0 * time, np.tile(qdd0, (9, 1))
-    exact = rigid_motion(mesh, q, qd, qdd)
-    found = differenced(exact, step)
+    exact = compute_rigid_motion(mesh, q, qd, qdd)
+    found = compute_differenced_motion(exact, step)
     for name in ("v", "omega", "a", "alpha"):
         a, b = getattr(exact, name)[4], getattr(found, name)[4]
         assert abs(a - b).max() < 1e-5 * abs(a).max(), name  # h^2 times third derivatives; rounding 1e-16/h^2 = 1e-8
@@ -78,7 +78,7 @@ def test_the_tree_sum_equals_the_sum_over_nodes() -> None:
     mesh = build(spatial_tree())
     rng = np.random.default_rng(2)
     q, qd, qdd = rng.normal(size=(3, 1, mesh.mechanism.nv))
-    motion = rigid_motion(mesh, q, qd, qdd)
+    motion = compute_rigid_motion(mesh, q, qd, qdd)
     tau = compute_inverse_dynamics(mesh, motion, qd, qdd, passive=False).torque
     base = mesh.joint_node["slew"]
     force = mesh.mass[:, None] * (motion.a[0] - mesh.mechanism.gravity)
@@ -117,7 +117,7 @@ def test_nodal_forces_and_their_sums_are_those_of_the_definition() -> None:
     """Every sample and node against NumPy; arrays that are read-only, or not in one piece, too."""
     mesh = build(spatial_tree())
     rng = np.random.default_rng(4)
-    motion = rigid_motion(mesh, *rng.normal(size=(3, 5, mesh.mechanism.nv)))
+    motion = compute_rigid_motion(mesh, *rng.normal(size=(3, 5, mesh.mechanism.nv)))
     force = mesh.mass[:, None] * (motion.a - mesh.mechanism.gravity)
     body = np.einsum("nij,snj->sni", mesh.inertia, motion.alpha)
     body += np.cross(motion.omega, np.einsum("nij,snj->sni", mesh.inertia, motion.omega))

@@ -19,7 +19,7 @@ from crosscheck.studies.robot_sweep import random_states
 from flexinv.inverse.inverse_dynamics import compute_applied_forces, compute_inverse_dynamics, compute_spring_efforts
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.body_table import build_bodies
@@ -37,7 +37,7 @@ def states(mechanism: Mechanism, samples: int, seed: int = 0) -> State:
 def by_nodes(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, passive: bool = True) -> Array:
     """tau = L T P with every node on its own."""
     mesh = build(mechanism)
-    motion = rigid_motion(mesh, q, qd, qdd)
+    motion = compute_rigid_motion(mesh, q, qd, qdd)
     tau = compute_inverse_dynamics(
         mesh, motion, qd, qdd, compute_applied_forces(mesh, motion, np.zeros(len(q))), passive
     ).torque

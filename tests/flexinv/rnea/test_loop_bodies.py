@@ -235,13 +235,13 @@ def test_blocks_in_doubt_are_shared_out_later(monkeypatch: pytest.MonkeyPatch) -
     mechanism, state = solved(four_bar(), 384)
     f = prepare(mechanism, threads=1)
     asked: list[int] = []
-    shared = GivenLoops.share_some
+    shared = GivenLoops.apply_shares
 
     def some(self: GivenLoops, which: NDArray[np.bool_], *rows: Array) -> None:
         asked.extend(np.flatnonzero(which).tolist())
         shared(self, which, *rows)
 
-    monkeypatch.setattr(GivenLoops, "share_some", some)
+    monkeypatch.setattr(GivenLoops, "apply_shares", some)
     mechanism, case = four_bar()
     joints = tuple(
         replace(j, actuated=j.name == "D") for j in mechanism.joints

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
-from flexinv.constraints.continuation import mobility
+from flexinv.constraints.continuation import compute_mobility
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.rigid.prepare import prepare
@@ -123,4 +123,4 @@ def test_a_second_bearing_of_a_shaft_takes_nothing_from_its_drive(kind: str, car
     largest = np.abs(free.torque).max()
     assert np.abs(found.torque - free.torque).max() < ROUNDING * largest
     assert np.abs(prepare(m).torques(free.q, free.qd, free.qdd) - free.torque).max() < ROUNDING * largest
-    assert mobility(build(m), np.zeros(len(names))).freedoms == len(names)
+    assert compute_mobility(build(m), np.zeros(len(names))).freedoms == len(names)

@@ -13,7 +13,7 @@ import flexinv
 from flexinv import Mechanism, Path, follow
 from flexinv.analysis.motor_side import motor_side
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Drive, Joint, expanded
 from flexinv.tracking.follow import Following
 from flexinv.tracking.inverse_kinematics import resolve_frame
@@ -137,7 +137,7 @@ def test_a_pose_is_followed_by_the_bent_arm(root: Folder) -> None:
     q, still = m.neutral, np.zeros((1, m.nv))
     for name, value in start.items():
         q[m.q_slices[name]] = value
-    begins = resolve_frame(mesh, "wrist_3_link").poses(rigid_motion(mesh, q[None], still, still))
+    begins = resolve_frame(mesh, "wrist_3_link").poses(compute_rigid_motion(mesh, q[None], still, still))
     assert begins.rotation is not None
     turn = begins.rotation[0]
     to = flexinv.kernels.so3.exp_so3(np.array([0.0, 0.2, 0.3])) @ turn
