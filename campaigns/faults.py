@@ -170,6 +170,6 @@ def _with_joint(mechanism: Mechanism, joint: Joint) -> Mechanism:
 
 
 def _with_body(mechanism: Mechanism, link: Link, **values: object) -> Mechanism:
-    body = replace(link.bodies[0], inertia=link.bodies[0].inertia.restated(**values))  # type: ignore[arg-type]
+    body = replace(link.bodies[0], inertia=link.bodies[0].inertia.replace_unchecked(**values))  # type: ignore[arg-type]
     links = tuple(replace(k, bodies=(body,)) if k.name == link.name else k for k in mechanism.links)
     return replace(mechanism, links=links)

@@ -54,7 +54,7 @@ from crosscheck.equivalence.proving.provers import with_dynamics  # noqa: E402
 from crosscheck.equivalence.sources import describe, is_xml, kind_of  # noqa: E402
 from crosscheck.lifting.description import Description  # noqa: E402
 from flexinv.errors import InputError  # noqa: E402
-from flexinv.files.from_urdf import robots_folder  # noqa: E402
+from flexinv.files.from_urdf import find_robots_folder  # noqa: E402
 from flexinv.model.mechanism import Mechanism  # noqa: E402
 from flexinv.rigid.joint_torques import joint_torques  # noqa: E402
 from flexinv.typing import Array  # noqa: E402
@@ -246,7 +246,7 @@ def default_folders() -> list[Path]:
         if spec is not None and spec.origin is not None:
             found.append(Path(spec.origin).parent / folder)
     with suppress(InputError):  # it is not installed
-        found.append(robots_folder())
+        found.append(find_robots_folder())
     return [folder for folder in found if folder.is_dir()]
 
 

@@ -12,7 +12,7 @@ from retelling import Dice, random_turn
 from crosscheck.equivalence.tree import sum_of
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.urdf import lift_urdf
-from flexinv.files.from_urdf import robots_folder
+from flexinv.files.from_urdf import find_robots_folder
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Limits, Link, Mechanism, Placement
 
 # What floats is told as "floating"; pairs of it are told from other roots, too.
@@ -50,7 +50,7 @@ def machine(name: str, seed: int = SEED) -> Mechanism:
     """Return a machine by its name [m, kg, rad]; seed : of random trees.  Raises FileNotFoundError for one not installed."""
     if name.startswith("tree "):
         return random_tree(int(name.removeprefix("tree ")), seed)
-    file = robots_folder() / name
+    file = find_robots_folder() / name
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         lifted = lift_urdf(file, "free" if name in FLOATING else "fixed").mechanism

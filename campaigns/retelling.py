@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.rigid import inverse, moved, on, turned
-from flexinv.model.links import impossible
+from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import (
     WORLD,
     Array,
@@ -196,7 +196,7 @@ def _split(told: Told, link: Link, dice: Dice) -> Told:
 
     A body whose stated tensor no body can have stays whole: neither can its parts have theirs.
     """
-    if impossible(link.bodies[0].inertia.tensor):
+    if describe_impossible_inertia(link.bodies[0].inertia.tensor):
         return told
     body, share = link.bodies[0].inertia, float(dice.uniform(0.2, 0.8))
     least = max(0.0, float(np.linalg.eigvalsh(body.tensor)[0]))
@@ -206,11 +206,11 @@ def _split(told: Told, link: Link, dice: Dice) -> Told:
         Inertia.stated((1 - share) * body.mass, body.com - share * way, np.zeros((3, 3))),
     ]
     steiner = share * (1 - share) * body.mass * (float(way @ way) * np.eye(3) - np.outer(way, way))
-    parts[1] = parts[1].restated(tensor=(1 - share) * body.tensor - steiner)
+    parts[1] = parts[1].replace_unchecked(tensor=(1 - share) * body.tensor - steiner)
     moments = np.linalg.eigvalsh(parts[1].tensor)
     if moments[0] < 0.0 or moments[0] + moments[1] < moments[2]:
-        parts = [part.restated(com=body.com) for part in parts]
-        parts[1] = parts[1].restated(tensor=(1 - share) * body.tensor)
+        parts = [part.replace_unchecked(com=body.com) for part in parts]
+        parts[1] = parts[1].replace_unchecked(tensor=(1 - share) * body.tensor)
     name = f"{link.name}_part"
     frame = Placement(dice.uniform(-0.2, 0.2, 3), random_turn(dice))
     made = Link(name, (Body(name, moved(inverse(frame), parts[0])),))

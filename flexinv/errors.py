@@ -33,7 +33,7 @@ class OpenLoops(ConvergenceError):
         """Return the statement and the advice in one sentence."""
         return f"{self.said}; {self.advice}"
 
-    def advising(self, advice: str) -> OpenLoops:
+    def replace_advice(self, advice: str) -> OpenLoops:
         """Return the same with another advice where another place closes the loops; else what they lack stands as it is."""
         return (
             OpenLoops(self.said, f"{advice} (they close near {self.example})", self.example) if self.example else self

@@ -53,7 +53,7 @@ def mass(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         return None
     factor = 1.0 + size * rng.choice([-1.0, 1.0])
     old = found[1].inertia
-    return _planted(scene, *found, f"mass x{factor:.5g}", ("mass",), old.restated(mass=old.mass * factor))
+    return _planted(scene, *found, f"mass x{factor:.5g}", ("mass",), old.replace_unchecked(mass=old.mass * factor))
 
 
 @CHAPTER("mass and tensor", 2e-5, 0.01, 0.05, 0.3)
@@ -63,7 +63,7 @@ def heavier(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None
         return None
     factor = 1.0 + size * rng.choice([-1.0, 1.0])
     old = found[1].inertia
-    new = old.restated(mass=old.mass * factor, tensor=old.tensor * factor)
+    new = old.replace_unchecked(mass=old.mass * factor, tensor=old.tensor * factor)
     return _planted(scene, *found, f"mass and tensor x{factor:.5g}", ("mass",), new)
 
 
@@ -74,7 +74,9 @@ def pounds(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         return None
     factor = rng.choice([POUND, 1.0 / POUND])
     old = found[1].inertia
-    return _planted(scene, *found, f"mass x{factor:.4g} (pounds)", ("mass",), old.restated(mass=old.mass * factor))
+    return _planted(
+        scene, *found, f"mass x{factor:.4g} (pounds)", ("mass",), old.replace_unchecked(mass=old.mass * factor)
+    )
 
 
 @CHAPTER("all masses", 2e-5, 0.01, 0.05, 1.2)
@@ -83,7 +85,9 @@ def density(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None
     factor = 1.0 + size
 
     def change(mechanism: Mechanism) -> Mechanism:
-        mechanism = edits.on_inertias(mechanism, lambda i: i.restated(mass=i.mass * factor, tensor=i.tensor * factor))
+        mechanism = edits.on_inertias(
+            mechanism, lambda i: i.replace_unchecked(mass=i.mass * factor, tensor=i.tensor * factor)
+        )
         for link in mechanism.beams:
             mechanism = edits.on_section(
                 mechanism,
@@ -109,7 +113,9 @@ def com_along(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
         return None
     factor = 1.0 + size * rng.choice([-1.0, 1.0])
     old = found[1].inertia
-    return _planted(scene, *found, f"centre of mass x{factor:.5g}", ("com",), old.restated(com=old.com * factor))
+    return _planted(
+        scene, *found, f"centre of mass x{factor:.5g}", ("com",), old.replace_unchecked(com=old.com * factor)
+    )
 
 
 @CHAPTER("centre of mass aside", 1e-6, 1e-3, 1e-2)
@@ -120,7 +126,9 @@ def com_aside(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
     way = rng.normal(size=3)
     by = size * way / np.linalg.norm(way)
     old = found[1].inertia
-    return _planted(scene, *found, f"centre of mass off by {size:.3g} m", ("com",), old.restated(com=old.com + by))
+    return _planted(
+        scene, *found, f"centre of mass off by {size:.3g} m", ("com",), old.replace_unchecked(com=old.com + by)
+    )
 
 
 @CHAPTER("all centres of mass", 0.02, 0.002)
@@ -136,7 +144,7 @@ def coms(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         f"all centres of mass x{factor:.4g}",
         ((Truth(("com",), (ALL, *alone)),),),
         near,
-        lambda m: edits.on_inertias(m, lambda i: i.restated(com=i.com * factor)),
+        lambda m: edits.on_inertias(m, lambda i: i.replace_unchecked(com=i.com * factor)),
     )
 
 
@@ -147,7 +155,7 @@ def twice(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
     if (found := _of(known, rng)) is None:
         return None
     old = found[1].inertia
-    new = old.restated(tensor=old.tensor + edits.steiner(old.mass, old.com))
+    new = old.replace_unchecked(tensor=old.tensor + edits.steiner(old.mass, old.com))
     return _planted(scene, *found, "tensor about the origin for the one about the centre", ("inertia",), new)
 
 
@@ -163,7 +171,12 @@ def taken_off(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
         return None
     link, body, left = one
     return _planted(
-        scene, link, body, "parallel-axis term taken off the tensor", ("inertia",), body.inertia.restated(tensor=left)
+        scene,
+        link,
+        body,
+        "parallel-axis term taken off the tensor",
+        ("inertia",),
+        body.inertia.replace_unchecked(tensor=left),
     )
 
 
@@ -179,7 +192,7 @@ def all_twice(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
         "all tensors about the origins",
         ((Truth(("inertia",), (ALL, *alone)),),),
         near,
-        lambda m: edits.on_inertias(m, lambda i: i.restated(tensor=i.tensor + edits.steiner(i.mass, i.com))),
+        lambda m: edits.on_inertias(m, lambda i: i.replace_unchecked(tensor=i.tensor + edits.steiner(i.mass, i.com))),
     )
 
 
@@ -190,7 +203,7 @@ def tensor_turned(scene: Scene, rng: np.random.Generator, size: float) -> Fault 
         return None
     old = found[1].inertia
     turn = edits.rotation(rng.normal(size=3), size)
-    new = old.restated(tensor=turn @ old.tensor @ turn.T)
+    new = old.replace_unchecked(tensor=turn @ old.tensor @ turn.T)
     return _planted(scene, *found, f"tensor turned by {size:.3g} rad", ("inertia",), new)
 
 
@@ -205,7 +218,7 @@ def products(scene: Scene, rng: np.random.Generator, size: float) -> Fault | Non
     if (found := _of(known, rng)) is None:
         return None
     old = found[1].inertia
-    new = old.restated(tensor=2.0 * np.diag(np.diag(old.tensor)) - old.tensor)
+    new = old.replace_unchecked(tensor=2.0 * np.diag(np.diag(old.tensor)) - old.tensor)
     return _planted(scene, *found, "products of inertia of the other sign", ("inertia",), new)
 
 
@@ -216,7 +229,7 @@ def exchanged(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
         return None
     order = pick(rng, [[2, 1, 0], [1, 0, 2], [0, 2, 1]])
     old = found[1].inertia
-    new = old.restated(tensor=old.tensor[np.ix_(order, order)])
+    new = old.replace_unchecked(tensor=old.tensor[np.ix_(order, order)])
     return _planted(scene, *found, "two moments of inertia exchanged", ("inertia",), new)
 
 
@@ -227,7 +240,9 @@ def tensor(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         return None
     old = found[1].inertia
     factor = 1.0 + size
-    return _planted(scene, *found, f"tensor x{factor:.5g}", ("inertia",), old.restated(tensor=old.tensor * factor))
+    return _planted(
+        scene, *found, f"tensor x{factor:.5g}", ("inertia",), old.replace_unchecked(tensor=old.tensor * factor)
+    )
 
 
 @CHAPTER("tensor in other units", 1e-4, 4.214e-2, 2.93e-4, 10.0)
@@ -236,7 +251,9 @@ def tensor_units(scene: Scene, rng: np.random.Generator, size: float) -> Fault |
     if (found := _one(scene, rng, wide=True)) is None:
         return None
     old = found[1].inertia
-    return _planted(scene, *found, f"tensor x{size:.4g} (units)", ("inertia",), old.restated(tensor=old.tensor * size))
+    return _planted(
+        scene, *found, f"tensor x{size:.4g} (units)", ("inertia",), old.replace_unchecked(tensor=old.tensor * size)
+    )
 
 
 @CHAPTER("point masses", 1.0)
@@ -251,7 +268,7 @@ def points(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         "all bodies are points",
         ((Truth(("inertia",), (ALL, *alone)),),),
         near,
-        lambda m: edits.on_inertias(m, lambda i: i.restated(tensor=i.tensor * 1e-9)),
+        lambda m: edits.on_inertias(m, lambda i: i.replace_unchecked(tensor=i.tensor * 1e-9)),
     )
 
 
@@ -263,7 +280,7 @@ def longer(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
         return None
     old = found[1].inertia
     factor = 1.0 + size
-    new = old.restated(com=old.com * factor, tensor=old.tensor * factor**2)
+    new = old.replace_unchecked(com=old.com * factor, tensor=old.tensor * factor**2)
     return _planted(scene, *found, f"a body x{factor:.4g} as long", ("com", "inertia"), new)
 
 
@@ -296,7 +313,7 @@ def missing(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None
     if (found := _one(scene, rng)) is None:
         return None
     link, body = found
-    new = body.inertia.restated(mass=body.inertia.mass * 1e-9, tensor=body.inertia.tensor * 1e-9)
+    new = body.inertia.replace_unchecked(mass=body.inertia.mass * 1e-9, tensor=body.inertia.tensor * 1e-9)
     return _planted(scene, link, body, "missing: the body", ("mass", "missing body"), new)
 
 
@@ -307,7 +324,7 @@ def at_flange(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
     if (found := _of(known, rng)) is None:
         return None
     old = found[1].inertia
-    return _planted(scene, *found, "centre of mass at the frame", ("com",), old.restated(com=np.zeros(3)))
+    return _planted(scene, *found, "centre of mass at the frame", ("com",), old.replace_unchecked(com=np.zeros(3)))
 
 
 @CHAPTER("payload on another link", 1.0)
@@ -323,7 +340,7 @@ def elsewhere(scene: Scene, rng: np.random.Generator, size: float) -> Fault | No
         return None
 
     def change(mechanism: Mechanism) -> Mechanism:
-        small = body.inertia.restated(mass=body.inertia.mass * 1e-9, tensor=body.inertia.tensor * 1e-9)
+        small = body.inertia.replace_unchecked(mass=body.inertia.mass * 1e-9, tensor=body.inertia.tensor * 1e-9)
         mechanism = edits.on_inertia(mechanism, link.name, body.name, lambda _: small)
         moved = replace(body, name=f"{body.name} of {link.name}")
         return edits.on_link(mechanism, other.name, lambda one: replace(one, bodies=(*one.bodies, moved)))

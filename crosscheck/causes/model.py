@@ -27,7 +27,7 @@ from flexinv.inverse.inverse_dynamics import (
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import motion_at
+from flexinv.model.motion import evaluate_motion
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
@@ -183,7 +183,7 @@ def answered(record: Record, subject: Subject) -> Record:
 
 def _first(subject: Subject, time: Array) -> tuple[States, Array]:
     if is_tree(subject):
-        states = States(time, *motion_at(subject.case.motion, subject.mechanism, time))
+        states = States(time, *evaluate_motion(subject.case.motion, subject.mechanism, time))
         return states, open_tree(subject.mechanism, states)
     solution, rows = _solved(subject, time)
     states = States(time, solution.q[rows], solution.qd[rows], solution.qdd[rows])
@@ -193,7 +193,7 @@ def _first(subject: Subject, time: Array) -> tuple[States, Array]:
 def _efforts(model: Model, subject: Subject) -> Array:
     time = model.states.time
     if is_tree(subject):
-        states = States(time, *motion_at(subject.case.motion, subject.mechanism, time))
+        states = States(time, *evaluate_motion(subject.case.motion, subject.mechanism, time))
         return open_tree(subject.mechanism, states)
     if subject.mechanism.is_rigid and _same_motion(model.base, subject):
         tree = open_tree(subject.mechanism, model.states)

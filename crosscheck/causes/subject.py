@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Beam, Body, Closure, Joint, Link, Mechanism
-from flexinv.model.motion import Motion, motion_at
+from flexinv.model.motion import Motion, evaluate_motion
 
 Array = NDArray[np.float64]
 
@@ -137,6 +137,8 @@ class ChangedMotion(Motion):
         """Return q (samples, nq), qd and qdd (samples, nv) [rad or m, s], changed."""
         at = np.asarray(time, dtype=np.float64)
         # Benches and fits ask for the same times again and again; what is kept is not to be written into.
-        given = motion_at(self.inner, mechanism, at) if side == "right" else self.inner.evaluate(mechanism, at, side)
+        given = (
+            evaluate_motion(self.inner, mechanism, at) if side == "right" else self.inner.evaluate(mechanism, at, side)
+        )
         states = self.change(mechanism, States(at, *(part.copy() for part in given)))
         return states.q, states.qd, states.qdd

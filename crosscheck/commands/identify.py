@@ -29,7 +29,7 @@ from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
 from flexinv.errors import FlexinvError, InputError
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.files.toml_tables import toml_file
+from flexinv.files.toml_tables import resolve_toml_file
 
 FOLD = "Cut the window of the first log into so many blocks; each is judged by what the others tell."
 
@@ -89,7 +89,9 @@ def command(
             found = identify(source, _located(source, logs), _located(source, hold_out))
             write_parameters(found.parameters, owned.claim(folder / "parameters.csv"))
             write_judged(found.seen, found.judged, owned.claim(folder / "judged.csv"))
-            write_identified(found, toml_file(source, "mechanism.toml"), owned.claim(folder / "identified.toml"))
+            write_identified(
+                found, resolve_toml_file(source, "mechanism.toml"), owned.claim(folder / "identified.toml")
+            )
             if wanted is not None:
                 log = read_of(found.machine, _located(source, (wanted,))[0])
                 write_prediction(found.machine, found.predict(log), owned.claim(folder / "prediction.csv"))

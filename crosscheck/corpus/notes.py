@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.verdicts.plan import Task
-from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, check_table, make_key, make_optional_key, read_toml
 from flexinv.files.values import Format, NotNegative, Number, Positive, Text
 
 FILE = "corpus.toml"
@@ -41,49 +41,49 @@ FOREIGN = (
 class MechanismNote(Table):
     """Licence of one mechanism: what its kit contains."""
 
-    licence: Text = key("the licence of its data, a name", 'licence = "Apache-2.0"')
-    attribution: Text = key("who has to be named, a text", 'attribution = "github.com/..."', default="")
-    licence_files: list[Text] = key(
+    licence: Text = make_key("the licence of its data, a name", 'licence = "Apache-2.0"')
+    attribution: Text = make_key("who has to be named, a text", 'attribution = "github.com/..."', default="")
+    licence_files: list[Text] = make_key(
         "files of the folder of models that go with the kit", 'licence_files = ["licences/MIT.txt"]', default=[]
     )
-    redistribute: bool = key("false: its data may not be passed on", "redistribute = false", default=True)
-    recipe: Text = key("how to get it where it may not be passed on", 'recipe = "install ..."', default="")
+    redistribute: bool = make_key("false: its data may not be passed on", "redistribute = false", default=True)
+    recipe: Text = make_key("how to get it where it may not be passed on", 'recipe = "install ..."', default="")
 
 
 class EngineNote(Table):
     """Author of an engine: a record, a program, or one of ours."""
 
-    author: Text = key("who wrote it, a name", 'author = "MathWorks"')
-    closed_form: bool = key("true: its series are a closed form", "closed_form = true", default=False)
+    author: Text = make_key("who wrote it, a name", 'author = "MathWorks"')
+    closed_form: bool = make_key("true: its series are a closed form", "closed_form = true", default=False)
 
 
 class PublishedValue(Table):
     """A published number of a case: a series at a time, or its largest magnitude."""
 
-    mechanism: Text = key("a folder of the models", 'mechanism = "andrews_squeezer"')
-    case: Text = key("a case of it", 'case = "spin_up"')
-    series: Text = key("name of a series", 'series = "torque/beta"')
-    value: Number = key("the number [unit]", "value = 0.033")
-    unit: Text = key("its unit", 'unit = "N m"')
-    source: Text = key("where it was published", 'source = "..."')
-    at_s: NotNegative | None = optional("time [s]; without it the largest magnitude is meant", "at_s = 0.03")
-    digits: Positive | None = optional(
+    mechanism: Text = make_key("a folder of the models", 'mechanism = "andrews_squeezer"')
+    case: Text = make_key("a case of it", 'case = "spin_up"')
+    series: Text = make_key("name of a series", 'series = "torque/beta"')
+    value: Number = make_key("the number [unit]", "value = 0.033")
+    unit: Text = make_key("its unit", 'unit = "N m"')
+    source: Text = make_key("where it was published", 'source = "..."')
+    at_s: NotNegative | None = make_optional_key("time [s]; without it the largest magnitude is meant", "at_s = 0.03")
+    digits: Positive | None = make_optional_key(
         "half of the last published digit [unit]; without it the digits of value", "digits = 5e-4"
     )
-    note: Text = key("why it may lie beside the consensus", 'note = "computed with eight elements"', default="")
+    note: Text = make_key("why it may lie beside the consensus", 'note = "computed with eight elements"', default="")
 
 
 class CorpusTable(Table):
     """The whole file."""
 
-    format: Format = key("format of this file: 1", "format = 1", default=1)
-    licence: Text = key("of mechanisms without a table of their own", 'licence = "BSD-3-Clause"', default="")
-    licence_files: list[Text] = key(
+    format: Format = make_key("format of this file: 1", "format = 1", default=1)
+    licence: Text = make_key("of mechanisms without a table of their own", 'licence = "BSD-3-Clause"', default="")
+    licence_files: list[Text] = make_key(
         "its texts, files of the folder of models", 'licence_files = ["licences/MIT.txt"]', default=[]
     )
-    mechanisms: dict[str, MechanismNote] = key("tables [mechanisms.NAME]", "[mechanisms.ur5]", default={})
-    engines: dict[str, EngineNote] = key("tables [engines.NAME]", "[engines.simscape]", default={})
-    published: list[PublishedValue] = key("tables [[published]]", "[[published]]", default=[])
+    mechanisms: dict[str, MechanismNote] = make_key("tables [mechanisms.NAME]", "[mechanisms.ur5]", default={})
+    engines: dict[str, EngineNote] = make_key("tables [engines.NAME]", "[engines.simscape]", default={})
+    published: list[PublishedValue] = make_key("tables [[published]]", "[[published]]", default=[])
 
     def licence_of(self, task: Task) -> MechanismNote:
         """Return the licence of a mechanism: its own table, that of the file, or that nobody has stated one."""
@@ -108,8 +108,8 @@ def read_notes(models: Path) -> CorpusTable:
     plain = read_toml(file)
     for name, model in (("mechanisms", MechanismNote), ("engines", EngineNote)):
         for one, table in dict(plain.get(name, {})).items():
-            validate(model, table, Location(file, f"{name}.{one}"))  # its complaints name its own keys
-    return validate(CorpusTable, plain, Location(file))
+            check_table(model, table, Location(file, f"{name}.{one}"))  # its complaints name its own keys
+    return check_table(CorpusTable, plain, Location(file))
 
 
 def check_published(notes: CorpusTable, tasks: Iterable[Task], models: Path, whole: bool) -> None:

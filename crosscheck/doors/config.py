@@ -22,7 +22,7 @@ from crosscheck.doors.packages import NAME
 from flexinv.errors import InputError
 from flexinv.files.case_schema import QUANTITIES
 from flexinv.files.load_cases import Limit
-from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, check_table, make_key, read_toml
 from flexinv.files.values import Positive, Text
 
 FILE = "crosscheck.toml"
@@ -32,36 +32,36 @@ PLACEHOLDERS = ("{kit}", "{out}")
 class LimitRow(Table):
     """Limit of an engine's distance from the reference, where cases.toml states none."""
 
-    quantity: Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"] = key(
+    quantity: Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"] = make_key(
         f"one of {', '.join(QUANTITIES)}", 'quantity = "torque"'
     )
-    maximum: Annotated[Positive, Field(le=1)] = key("of the range, 0..1 [-]", "maximum = 1e-9")
-    reason: Text = key("why that is right, a text", 'reason = "both are exact: rounding"')
+    maximum: Annotated[Positive, Field(le=1)] = make_key("of the range, 0..1 [-]", "maximum = 1e-9")
+    reason: Text = make_key("why that is right, a text", 'reason = "both are exact: rounding"')
 
 
 class EngineRow(Table):
     """One engine: a command, an FMU or a Python object; or the limits of an engine that an installed package brings."""
 
-    command: Annotated[list[Text], Field(min_length=1)] | None = key(
+    command: Annotated[list[Text], Field(min_length=1)] | None = make_key(
         "program and arguments, {kit} and {out} for the folders", 'command = ["./mine", "{kit}", "{out}"]', default=None
     )
-    fmu: Text | None = key("a file .fmu beside this one", 'fmu = "arm.fmu"', default=None)
-    python: Text | None = key("module:object that is an adapter", 'python = "my_engine:Mine"', default=None)
-    refine: bool = key(
+    fmu: Text | None = make_key("a file .fmu beside this one", 'fmu = "arm.fmu"', default=None)
+    python: Text | None = make_key("module:object that is an adapter", 'python = "my_engine:Mine"', default=None)
+    refine: bool = make_key(
         "true: three runs per case, for error bars; case.json says how many times finer", "refine = true", default=False
     )
-    cases: Annotated[list[Text], Field(min_length=1)] = key(
+    cases: Annotated[list[Text], Field(min_length=1)] = make_key(
         "patterns of what it can do: mechanism/case", 'cases = ["double_pendulum/*"]', default=["*"]
     )
-    version: Text = key("its version, where meta.json does not say it", 'version = "1.0"', default="")
-    abilities: Text = key("one sentence: what it can do", 'abilities = "rigid trees"', default="")
-    limits: list[LimitRow] = key("tables [[engines.NAME.limits]]", "[[engines.NAME.limits]]", default=[])
+    version: Text = make_key("its version, where meta.json does not say it", 'version = "1.0"', default="")
+    abilities: Text = make_key("one sentence: what it can do", 'abilities = "rigid trees"', default="")
+    limits: list[LimitRow] = make_key("tables [[engines.NAME.limits]]", "[[engines.NAME.limits]]", default=[])
 
 
 class ConfigTable(Table):
     """The whole file."""
 
-    engines: dict[str, Any] = key("tables [engines.NAME]", "[engines.mine]", default={})
+    engines: dict[str, Any] = make_key("tables [engines.NAME]", "[engines.mine]", default={})
 
 
 def found(models: Path, stated: Path | None = None) -> Path | None:
@@ -112,14 +112,14 @@ def checked(file: Path, models: Path) -> Path:
 
 def rows(file: Path) -> dict[str, EngineRow]:
     """Return the engines of a file by name.  Raises InputError that says where, what was given and what to write."""
-    table = validate(ConfigTable, read_toml(file), Location(file))
+    table = check_table(ConfigTable, read_toml(file), Location(file))
     made = {}
     for name, data in table.engines.items():
         where = Location(file, f"engines.{name}")
         if not NAME.fullmatch(name):
             expected = "letters, digits, ., _ and -, beginning with a letter or digit"
             raise where.wrong("", f"an engine called {name!r}", expected, "[engines.mine]")
-        row = validate(EngineRow, data, where)
+        row = check_table(EngineRow, data, where)
         kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
         if len(kinds) != 1 and (kinds or not row.limits):  # limits alone: of an engine that is installed
             given = " and ".join(kinds) or "none of them"

@@ -25,7 +25,7 @@ from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
 from flexinv.files.regular_files import NotRegular, describe_kind, read_regular
-from flexinv.files.toml_tables import LONGEST_PATH, complaint
+from flexinv.files.toml_tables import LONGEST_PATH, make_input_error
 from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
 
@@ -134,7 +134,7 @@ def _folder(path: Path) -> Description:
         return lift_kit(path / "case.json")
     if os.path.lexists(path / "mechanism.toml"):
         return lift_toml(path)
-    raise complaint(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
+    raise make_input_error(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
 
 
 def _file(path: Path, base: str) -> Description:
@@ -153,7 +153,7 @@ def _file(path: Path, base: str) -> Description:
 def _check_regular(path: Path) -> None:
     """Raise InputError for what is no file whose bytes can be read: a pipe, a device, nothing."""
     if words := describe_kind(path):
-        raise complaint(str(path)[:LONGEST_PATH], words, "a description of a machine, as a regular file", WRITE)
+        raise make_input_error(str(path)[:LONGEST_PATH], words, "a description of a machine, as a regular file", WRITE)
 
 
 def _read_start(path: Path) -> bytes:
@@ -162,7 +162,7 @@ def _read_start(path: Path) -> bytes:
         return read_regular(path, 4095)
     except NotRegular as error:
         expected = "a description of a machine, as a regular file"
-        raise complaint(str(path)[:LONGEST_PATH], str(error), expected, WRITE) from None
+        raise make_input_error(str(path)[:LONGEST_PATH], str(error), expected, WRITE) from None
 
 
 def is_xml(path: Path) -> bool:
@@ -175,11 +175,11 @@ def kind_of(path: Path) -> str:
     """Return the format of a file by what it holds: urdf, mjcf, sdf or usd.  Raises InputError."""
     start = _read_start(path)
     if not start.strip():
-        raise complaint(str(path), "an empty file", "a description of a machine", WRITE)
+        raise make_input_error(str(path), "an empty file", "a description of a machine", WRITE)
     if start.startswith(USD):
         if (size := path.stat().st_size) > LARGEST_USD:
             write = "the stage without pictures and shapes, which no torque feels; payloads of their own for these"
-            raise complaint(str(path), f"{size} bytes", f"at most {LARGEST_USD} bytes", write)
+            raise make_input_error(str(path), f"{size} bytes", f"at most {LARGEST_USD} bytes", write)
         return "usd"
     root = None if path.suffix == ".xacro" else read_xml(path)
     if root is None or any(str(part.tag).partition("}")[0].endswith("/xacro") for part in root.iter()):

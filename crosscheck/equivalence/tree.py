@@ -65,7 +65,9 @@ class Member:
         return replace(self, **{record: replace(getattr(self, record), **{part: value}) if part else value})
 
     def _with_part(self, name: str, part: str, value: Any) -> Member:
-        parts = tuple((own, body.restated(**{name: value}) if own == part else body) for own, body in self.parts)
+        parts = tuple(
+            (own, body.replace_unchecked(**{name: value}) if own == part else body) for own, body in self.parts
+        )
         whole = sum_of([body for _, body in parts])
         return replace(self, parts=parts, mass=whole.mass, com=whole.com, tensor=whole.tensor)
 

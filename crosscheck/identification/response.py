@@ -26,7 +26,7 @@ from flexinv.model.attachments import Spring
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.rigid.joint_torques import joint_torques
 from flexinv.rigid.torque_regressor import compute_link_parameters, torque_regressor
 
@@ -53,7 +53,7 @@ class Measured:
     qdd: Array
 
 
-@kept_with_owner(most=4)
+@make_owner_cache(most=4)
 def bare(mechanism: Mechanism, names: tuple[str, ...]) -> Mechanism:
     """Return the mechanism without rotors and friction [kg m^2], [N m] of measured joints, which are laws of their own."""
 
@@ -162,7 +162,7 @@ def _as_they_are(
     return effort
 
 
-@kept_with_owner(most=4)
+@make_owner_cache(most=4)
 def _changed(
     mechanism: Mechanism, free: tuple[str, ...], masses: bytes, gravity: bytes, forces: tuple[float, ...]
 ) -> Mechanism:
@@ -174,7 +174,7 @@ def _changed(
 
 
 def _scaled(spring: Spring, factor: float) -> Spring:
-    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scaled(factor))
+    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scale_forces(factor))
 
 
 def _by_regressor(
@@ -215,7 +215,7 @@ def _by_regressor(
     return effort
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _parts(mechanism: Mechanism) -> tuple[Mechanism, Mechanism, dict[str, Mechanism]]:
     """The mechanism without springs between points and given forces, with the forces, and with each of the springs."""
     alone = replace(mechanism, springs=(), forces=())

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from flexinv.errors import InputError
 from flexinv.files.closures import EndTable, read_end
-from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, check_table, make_key, read_toml
 from flexinv.files.values import Format, NotNegative, Number, Positive, Text
 from flexinv.model.links import WORLD
 from flexinv.model.mechanism import Mechanism
@@ -29,9 +29,9 @@ ACCELERATIONS = {"m/s^2": 1.0, "g": 9.80665}
 class AngleTable(Table):
     """A column with the coordinate of a joint."""
 
-    column: Text = key("name of the column", 'column = "axis1_angle_rad"')
-    unit: Literal["rad", "deg", "m", "mm"] = key("its unit", 'unit = "rad"', default="rad")
-    over: Number = key(
+    column: Text = make_key("name of the column", 'column = "axis1_angle_rad"')
+    unit: Literal["rad", "deg", "m", "mm"] = make_key("its unit", 'unit = "rad"', default="rad")
+    over: Number = make_key(
         "what the column is divided by: a gear ratio if it is the motor's [-]", "over = 100", default=1.0
     )
 
@@ -39,9 +39,9 @@ class AngleTable(Table):
 class RateTable(Table):
     """A column with the rate of a joint."""
 
-    column: Text = key("name of the column", 'column = "axis1_rate_rad_per_s"')
-    unit: Literal["rad/s", "deg/s", "m/s", "mm/s"] = key("its unit", 'unit = "rad/s"', default="rad/s")
-    over: Number = key(
+    column: Text = make_key("name of the column", 'column = "axis1_rate_rad_per_s"')
+    unit: Literal["rad/s", "deg/s", "m/s", "mm/s"] = make_key("its unit", 'unit = "rad/s"', default="rad/s")
+    over: Number = make_key(
         "what the column is divided by: a gear ratio if it is the motor's [-]", "over = 100", default=1.0
     )
 
@@ -49,12 +49,12 @@ class RateTable(Table):
 class EffortTable(Table):
     """A column with the torque, force or current of a drive."""
 
-    column: Text = key("name of the column", 'column = "axis1_motor_torque_Nm"')
-    unit: Literal["N m", "N", "A", "mN m"] = key("its unit", 'unit = "N m"', default="N m")
-    side: Literal["joint", "motor"] = key(
+    column: Text = make_key("name of the column", 'column = "axis1_motor_torque_Nm"')
+    unit: Literal["N m", "N", "A", "mN m"] = make_key("its unit", 'unit = "N m"', default="N m")
+    side: Literal["joint", "motor"] = make_key(
         "where it acts: motor torque times the gear ratio is that of the joint", 'side = "motor"', default="joint"
     )
-    constant_Nm_per_A: Positive | None = key(
+    constant_Nm_per_A: Positive | None = make_key(
         "of a current: torque at this side per ampere; the drive's torque constant when absent [N m/A]",
         "constant_Nm_per_A = 8.925",
         default=None,
@@ -64,43 +64,45 @@ class EffortTable(Table):
 class JointTable(Table):
     """Columns of a joint."""
 
-    angle: AngleTable = key("the coordinate that moves the model", 'angle = { column = "q1", unit = "deg" }')
-    rate: RateTable | None = key(
+    angle: AngleTable = make_key("the coordinate that moves the model", 'angle = { column = "q1", unit = "deg" }')
+    rate: RateTable | None = make_key(
         "its rate, where a sensor measures it: else the angle is differentiated",
         'rate = { column = "qd1", unit = "deg/s" }',
         default=None,
     )
-    link_angle: AngleTable | None = key(
+    link_angle: AngleTable | None = make_key(
         "a second encoder behind the gear", 'link_angle = { column = "q1_link" }', default=None
     )
-    effort: EffortTable | None = key("torque, force or current", 'effort = { column = "i1", unit = "A" }', default=None)
+    effort: EffortTable | None = make_key(
+        "torque, force or current", 'effort = { column = "i1", unit = "A" }', default=None
+    )
 
 
 class GaugeTable(Table):
     """A strain gauge at the root of a beam: what it reads is gain M L / (3 EI) + zero + slope q of a joint."""
 
-    beam: Text = key("the link that is a beam", 'beam = "link1"')
-    joint: Text = key("the joint whose moment bends its root", 'joint = "clamp1"')
-    column: Text = key("name of the column", 'column = "gauge1_deg"')
-    unit: Literal["rad", "deg"] = key("its unit", 'unit = "deg"', default="rad")
-    slope_joint: Text = key("the joint with whose angle its zero drifts", 'slope_joint = "shoulder"', default="")
-    flexibility_rad_per_Nm: Positive | None = key(
+    beam: Text = make_key("the link that is a beam", 'beam = "link1"')
+    joint: Text = make_key("the joint whose moment bends its root", 'joint = "clamp1"')
+    column: Text = make_key("name of the column", 'column = "gauge1_deg"')
+    unit: Literal["rad", "deg"] = make_key("its unit", 'unit = "deg"', default="rad")
+    slope_joint: Text = make_key("the joint with whose angle its zero drifts", 'slope_joint = "shoulder"', default="")
+    flexibility_rad_per_Nm: Positive | None = make_key(
         "what the rig makes of a moment; L / (3 EI) of the beam when absent [rad/(N m)]",
         "flexibility_rad_per_Nm = 0.1",
         default=None,
     )
-    lag_Hz: Positive | None = key(
+    lag_Hz: Positive | None = make_key(
         "frequency of the rig's own low-pass of second order [Hz]", "lag_Hz = 2", default=None
     )
-    lag_damping: Positive = key("its damping ratio [-]", "lag_damping = 0.9", default=0.9)
+    lag_damping: Positive = make_key("its damping ratio [-]", "lag_damping = 0.9", default=0.9)
 
 
 class AxesTable(Table):
     """Columns of a sensor that measures along axes."""
 
-    x: Text | None = key("column along x", 'x = "tip_x"', default=None)
-    y: Text | None = key("column along y", 'y = "tip_y"', default=None)
-    z: Text | None = key("column along z", 'z = "tip_z"', default=None)
+    x: Text | None = make_key("column along x", 'x = "tip_x"', default=None)
+    y: Text | None = make_key("column along y", 'y = "tip_y"', default=None)
+    z: Text | None = make_key("column along z", 'z = "tip_z"', default=None)
 
     @property
     def named(self) -> dict[str, str]:
@@ -111,27 +113,27 @@ class AxesTable(Table):
 class MarkerTable(EndTable):
     """A marker on a link, which a camera or tracker sees: its position in the world, along the world's axes."""
 
-    columns: AxesTable = key("its columns, one of x, y and z or more", 'columns = { x = "tip_x", z = "tip_z" }')
-    unit: Literal["m", "mm"] = key("their unit", 'unit = "mm"', default="m")
+    columns: AxesTable = make_key("its columns, one of x, y and z or more", 'columns = { x = "tip_x", z = "tip_z" }')
+    unit: Literal["m", "mm"] = make_key("their unit", 'unit = "mm"', default="m")
 
 
 class AccelerometerTable(EndTable):
     """An accelerometer on a link: its acceleration less gravity, along its own axes."""
 
-    columns: AxesTable = key("its columns, one of x, y and z or more", 'columns = { z = "acc_z" }')
-    unit: Literal["m/s^2", "g"] = key("their unit", 'unit = "g"', default="m/s^2")
+    columns: AxesTable = make_key("its columns, one of x, y and z or more", 'columns = { z = "acc_z" }')
+    unit: Literal["m/s^2", "g"] = make_key("their unit", 'unit = "g"', default="m/s^2")
 
 
 class FreeTable(Table):
     """Parameters that are free, at places; what is known of them before the log."""
 
-    parameter: Text = key("kind of parameter", 'parameter = "mass properties"')
-    place: list[Text] = key("links, joints or beams; patterns such as axis*", 'place = ["*"]', default=["*"])
-    relative: Positive | None = key(
+    parameter: Text = make_key("kind of parameter", 'parameter = "mass properties"')
+    place: list[Text] = make_key("links, joints or beams; patterns such as axis*", 'place = ["*"]', default=["*"])
+    relative: Positive | None = make_key(
         "relative standard error of the value known before [-]", "relative = 0.3", default=None
     )
-    error: Positive | None = key("its standard error in the unit of the parameter", "error = 0.05", default=None)
-    value: Number | None = key(
+    error: Positive | None = make_key("its standard error in the unit of the parameter", "error = 0.05", default=None)
+    value: Number | None = make_key(
         "the value known before; that of the mechanism when absent", "value = 0.02", default=None
     )
 
@@ -139,9 +141,9 @@ class FreeTable(Table):
 class StartTable(Table):
     """Coordinate of a passive joint at the first sample."""
 
-    deg: Number | None = key("its angle [deg]", "deg = -85", default=None)
-    rad: Number | None = key("its angle [rad]", "rad = -1.48", default=None)
-    m: Number | None = key("its way [m]", "m = 0.1", default=None)
+    deg: Number | None = make_key("its angle [deg]", "deg = -85", default=None)
+    rad: Number | None = make_key("its angle [rad]", "rad = -1.48", default=None)
+    m: Number | None = make_key("its way [m]", "m = 0.1", default=None)
 
     @property
     def value(self) -> float:
@@ -155,26 +157,26 @@ Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 class LimitTable(Table):
     """Limits for the logs that judge."""
 
-    channel: list[Text] = key("sensors; patterns such as torque/axis*", 'channel = ["torque/*"]', default=["*"])
-    explained: Number | None = key("least part that is explained [-]", "explained = 0.95", default=None)
-    coverage: Window | None = key(
+    channel: list[Text] = make_key("sensors; patterns such as torque/axis*", 'channel = ["torque/*"]', default=["*"])
+    explained: Number | None = make_key("least part that is explained [-]", "explained = 0.95", default=None)
+    coverage: Window | None = make_key(
         "least and largest part of samples inside the 90 % bands [-]", "coverage = [0.8, 0.97]", default=None
     )
-    width: Positive | None = key("largest mean width of a band over the RMS error [-]", "width = 5", default=None)
-    reason: Text = key("why so", 'reason = "what the controller needs"', default="")
+    width: Positive | None = make_key("largest mean width of a band over the RMS error [-]", "width = 5", default=None)
+    reason: Text = make_key("why so", 'reason = "what the controller needs"', default="")
 
 
 class NightTable(Table):
     """Logs beside the mechanism that every night identifies and judges."""
 
-    log: list[Text] = key("logs that identify, as --log takes them", 'log = ["run_A.csv.gz@0:6.9"]')
-    hold_out: list[Text] = key("logs that judge", 'hold_out = ["run_B.csv.gz"]', default=[])
-    blocks: Annotated[int, Field(ge=2)] | None = key(
+    log: list[Text] = make_key("logs that identify, as --log takes them", 'log = ["run_A.csv.gz@0:6.9"]')
+    hold_out: list[Text] = make_key("logs that judge", 'hold_out = ["run_B.csv.gz"]', default=[])
+    blocks: Annotated[int, Field(ge=2)] | None = make_key(
         "instead of logs that judge: into how many blocks the window of the first log is cut",
         "blocks = 5",
         default=None,
     )
-    limits: list[LimitTable] = key(
+    limits: list[LimitTable] = make_key(
         "what judges have to reach in a night, beside [[limits]]", "[[night.limits]]", default=[]
     )
 
@@ -182,48 +184,54 @@ class NightTable(Table):
 class IdentifyTable(Table):
     """All of identify.toml."""
 
-    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
-    source: Text = key("where the log comes from", 'source = "our test bench"', default="")
-    time: Text = key("name of the column of times", 'time = "time_s"', default="time_s")
-    time_unit: Literal["s", "ms", "us", "ns"] = key("unit of the times", 'time_unit = "ms"', default="s")
-    bandwidth_Hz: Positive = key(
+    format: Format = make_key("the version of the file's format, 1 when absent", "format = 1", default=1)
+    source: Text = make_key("where the log comes from", 'source = "our test bench"', default="")
+    time: Text = make_key("name of the column of times", 'time = "time_s"', default="time_s")
+    time_unit: Literal["s", "ms", "us", "ns"] = make_key("unit of the times", 'time_unit = "ms"', default="s")
+    bandwidth_Hz: Positive = make_key(
         "of the zero-phase low-pass behind which efforts are compared [Hz]", "bandwidth_Hz = 10"
     )
-    motion_Hz: Positive | None = key(
+    motion_Hz: Positive | None = make_key(
         "of the zero-phase low-pass of the motion; 2.5 times that of efforts when absent [Hz]",
         "motion_Hz = 25",
         default=None,
     )
-    window_s: Window | None = key("the seconds that count; all when absent [s]", "window_s = [1.8, 8.2]", default=None)
-    block_s: Positive = key("length of the blocks that leave-one-out takes away [s]", "block_s = 1.28", default=1.0)
-    still_rad_per_s: NotNegative = key(
+    window_s: Window | None = make_key(
+        "the seconds that count; all when absent [s]", "window_s = [1.8, 8.2]", default=None
+    )
+    block_s: Positive = make_key(
+        "length of the blocks that leave-one-out takes away [s]", "block_s = 1.28", default=1.0
+    )
+    still_rad_per_s: NotNegative = make_key(
         "slower than this a joint stands, and friction holds whatever it does [rad/s], [m/s]",
         "still_rad_per_s = 0.01",
         default=0.01,
     )
-    between_runs: NotNegative = key(
+    between_runs: NotNegative = make_key(
         "relative standard error of friction from one run to the next [-]", "between_runs = 0.05", default=0.05
     )
-    least_radius_m: Positive = key(
+    least_radius_m: Positive = make_key(
         "radius of gyration below which no mass is believed [m]", "least_radius_m = 0.05", default=0.05
     )
-    mesh: Annotated[list[int], Field(min_length=2, max_length=2)] | None = key(
+    mesh: Annotated[list[int], Field(min_length=2, max_length=2)] | None = make_key(
         "elements and order of beams while they are identified [-]", "mesh = [1, 2]", default=None
     )
-    every: int = key("steps of the march per sample [-]", "every = 1", default=1)
-    start: dict[str, StartTable] = key(
+    every: int = make_key("steps of the march per sample [-]", "every = 1", default=1)
+    start: dict[str, StartTable] = make_key(
         "coordinates of passive joints of loops at the first sample", "start.left_elbow = { deg = -85 }", default={}
     )
-    initial: Literal["consistent", "static"] = key(
+    initial: Literal["consistent", "static"] = make_key(
         "how beams and springs begin: without force, or in equilibrium", 'initial = "static"', default="consistent"
     )
-    joints: dict[str, JointTable] = key("what the log says of a joint", "[joints.axis1]")
-    gauges: dict[str, GaugeTable] = key("strain gauges", "[gauges.gauge1]", default={})
-    markers: dict[str, MarkerTable] = key("markers on links", "[markers.tip]", default={})
-    accelerometers: dict[str, AccelerometerTable] = key("accelerometers on links", "[accelerometers.wrist]", default={})
-    free: list[FreeTable] = key("free parameters", "[[free]]")
-    limits: list[LimitTable] = key("what logs that judge have to reach", "[[limits]]", default=[])
-    night: NightTable | None = key("what `crosscheck nightly` identifies and judges", "[night]", default=None)
+    joints: dict[str, JointTable] = make_key("what the log says of a joint", "[joints.axis1]")
+    gauges: dict[str, GaugeTable] = make_key("strain gauges", "[gauges.gauge1]", default={})
+    markers: dict[str, MarkerTable] = make_key("markers on links", "[markers.tip]", default={})
+    accelerometers: dict[str, AccelerometerTable] = make_key(
+        "accelerometers on links", "[accelerometers.wrist]", default={}
+    )
+    free: list[FreeTable] = make_key("free parameters", "[[free]]")
+    limits: list[LimitTable] = make_key("what logs that judge have to reach", "[[limits]]", default=[])
+    night: NightTable | None = make_key("what `crosscheck nightly` identifies and judges", "[night]", default=None)
 
 
 def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
@@ -234,7 +242,7 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
             f"{file}: there is no such file; write `crosscheck identify {mechanism.name} --log LOG --propose`, which makes one"
         )
     top = Location(file)
-    table = validate(IdentifyTable, read_toml(file), top)
+    table = check_table(IdentifyTable, read_toml(file), top)
     joints = [j.name for j in mechanism.joints if j.nv == 1]
     for name in table.joints:
         if name not in joints:

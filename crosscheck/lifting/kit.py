@@ -22,7 +22,7 @@ from crosscheck.kit.tables import (
 from crosscheck.lifting.attached import attached_features
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
-from flexinv.files.toml_tables import complaint, read_bytes
+from flexinv.files.toml_tables import make_input_error, read_bytes
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement, Section
 
 LARGEST = 64 << 20  # [byte]
@@ -40,8 +40,8 @@ def lift_kit(path: Path) -> Description:
         if where == "format" and str(first["input"]).startswith("crosscheck-case/"):
             given = f'format "{first["input"]}"'
             known = f'"{FORMAT}": this crosscheck knows no other'
-            raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
-        raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
+            raise make_input_error(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
+        raise make_input_error(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
     features = tuple(attached_features(said.springs, said.forces))
     try:
         mechanism = _mechanism(said)

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_urdf
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import STANDARD_GRAVITY, location, read_robot, read_urdf, urdf_number
+from flexinv.files.from_urdf import STANDARD_GRAVITY, describe_location, read_number, read_robot, read_urdf
 from flexinv.model.mechanism import GEARED, WORLD, Attachment, Closure, Mechanism
 
 DRAKE = "{http://drake.mit.edu}"
@@ -63,15 +63,15 @@ def mimics(robot: Element, mechanism: Mechanism, path: Path) -> tuple[tuple[Clos
         if mimic is None:
             continue
         other = mimic.get("joint", "")
-        where = location(path, element, "mimic")
+        where = describe_location(path, element, "mimic")
         kinds = [mechanism.joint_of[n].kind for n in (name, other) if n in mechanism.joint_of]
         if len(kinds) < 2 or name == other:
             dropped.append(f"mimic of {name}: it names the joint {other!r}, which is none of the others")
         elif "fixed" in kinds:
             dropped.append(f"mimic of {name}: one of the two joints is fixed")
         elif set(kinds) <= {*GEARED, "continuous"}:
-            factor = urdf_number(mimic, "multiplier", 1.0, where)
-            offset = urdf_number(mimic, "offset", 0.0, where)
+            factor = read_number(mimic, "multiplier", 1.0, where)
+            offset = read_number(mimic, "offset", 0.0, where)
             made.append(
                 Closure(f"mimic {name}", "coupling", here, here, factors=((name, 1.0), (other, -factor)), offset=offset)
             )
@@ -98,13 +98,13 @@ def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[s
         for place in (element, *joints, *element.findall("actuator")):
             if text := _text(place.find("mechanicalReduction")):
                 try:
-                    ratio = _float(text, location(path, element, "mechanicalReduction"))
+                    ratio = _float(text, describe_location(path, element, "mechanicalReduction"))
                 except InputError:
                     dropped.append(f"transmission of {name}: its mechanicalReduction {text[:60]!r} is no number")
         gears[name] = ratio
         for actuator in element.findall("actuator"):
             inertia, gear = (
-                urdf_number(actuator.find(DRAKE + key), "value", default, location(path, actuator, key))
+                read_number(actuator.find(DRAKE + key), "value", default, describe_location(path, actuator, key))
                 for key, default in zip(ACTUATOR_PARTS, (0.0, 1.0), strict=True)
             )
             rotors[name] = rotors.get(name, 0.0) + inertia * gear**2
@@ -116,7 +116,7 @@ def _text(element: Element | None) -> str:
 
 
 def _float(text: str, where: str) -> float:
-    return urdf_number(Element("mechanicalReduction", value=text), "value", 1.0, where)
+    return read_number(Element("mechanicalReduction", value=text), "value", 1.0, where)
 
 
 def _others(robot: Element) -> Iterator[str]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.linting.finding import Finding, error, warning
-from flexinv.model.links import impossible
+from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import Array, Inertia
 
 # [kg]: heavier or lighter links look like grams or tonnes
@@ -56,7 +56,7 @@ def _own(link: Stated, size: float) -> Iterator[Finding]:
             "mass", place, f"{body.mass:g} kg", "no body has a negative mass", f'<mass value="{-body.mass:g}"/>'
         )
     none = bool(np.abs(body.tensor).max() <= NOISE * body.mass)
-    if not none and (reason := impossible(body.tensor)):
+    if not none and (reason := describe_impossible_inertia(body.tensor)):
         advice = (
             "the tensor about the centre of mass: principal moments p1 + p2 >= p3; some readers replace such a tensor"
         )

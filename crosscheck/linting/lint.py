@@ -16,7 +16,7 @@ from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.urdf import urdf_findings
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import read_xml, xml_repairs
+from flexinv.files.from_urdf import list_xml_repairs, read_xml
 from flexinv.validation import check_flag
 
 LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
@@ -94,7 +94,7 @@ def lint_each(
 
 def _xml_findings(path: Path) -> Iterator[Finding]:
     """Yield what the standard of XML forbids and some readers take."""
-    for words in xml_repairs(path):
+    for words in list_xml_repairs(path):
         write = "one hyphen in comments" if "comment" in words else "the declaration in the first tag"
         why = "XML forbids it: MuJoCo, DART and urdfdom read it, strict readers refuse the file"
         yield warning("xml", path.name, words, why, write)

@@ -15,7 +15,7 @@ import numpy as np
 from crosscheck.linting.bodies import Stated
 from crosscheck.linting.finding import Finding, warning
 from crosscheck.linting.mesh_files import MeshFile
-from flexinv.files.joints import rotation_from_rpy
+from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array
 
 WIDE = 20.0  # extent of a mesh over that of the machine from which on it looks like mm
@@ -101,7 +101,7 @@ def _points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
         xyz, rpy = (_numbers(origin, key, "0 0 0") for key in ("xyz", "rpy"))
     except ValueError:
         return None
-    return None if found is None else found @ rotation_from_rpy(rpy).T + xyz
+    return None if found is None else found @ compute_rpy_rotation(rpy).T + xyz
 
 
 def _numbers(element: Element | None, key: str, default: str) -> Array:

@@ -15,7 +15,7 @@ from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.mesh_files import file_findings, mesh_path, read_meshes
 from crosscheck.linting.meshes import mesh_findings
 from crosscheck.linting.shapes import shape_findings
-from flexinv.files.joints import rotation_from_rpy
+from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array, Inertia
 
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -133,7 +133,7 @@ def _inertia(inertial: Element) -> Inertia | None:
     if mass is None or com is None or rpy is None or any(x is None for x in numbers):
         return None
     xx, xy, xz, yy, yz, zz = (float(x[0]) for x in numbers if x is not None)
-    turn = rotation_from_rpy(rpy)
+    turn = compute_rpy_rotation(rpy)
     return Inertia.stated(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
 
 

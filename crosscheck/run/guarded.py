@@ -35,7 +35,7 @@ from crosscheck.run.processes import (
 )
 from crosscheck.run.reading import GIVEN, read
 from flexinv.errors import InputError
-from flexinv.files.toml_tables import LONGEST_PATH, complaint
+from flexinv.files.toml_tables import LONGEST_PATH, make_input_error
 
 SECONDS = 120.0  # [s] for one file: the largest humanoid of example-robot-data takes 20 s
 GIGABYTES = 4.0  # of memory for one file: that humanoid takes 0.5
@@ -93,7 +93,7 @@ class Guard:
             write = (
                 "the file without what is unusual in it; --readers all of crosscheck compare says which readers take it"
             )
-        return Unread(str(complaint(str(file)[:LONGEST_PATH], given[:600], limits, write)))
+        return Unread(str(make_input_error(str(file)[:LONGEST_PATH], given[:600], limits, write)))
 
 
 def may_fork() -> bool:

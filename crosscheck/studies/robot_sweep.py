@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from flexinv import joint_torques
 from flexinv.errors import ModelWarning
-from flexinv.files.from_urdf import from_urdf, robots_folder
+from flexinv.files.from_urdf import find_robots_folder, from_urdf
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -86,8 +86,8 @@ class RobotRow:
 
 
 def robot_names() -> list[str]:
-    """Return every URDF of example-robot-data, as a path below ``robots_folder()``."""
-    folder = robots_folder()
+    """Return every URDF of example-robot-data, as a path below ``find_robots_folder()``."""
+    folder = find_robots_folder()
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.urdf"))
 
 
@@ -99,7 +99,7 @@ def robot_table(
     names : of ``robot_names()``, all by default; samples : random states of each robot and base
     progress : called with (name, robots done, robots in all)
     """
-    folder = robots_folder()
+    folder = find_robots_folder()
     chosen = robot_names() if names is None else list(names)
     rows = []
     for done, name in enumerate(chosen):

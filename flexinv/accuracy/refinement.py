@@ -26,7 +26,7 @@ from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
 SHARE_OF_STEPS = 0.7  # part of what is asked that errors of steps may take; the mesh gets what is left
@@ -185,7 +185,7 @@ def compute_refinement(index: int) -> int:
     return 1 if index == 0 else (2 if index % 2 else 3) * 2 ** ((index - 1) // 2)
 
 
-@kept_with_owner()
+@make_owner_cache()
 def apply_mesh(mechanism: Mechanism, mesh: int) -> Mechanism:
     """Return the mechanism with a mesh of `MESHES` [-] on its beams, the same one for all steps; of order 1 only one element."""
     times, order = MESHES[mesh]

@@ -27,7 +27,7 @@ from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Triple
 
 
@@ -139,7 +139,7 @@ def list_array_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
     return [nodal, nodal, joints, joints, *named, *4 * [(samples,)], (samples, 6)]
 
 
-@kept_with_owner()
+@make_owner_cache()
 def build_skeleton(mesh: Mesh) -> Skeleton:
     """Return the data of a mesh that the second step reads [m], [kg]."""
     m = mesh.mechanism
@@ -198,7 +198,7 @@ def _compute_friction_direction(mechanism: Mechanism, qd: Array, smooth_of: Coll
     return np.where(build_joint_mask(mechanism, smooth_of), compute_smooth_direction(qd), np.sign(qd))
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _list_section_points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
     """Name of each beam, which elements are its own, their orders, and where their points are."""
     e = mesh.elements

@@ -46,7 +46,7 @@ from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Mask, Triple
 
 
@@ -233,7 +233,7 @@ def make_closed_task(task: Task) -> Task:
     return replace(task, after=evaluate_from_start)
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _solve_closed_start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:

@@ -10,7 +10,7 @@ from flexinv.constraints.loop_starts import find_closed_anywhere, list_closed_ne
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import CLOSURES, Link, Mechanism
-from flexinv.model.motion import start_coordinates
+from flexinv.model.motion import resolve_start_coordinates
 from flexinv.typing import Array
 
 
@@ -19,7 +19,7 @@ def resolve_start_configuration(mechanism: Mechanism, case: Case | None) -> Arra
     q = mechanism.neutral
     if case is not None:
         q = case.motion.evaluate(mechanism, [0.0])[0][0]
-        for name, place in start_coordinates(mechanism, set(case.start), case.start)[0].items():
+        for name, place in resolve_start_coordinates(mechanism, set(case.start), case.start)[0].items():
             q[mechanism.q_slices[name]] = place
     return q
 

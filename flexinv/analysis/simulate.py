@@ -26,7 +26,7 @@ from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import start_coordinates
+from flexinv.model.motion import resolve_start_coordinates
 from flexinv.typing import Array
 from flexinv.validation import check_callable, check_kind, check_number, convert_to_floats, shown
 
@@ -64,7 +64,7 @@ def simulate(
     def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh = build(meshed)
         moves = {j.name for j in meshed.joints if j.nv}
-        stated = _collect_start_values(meshed, *start_coordinates(meshed, moves, start, start_rate), at_rest)
+        stated = _collect_start_values(meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest)
         first = float(steps[0])
         state = stated.q, stated.qd, stated.qdd
         if meshed.closures:

@@ -42,8 +42,8 @@ from flexinv.kernels.threads.affinity import count_processors, move_to_processor
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, motion_at
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.motion import Motion, evaluate_motion
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.planar.model import build_planar_model
 from flexinv.planar.solver import PlanarMarch
@@ -241,7 +241,7 @@ def make_scenario(mechanism: Mechanism, motion: Motion, options: Mapping[str, An
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
         settings = check_settings(options["step"], options.get("spectral_radius", 0.8), options.get("tolerance", EXACT))
-        moved = motion_at(motion, mechanism, settings.step * np.arange(len(time)))
+        moved = evaluate_motion(motion, mechanism, settings.step * np.arange(len(time)))
         return Scenario(mesh, motion, moved, time, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
@@ -260,7 +260,7 @@ def match_scenarios(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
     return runs
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _make_structure_key(mesh: Mesh) -> tuple[Any, ...]:
     """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
     m = build_planar_model(mesh, frozenset())
@@ -270,7 +270,7 @@ def _make_structure_key(mesh: Mesh) -> tuple[Any, ...]:
     return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
 
 
-@kept_with_owner(most=8)
+@make_owner_cache(most=8)
 def _build_designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
     """The meshes, of which the ``first`` keeps this."""
     models = [build_planar_model(mesh, frozenset()) for mesh in meshes]

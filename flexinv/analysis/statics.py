@@ -52,8 +52,8 @@ class Load(Frozen):
     follower: bool = False
 
     RULES: ClassVar[rules.Rules] = {
-        "link": rules.text, "force": rules.real_array((3,), "N"), "moment": rules.real_array((3,), "N m"),
-        "station": rules.real("-, of the length", 0.0, most=1.0), "point": rules.real_array((3,), "m"), "follower": rules.truth,
+        "link": rules.check_text, "force": rules.make_array_rule((3,), "N"), "moment": rules.make_array_rule((3,), "N m"),
+        "station": rules.make_real_rule("-, of the length", 0.0, most=1.0), "point": rules.make_array_rule((3,), "m"), "follower": rules.check_truth,
     }  # fmt: skip
 
     def _name(self) -> str:

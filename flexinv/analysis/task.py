@@ -22,7 +22,7 @@ from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, motion_at, start_coordinates
+from flexinv.model.motion import Motion, evaluate_motion, resolve_start_coordinates
 from flexinv.typing import Array, Triple
 from flexinv.validation import check_callable, check_choice, check_kind, check_number, check_seconds, check_whole_number
 
@@ -129,7 +129,7 @@ def make_prescribed_task(
     """
     mesh = build(mechanism)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    stated = start_coordinates(mechanism, passive, start, start_rate)
+    stated = resolve_start_coordinates(mechanism, passive, start, start_rate)
     before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
     if mechanism.closures and start and passive:
         now = (part[0] for part in after(steps[:1]))
@@ -138,7 +138,7 @@ def make_prescribed_task(
         )
         if q is not None:  # from which the loops close where the start says, or nearest to that
             start = {name: q[mechanism.q_slices[name]] for name in passive}
-            stated = start_coordinates(mechanism, passive, start, start_rate)
+            stated = resolve_start_coordinates(mechanism, passive, start, start_rate)
             before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
     knots = tuple(getattr(motion, "knots", motion.jumps))
     return Task(
@@ -150,7 +150,7 @@ def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: 
     """Raise an error where closures contradict what was told of the first instant, found at q (nq,), qd (nv,) [rad or m, s]."""
     mesh = task.mesh
     m = task.mesh.mechanism
-    stated = start_coordinates(m, task.passive, start, start_rate)
+    stated = resolve_start_coordinates(m, task.passive, start, start_rate)
     told = build_joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
     most = SAGGED if task.settings.initial == "static" and not m.is_rigid else TYPED_DIGITS
@@ -209,7 +209,9 @@ def build_joint_histories(
 
     def evaluate_joint_motion(time: Array, side: str) -> Triple:
         if time is grid and side == "right" and uniform:
-            q, qd, qdd = (part.copy() for part in motion_at(motion, mechanism, settings.step * np.arange(len(grid))))
+            q, qd, qdd = (
+                part.copy() for part in evaluate_motion(motion, mechanism, settings.step * np.arange(len(grid)))
+            )
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
         for name, value in stated[0].items():

@@ -18,7 +18,17 @@ from flexinv.analysis.find_limits import find_limits
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
-from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
+from flexinv.cli.output import (
+    ACCURACY,
+    FILE,
+    MODEL,
+    OVERWRITE,
+    check_outputs,
+    parse_by_joint,
+    read_model,
+    write,
+    write_table,
+)
 from flexinv.cli.simulate import follow_task, simulate_file
 from flexinv.cli.warm import warm
 from flexinv.constraints.open_loops import replace_advice
@@ -87,10 +97,10 @@ def solve(
         raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'")
     check_outputs(out, overwrite, [plot])
     mechanism = load_mechanism(model)
-    case = choose(load_cases(folder(model), mechanism), name, model)
+    case = choose(load_cases(resolve_model_folder(model), mechanism), name, model)
     asked = case.accuracy if step is None and accuracy is None else accuracy
     size = case.step if step is None and asked is None else step
-    written = every(case.sample, case.step, size) if out is not None and size and size > 0.0 else 1
+    written = compute_sample_stride(case.sample, case.step, size) if out is not None and size and size > 0.0 else 1
     # with error bars: once more at half the step, once more on a finer mesh
     samples = round(case.end / size) * (4 if error else 1) if size else 0
     shown = size is not None and not mechanism.is_rigid and sys.stderr.isatty()
@@ -103,7 +113,7 @@ def solve(
     table = solution.summary()
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
-    show(table, digits=5, index=True, missing="-")
+    write_table(table, digits=5, index=True, missing="-")
     uses = find_limits(solution, case.motion)
     for one in uses:
         if one.reached is not None:
@@ -115,9 +125,9 @@ def solve(
             found = motor_side(solution)
             columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
             rows = [(name, *(np.abs(a).max() for a in (m.rate, m.torque, m.current))) for name, m in found.items()]
-            show(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
+            write_table(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
         except InputError as reason:
-            click.echo(f"motors: {_one_line(reason)}")
+            click.echo(f"motors: {_join_lines(reason)}")
     if out is not None:
         write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
@@ -136,13 +146,17 @@ def info(model: Path) -> None:
     fixed = f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     size = f"nq = {mechanism.nq}, nv = {mechanism.nv}"
     click.echo(f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, {size}, {fixed}")
-    cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
+    cases = (
+        load_cases(resolve_model_folder(model), mechanism)
+        if (resolve_model_folder(model) / "cases.toml").is_file()
+        else {}
+    )
     if mechanism.closures:
         click.echo(overview.describe_mobility(mechanism, next(iter(cases.values()), None)))
     for title, table in overview.build_overview_tables(mechanism).items():
         if len(table):
             click.echo(f"\n{title}")
-            show(table)
+            write_table(table)
     if mechanism.beams:
         mesh = build(mechanism)
         # with what follows from a damping ratio
@@ -184,18 +198,18 @@ def modes(
     mechanism = load_mechanism(model)
     at = None
     if name is not None:
-        case = choose(load_cases(folder(model), mechanism), name, model)
+        case = choose(load_cases(resolve_model_folder(model), mechanism), name, model)
         mechanism, at = case.meshed(mechanism), overview.resolve_start_configuration(mechanism, case)
-    rates = by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
+    rates = parse_by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
     if rates or damped:
         if accuracy is not None:
             raise InputError("--accuracy is of frequencies at rest; leave out --rate and --damped")
-        with replace_advice(partial(_case_that_closes, model, mechanism, name)):
+        with replace_advice(partial(_describe_closing_case, model, mechanism, name)):
             steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
         names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
-        return show(pd.DataFrame(columns, columns=names), missing="-")
-    with replace_advice(partial(_case_that_closes, model, mechanism, name)):
+        return write_table(pd.DataFrame(columns, columns=names), missing="-")
+    with replace_advice(partial(_describe_closing_case, model, mechanism, name)):
         found = natural_modes(mechanism, at, free or None, count, accuracy)
     omega = np.sqrt(np.abs(found.squared))
     bars = [f"{bar:.1e}" for bar in found.frequency_error]
@@ -205,7 +219,7 @@ def modes(
         table.insert(4, "damping ratio [-]", found.ratio[: len(table)])
     if {"flutter", "divergence"} & set(found.stability):
         table["stability"] = found.stability
-    return show(table, missing="unstable")
+    return write_table(table, missing="unstable")
 
 
 @app.command(short_help="Show the base parameters of a rigid mechanism.")
@@ -232,11 +246,15 @@ app.add_command(warm)
 app.add_command(simulate_file)
 
 
-def _case_that_closes(model: Path, mechanism: Mechanism, name: str | None) -> str:
+def _describe_closing_case(model: Path, mechanism: Mechanism, name: str | None) -> str:
     """Advice for loops that do not close in the configuration of the modes."""
     if name is not None:
         return f"write another start of the joints in case '{name}'"
-    cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
+    cases = (
+        load_cases(resolve_model_folder(model), mechanism)
+        if (resolve_model_folder(model) / "cases.toml").is_file()
+        else {}
+    )
     known = ", ".join(cases)
     return (
         f"write --case with one of {known}"
@@ -245,7 +263,7 @@ def _case_that_closes(model: Path, mechanism: Mechanism, name: str | None) -> st
     )
 
 
-def every(sample: float, step: float, size: float) -> int:
+def compute_sample_stride(sample: float, step: float, size: float) -> int:
     """Return of how many steps [-] of ``size`` [s] one is written: a case's ``sample`` [s], where it is not its ``step`` [s].
 
     Raises InputError where steps of that size do not come to the samples.
@@ -259,7 +277,7 @@ def every(sample: float, step: float, size: float) -> int:
     return count
 
 
-def folder(model: Path) -> Path:
+def resolve_model_folder(model: Path) -> Path:
     """Return the folder of a model that is given as a folder or as its mechanism.toml."""
     return model.parent if model.suffix else model
 
@@ -300,7 +318,7 @@ def main(arguments: list[str] | None = None) -> None:
         warnings.simplefilter("always", ModelWarning)
         others = warnings.showwarning
         warnings.showwarning = lambda message, category, *place: (
-            click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
+            click.echo(f"flexinv: warning: {_join_lines(message)}", err=True)
             if issubclass(category, ModelWarning)
             else others(message, category, *place)
         )
@@ -318,15 +336,15 @@ def _run(arguments: list[str] | None) -> str:
     except click.exceptions.NoArgsIsHelpError as help_text:
         click.echo(help_text.format_message())
     except click.ClickException as error:
-        return f"{_one_line(error.format_message())} (flexinv --help)"
+        return f"{_join_lines(error.format_message())} (flexinv --help)"
     except click.Abort:
         return "interrupted"
     except FlexinvError as error:
-        return _one_line(error)
+        return _join_lines(error)
     except OSError as error:
-        return f"{error.filename}: {error.strerror}" if error.filename else _one_line(error)
+        return f"{error.filename}: {error.strerror}" if error.filename else _join_lines(error)
     return ""
 
 
-def _one_line(message: object) -> str:
+def _join_lines(message: object) -> str:
     return "; ".join(" ".join(line.split()) for line in str(message).splitlines() if line.strip())

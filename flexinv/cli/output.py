@@ -32,7 +32,7 @@ def read_model(model: Path) -> Mechanism:
     return from_urdf(model) if model.suffix in (".urdf", ".xml") else load_mechanism(model)
 
 
-def by_joint(option: str, texts: Sequence[str], read: Callable[[str], T], expected: str) -> dict[str, T]:
+def parse_by_joint(option: str, texts: Sequence[str], read: Callable[[str], T], expected: str) -> dict[str, T]:
     """Return joint -> what is ``read`` [any unit] behind the equals sign of an option; InputError says what was ``expected``."""
     out = {}
     for text in texts:
@@ -67,23 +67,23 @@ def write(table: pd.DataFrame, out: Path) -> None:
     click.echo(f"wrote {out}")
 
 
-def show(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "NaN") -> None:
+def write_table(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "NaN") -> None:
     """Print a table with so many ``digits`` [-], for a number that is none ``missing``."""
     rows = {"index": index} if isinstance(table, pd.DataFrame) else {}
     click.echo(table.to_string(float_format=lambda x: f"{x:.{digits}g}", na_rep=missing, **rows))
 
 
-def _json(table: pd.DataFrame, out: Path) -> None:  # column by column: a header and its numbers
+def _write_json(table: pd.DataFrame, out: Path) -> None:  # column by column: a header and its numbers
     columns = {str(name): values.tolist() for name, values in table.reset_index().items()}
     out.write_text(json.dumps(columns), encoding="utf-8")
 
 
-def _npz(table: pd.DataFrame, out: Path) -> None:
+def _write_npz(table: pd.DataFrame, out: Path) -> None:
     with out.open("wb") as file:  # by name, numpy would add a suffix of its own
         np.savez(file, **{str(name): values.to_numpy() for name, values in table.reset_index().items()})
 
 
 WRITERS: dict[str, Callable[[pd.DataFrame, Path], None]] = {
     ".csv": pd.DataFrame.to_csv, ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
-    ".json": _json, ".npz": _npz,
+    ".json": _write_json, ".npz": _write_npz,
 }  # fmt: skip

@@ -10,7 +10,7 @@ import pandas as pd
 
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import list_effort_labels, list_effort_units
-from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, show, write
+from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, check_outputs, parse_by_joint, write, write_table
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
@@ -45,25 +45,25 @@ def simulate_file(
     """
     check_outputs(out, overwrite)
     mechanism = load_mechanism(model)
-    time, efforts = _efforts(mechanism, torque, duration)
+    time, efforts = _read_efforts(mechanism, torque, duration)
     initial = "static" if static else "consistent"
-    at = by_joint("--start", start, _numbers, "a joint and its numbers, for example --start hub=0.5")
-    moving = by_joint("--rate", rate, _numbers, "a joint and its numbers, for example --rate hub=0.5")
+    at = parse_by_joint("--start", start, _parse_numbers, "a joint and its numbers, for example --start hub=0.5")
+    moving = parse_by_joint("--rate", rate, _parse_numbers, "a joint and its numbers, for example --rate hub=0.5")
     solution = simulate(mechanism, time, efforts, step, initial=initial, start=at, start_rate=moving, accuracy=accuracy)
     frame = solution.frame()
     click.echo(f"{mechanism.name}, {len(time)} rows of torques, {time[-1] - time[0]:g} s")
-    show(frame.iloc[-1][[name for name in frame if name.startswith("position")]])
-    show(frame[[name for name in frame if name.startswith("rate")]].abs().max())
+    write_table(frame.iloc[-1][[name for name in frame if name.startswith("position")]])
+    write_table(frame[[name for name in frame if name.startswith("rate")]].abs().max())
     click.echo(f"energy lost or made by the steps: {solution.energy_error:.3g} J of {solution.energy_exchanged:.3g} J")
     if out is not None:
         write(solution.whole_frame(), out)
 
 
-def _numbers(text: str) -> list[float]:
+def _parse_numbers(text: str) -> list[float]:
     return [float(one) for one in text.split(",")]
 
 
-def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
+def _read_efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
     drives = [label for label, driven in zip(list_effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
     if file is None and not drives and duration is not None:
@@ -123,6 +123,6 @@ def follow_task(
         peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)
         rows[kind] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / way.length}
         rows[kind] |= {f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks}
-    show(pd.DataFrame(rows).T, digits=4, index=True)
+    write_table(pd.DataFrame(rows).T, digits=4, index=True)
     if out is not None:
         write(found.solution.whole_frame(), out)

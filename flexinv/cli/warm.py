@@ -68,18 +68,18 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
         click.echo(f"{ship}: {write_shipped(ship, code_cache.KERNELS)} kernels")
 
 
-def _first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:
+def _read_first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:
     mechanism = load_mechanism(folder / model)
     return mechanism, next(iter(load_cases(folder / model, mechanism).values()))
 
 
 def _solve(folder: Path, model: str, error: bool = False) -> tuple[Mechanism, Case, Solution]:
-    mechanism, case = _first_case(folder, model)
+    mechanism, case = _read_first_case(folder, model)
     found = solve(mechanism, case.motion, step=case.step, start=case.start, initial=case.initial, error=error)
     return mechanism, case, found
 
 
-def _planar_arm(folder: Path) -> None:
+def _run_planar_arm(folder: Path) -> None:
     from flexinv import Controller, linear_model, simulate, solve_many
 
     mechanism, case, found = _solve(folder, "flex_one_link", error=True)
@@ -91,28 +91,28 @@ def _planar_arm(folder: Path) -> None:
     linear_model(mechanism)
 
 
-def _spatial_arm(folder: Path) -> None:
+def _run_spatial_arm(folder: Path) -> None:
     natural_modes(_solve(folder, "spatial_arm")[0])
 
 
-def _path_of_a_tip(folder: Path) -> None:
+def _run_tip_path(folder: Path) -> None:
     import flexinv
 
-    mechanism, _ = _first_case(folder, "flex_two_link")
+    mechanism, _ = _read_first_case(folder, "flex_two_link")
     arc = flexinv.Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2)
     near = {"joint1": -0.5, "joint2": 1.0}
     flexinv.follow(mechanism, arc, "link2", step=2e-3, start=near)
     steady_modes(mechanism, rates={"joint1": 1.0})
 
 
-def _rigid_loop(folder: Path) -> None:
+def _run_rigid_loop(folder: Path) -> None:
     from flexinv import prepare
 
     mechanism, _, found = _solve(folder, "four_bar")
     prepare(mechanism).torques(found.q, found.qd, found.qdd)
 
 
-def _rigid_arm(folder: Path) -> None:
+def _run_rigid_arm(folder: Path) -> None:
     from flexinv import prepare, torque_derivatives, torque_regressor
 
     mechanism, _, found = _solve(folder, "rigid_3r")
@@ -128,12 +128,12 @@ def _rigid_arm(folder: Path) -> None:
 
 # Longest first.
 TASKS: dict[str, Callable[[Path], object]] = {
-    "a path of a tip": _path_of_a_tip,
+    "a path of a tip": _run_tip_path,
     "a flexible loop": partial(_solve, model="four_bar_flexible"),
     "closures that act in time": partial(_solve, model="two_arms_flexible"),
-    "an arm that bends in space": _spatial_arm,
-    "an arm that bends in the plane": _planar_arm,
+    "an arm that bends in space": _run_spatial_arm,
+    "an arm that bends in the plane": _run_planar_arm,
     "a damped arm": partial(_solve, model="flex_one_link_damped"),
-    "a rigid loop": _rigid_loop,
-    "a rigid arm": _rigid_arm,
+    "a rigid loop": _run_rigid_loop,
+    "a rigid arm": _run_rigid_arm,
 }

@@ -28,7 +28,7 @@ from flexinv.kinematics.nodal_motion import NodalMotion, list_sliding_coordinate
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, GEARED, Closure, Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Mask, Triple
 
 # A switching instant this close to a sample, in parts of the step, is that sample.
@@ -37,7 +37,7 @@ SAME_INSTANT = 1e-6
 GRADIENT_ROUNDING = 1e-13
 
 
-@kept_with_owner()
+@make_owner_cache()
 def build_constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]; raises InputError for a coupling of joints that it cannot tie."""
     m = mesh.mechanism
@@ -161,7 +161,7 @@ def _build_jacobian_pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int6
     return found
 
 
-@kept_with_owner()
+@make_owner_cache()
 def list_velocity_scales(mesh: Mesh) -> Array:
     """Return the scale of each velocity coordinate, (nv,): the mechanism's length [m] for slides, 1 for all others."""
     return np.where(list_sliding_coordinates(mesh.mechanism), mesh.length, 1.0)
@@ -178,7 +178,7 @@ def drop_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
     return g
 
 
-@kept_with_owner()
+@make_owner_cache()
 def list_coordinate_scales(mesh: Mesh) -> Array:
     """Return the scale of each coordinate, (nq,): the mechanism's length [m] for positions, 1 for all others."""
     kinds = [KINDS[joint.kind] for joint in mesh.mechanism.joints]

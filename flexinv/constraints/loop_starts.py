@@ -25,7 +25,7 @@ from flexinv.kinematics.nodal_motion import (
 )
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Mask, Triple
 
 # Where a motion decides where joints are, a start picks the branch.  A joint found further from it than this [rad], a slide than
@@ -158,7 +158,7 @@ def convert_to_nearest_turn(mechanism: Mechanism, guess: Array, q: Array) -> Arr
     return out
 
 
-@kept_with_owner()
+@make_owner_cache()
 def find_picked_start(
     mesh: Mesh, time: float, passive: Mask, stated: Mask, q: Array, qd: Array, qdd: Array
 ) -> Array | None:

@@ -41,7 +41,7 @@ def replace_advice(advice: str | Callable[[], str]) -> Iterator[None]:
     try:
         yield
     except OpenLoops as error:
-        raise error.advising(advice if isinstance(advice, str) else advice()) from None
+        raise error.replace_advice(advice if isinstance(advice, str) else advice()) from None
 
 
 def find_nearest_closed(follower: Follower, q: Array) -> Array:

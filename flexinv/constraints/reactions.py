@@ -19,7 +19,7 @@ from flexinv.kernels.memory import make_contiguous
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Mask
 
 # Frames that meet with a relative velocity below this part of the fastest node's (of the mechanism's length, or 1 rad, per
@@ -76,7 +76,7 @@ def compute_phased_wrenches(
     return NodalForces(force, moment), {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _list_end_frames(mesh: Mesh) -> Ends:
     """Return the frames in which the closures report their wrenches; couplings have none, node -1."""
     closures = mesh.mechanism.closures

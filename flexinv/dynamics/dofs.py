@@ -19,7 +19,7 @@ from flexinv.errors import InputError
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Indices
 
 
@@ -58,7 +58,7 @@ class Topology(NamedTuple):
     length: float
 
 
-@kept_with_owner()
+@make_owner_cache()
 def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
 

@@ -30,7 +30,7 @@ from flexinv.kinematics.nodal_motion import (
 )
 from flexinv.kinematics.tree import Joints, compute_tree_motion
 from flexinv.model.joint_kinds import CONTINUOUS
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
 Failure = tuple[int, int, float]  # what `Solver.newton` returns
@@ -298,7 +298,7 @@ def begin_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     warnings.warn(f"mechanism '{mesh.mechanism.name}', {when}: {begins}; {advice}", ModelWarning, stacklevel=2)
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _list_stable_positions(mesh: Mesh) -> set[bytes]:
     """The rest position of a mesh, in bytes, that was found stable last: marches begin in it again and again."""
     return set()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from flexinv.errors import InputError
-from flexinv.model.owned_cache import freeze
+from flexinv.model.owned_cache import make_read_only
 from flexinv.typing import Array
 
 MAXIMAL_ORDER = 40  # beyond this nodes crowd so closely at the ends that more elements are always the better choice
@@ -82,4 +82,4 @@ def build_reference(order: int) -> Reference:
         raise InputError(f"order = {order}: expected 1 to {MAXIMAL_ORDER}; for more resolution write more elements")
     nodes, weights = compute_gauss_lobatto(order)
     points, point_weights = legendre.leggauss(order)
-    return freeze(Reference(order, nodes, weights, points, point_weights, *evaluate_lagrange(nodes, points)))
+    return make_read_only(Reference(order, nodes, weights, points, point_weights, *evaluate_lagrange(nodes, points)))

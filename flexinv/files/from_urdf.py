@@ -16,13 +16,13 @@ from defusedxml.common import DefusedXmlException
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bounded_xml import Unbounded, parse_bounded
-from flexinv.files.joints import check_ends, depth_first, rotation_from_rpy, unit_axis
-from flexinv.files.lenient_xml import repaired_xml
+from flexinv.files.joints import check_ends, compute_rpy_rotation, list_depth_first, scale_to_unit_axis
+from flexinv.files.lenient_xml import replace_invalid_xml
 from flexinv.files.regular_files import describe_kind
 from flexinv.files.schema import UrdfTable
-from flexinv.files.toml_tables import Location, complaint, read_bytes
+from flexinv.files.toml_tables import Location, make_input_error, read_bytes
 from flexinv.files.values import LARGEST_NUMBER, LONGEST_NAME
-from flexinv.model.links import impossible
+from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.typing import Array
 from flexinv.validation import check_names, convert_to_floats, find_nearest_word, refuse, shown
@@ -72,33 +72,37 @@ def read_urdf(
         expected = f"expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
         raise InputError(f"gravity = {gravity}: {expected}")
     robot = read_robot(path)
-    inertias = _named(robot, "link", path, _inertia)
+    inertias = _read_by_name(robot, "link", path, _read_inertia)
     if not inertias:
-        raise complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">')
+        raise make_input_error(str(path), "a robot without links", "at least one <link>", '<link name="base">')
     if all(inertia is None for inertia in inertias.values()):
         advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
-        raise complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
-    stated = _named(robot, "joint", path, _joint)
+        raise make_input_error(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
+    stated = _read_by_name(robot, "joint", path, _read_joint)
     known = [name for name in sorted(stated) if stated[name].nv]
     for name in lock:  # such joints become fixed where they are at zero
         if name not in known:
             near = find_nearest_word(name, known) or (known[0] if known else "no joint")
-            raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
+            raise make_input_error(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
         j = stated[name]
         stated[name] = Joint(name, "fixed", j.parent, j.child, j.placement, actuated=False)
     joints = [stated[name] for name in sorted(stated)]
 
-    def where(kind: str, name: str, key: str) -> str:
+    def describe_place(kind: str, name: str, key: str) -> str:
         return f'{path}: <{kind} name="{name}">' + (f", {key}" if key else "")
 
-    check_ends(joints, inertias, inertias, where)
-    inertias, joints = _based(inertias, joints, base, location(path, robot))
-    ordered = depth_first(joints, inertias, where)
+    check_ends(joints, inertias, inertias, describe_place)
+    inertias, joints = _add_base(inertias, joints, base, describe_location(path, robot))
+    ordered = list_depth_first(joints, inertias, describe_place)
     own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
     links = tuple(Link(j.child, own[j.child]) for j in ordered)
     moving = [j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") not in lock]
     mimics = [f"{j.get('name')} (of {one.get('joint')})" for j in moving for one in j.findall("mimic")[:1]]
-    odd = [name for name, inertia in inertias.items() if inertia is not None and impossible(inertia.tensor)]
+    odd = [
+        name
+        for name, inertia in inertias.items()
+        if inertia is not None and describe_impossible_inertia(inertia.tensor)
+    ]
     kept = "links with an inertia that no body can have, kept as it is"
     found = ("mimic", "mimic joints are coordinates of their own", mimics), ("inertia", kept, odd)
     warned = {subject: f"{text}: {', '.join(which)}" for subject, text, which in found if which}
@@ -112,7 +116,7 @@ def read_urdf(
     return mechanism, warned
 
 
-def robots_folder() -> Path:
+def find_robots_folder() -> Path:
     """Return the folder of the robots of the PyPI package example-robot-data [-]; InputError without it."""
     advice = "pip install 'flexinv[robots]'"
     try:
@@ -120,9 +124,9 @@ def robots_folder() -> Path:
     except PackageNotFoundError:
         given = "it is not installed"
         expected = "the PyPI package example-robot-data (models only, 131 MB)"
-        raise complaint("package example-robot-data", given, expected, advice) from None
+        raise make_input_error("package example-robot-data", given, expected, advice) from None
     if not folder.is_dir():
-        raise complaint("package example-robot-data", f"no folder {folder}", "its robots there", advice)
+        raise make_input_error("package example-robot-data", f"no folder {folder}", "its robots there", advice)
     return folder.resolve()
 
 
@@ -131,7 +135,7 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
 
     With a package inside its robots, else beside the mechanism file, never outside the folder that holds the mechanism's folder.
     """
-    start = where.file.resolve().parent if table.package is None else robots_folder()
+    start = where.file.resolve().parent if table.package is None else find_robots_folder()
     limit, packages = (start.parent, (start,)) if table.package is None else (start, (start, start.parent.parent))
     path = (start / table.path).resolve()
     if Path(table.path).is_absolute() or not path.is_relative_to(limit):
@@ -145,49 +149,53 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
     return path, packages
 
 
-def _named(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
+def _read_by_name(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
     """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
     found: dict[str, T] = {}
     for element in robot.findall(tag):
         name = element.get("name", "")
         if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
             expected = f"a name of 1 to {LONGEST_NAME} printable characters"
-            raise complaint(f"{path}: <{tag}>", f"name = {name[:60]!a}", expected, f'<{tag} name="...">')
+            raise make_input_error(f"{path}: <{tag}>", f"name = {name[:60]!a}", expected, f'<{tag} name="...">')
         if name in found:
-            raise complaint(location(path, element), f"this {tag} twice", f"each {tag} once", "a name of its own")
+            raise make_input_error(
+                describe_location(path, element), f"this {tag} twice", f"each {tag} once", "a name of its own"
+            )
         found[name] = read(element, path)
     return found
 
 
-def _inertia(link: Element, path: Path) -> Inertia | None:
+def _read_inertia(link: Element, path: Path) -> Inertia | None:
     """About the centre of mass along link axes: R I R^T with R from the rpy of the inertial's origin."""
     inertial = link.find("inertial")
     if inertial is None:
         return None
-    mass = urdf_number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
+    mass = read_number(inertial.find("mass"), "value", 0.0, describe_location(path, link, "mass"))
     if mass < 0:
-        raise complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
+        raise make_input_error(
+            describe_location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"'
+        )
     entry = inertial.find("inertia")
-    where = location(path, link, "inertia")
+    where = describe_location(path, link, "inertia")
     xx, xy, xz, yy, yz, zz = (
-        urdf_number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        read_number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass == 0.0 and not tensor.any():
         return None
-    origin = _origin(inertial, location(path, link, "inertial"))
+    origin = _read_origin(inertial, describe_location(path, link, "inertial"))
     return Inertia.stated(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
 
 
-def _origin(element: Element, where: str) -> Placement:
+def _read_origin(element: Element, where: str) -> Placement:
     origin = element.find("origin")
-    xyz = numbers(origin, "xyz", 3, [0, 0, 0], f"{where}, origin")
-    return Placement(xyz, rotation_from_rpy(numbers(origin, "rpy", 3, [0, 0, 0], f"{where}, origin")))
+    xyz = read_numbers(origin, "xyz", 3, [0, 0, 0], f"{where}, origin")
+    return Placement(xyz, compute_rpy_rotation(read_numbers(origin, "rpy", 3, [0, 0, 0], f"{where}, origin")))
 
 
-def _joint(element: Element, path: Path) -> Joint:
+def _read_joint(element: Element, path: Path) -> Joint:
     kind = element.get("type", "")
-    where = location(path, element)
+    where = describe_location(path, element)
     if kind not in URDF_KINDS:
         near = (
             "two prismatic and one revolute joint"
@@ -195,39 +203,41 @@ def _joint(element: Element, path: Path) -> Joint:
             else find_nearest_word(kind, URDF_KINDS) or "revolute"
         )
         expected = f"one of {', '.join(URDF_KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
-        raise complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
+        raise make_input_error(describe_location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
         ends.append("" if end is None else end.get("link", ""))
         if not ends[-1]:
-            raise complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
-    placement = _origin(element, where)
+            raise make_input_error(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
+    placement = _read_origin(element, where)
     if kind in ("fixed", "floating"):
         return Joint(element.get("name", ""), URDF_KINDS[kind], ends[0], ends[1], placement, actuated=False)
-    stated = numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
-    axis = unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
+    stated = read_numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
+    axis = scale_to_unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
     for loss in ("damping", "friction"):
-        value = losses[loss] = urdf_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
+        value = losses[loss] = read_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
         if value < 0:
-            raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
+            raise make_input_error(
+                f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"'
+            )
     limits = Limits()
     limit = element.find("limit")
     at = f"{where}, limit"
     if limit is not None:  # 0 is how URDF writers say "not stated"; a continuous joint has no position limits
-        effort, velocity = (abs(urdf_number(limit, k, 0.0, at, NO_LIMIT)) or np.inf for k in ("effort", "velocity"))
+        effort, velocity = (abs(read_number(limit, k, 0.0, at, NO_LIMIT)) or np.inf for k in ("effort", "velocity"))
         limits = Limits(effort, velocity)
         if kind != "continuous":
-            lower, upper = (urdf_number(limit, k, 0.0, at, NO_LIMIT) for k in ("lower", "upper"))
+            lower, upper = (read_number(limit, k, 0.0, at, NO_LIMIT) for k in ("lower", "upper"))
             limits = replace(limits, lower=lower, upper=upper)
             if lower > upper:
                 given = f'lower="{lower:g}" upper="{upper:g}"'
-                raise complaint(at, given, "lower <= upper", "the two exchanged, if so meant")
+                raise make_input_error(at, given, "lower <= upper", "the two exchanged, if so meant")
     return Joint(element.get("name", ""), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
 
 
-def _based(
+def _add_base(
     links: dict[str, Inertia | None], joints: list[Joint], base: str, where: str
 ) -> tuple[dict[str, Inertia | None], list[Joint]]:
     """Hang the root on the world.  A fixed root named "world" is the world; a moving one gets another name."""
@@ -240,19 +250,19 @@ def _based(
         if roots:
             given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
             advice = "a fixed joint between the separate parts"
-        raise complaint(where, given, expected, advice)
+        raise make_input_error(where, given, expected, advice)
     root = roots[0]
     if root == WORLD and base == "fixed":
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
-    moved = _free_name("world_link", links)
+    moved = _find_free_name("world_link", links)
     links = {moved if name == WORLD else name: inertia for name, inertia in links.items()}
     joints = [replace(j, parent=moved) if j.parent == WORLD else j for j in joints]
     joints = [replace(j, child=moved) if j.child == WORLD else j for j in joints]
-    name = _free_name("root_joint", [j.name for j in joints])
+    name = _find_free_name("root_joint", [j.name for j in joints])
     return links, [Joint(name, base, WORLD, moved if root == WORLD else root, actuated=False), *joints]
 
 
-def _free_name(name: str, taken: Collection[str]) -> str:
+def _find_free_name(name: str, taken: Collection[str]) -> str:
     while name in taken:
         name += "_"
     return name
@@ -263,7 +273,7 @@ def read_robot(path: Path) -> Element:
     root = read_xml(path)
     if root.tag != "robot":
         advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
-        raise complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice)
+        raise make_input_error(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice)
     return root
 
 
@@ -280,12 +290,14 @@ def read_xml(path: Path) -> Element:
     existing = near or "the path of a file that exists"
     data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
     try:
-        root: Element = _parsed(data)
+        root: Element = _parse_xml(data)
     except DefusedXmlException:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
-        raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
+        raise make_input_error(
+            str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out"
+        ) from None
     except Unbounded as error:
-        raise complaint(str(path), error.given, error.expected, error.write) from None
+        raise make_input_error(str(path), error.given, error.expected, error.write) from None
     except (ParseError, ValueError, LookupError) as error:
         given = f"XML that does not parse: {error}"
         write = "each tag closed"
@@ -293,26 +305,26 @@ def read_xml(path: Path) -> Element:
             write = "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
         elif "invalid token" in str(error):
             write = "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
-        raise complaint(str(path), given, "well-formed XML", write) from None
+        raise make_input_error(str(path), given, "well-formed XML", write) from None
     return root
 
 
-def xml_repairs(path: Path) -> list[str]:
+def list_xml_repairs(path: Path) -> list[str]:
     """Return the repairs of `read_xml` in a file [-], a line each: the standard forbids it as it is, and others read it."""
     data = read_bytes(path, LARGEST_FILE, "a URDF", "the path of a file that exists", "meshes as files of their own")
     try:
         parse_bounded(data)
     except (ParseError, ValueError, LookupError):
-        return repaired_xml(data)[1]
+        return replace_invalid_xml(data)[1]
     return []
 
 
-def _parsed(data: bytes) -> Element:
+def _parse_xml(data: bytes) -> Element:
     """The root of a text; of one that the standard forbids and others read, as they do.  Raises ParseError."""
     try:
         return parse_bounded(data)
     except ParseError as error:
-        text, repairs = repaired_xml(data)
+        text, repairs = replace_invalid_xml(data)
         if not repairs:
             raise
         try:
@@ -321,14 +333,14 @@ def _parsed(data: bytes) -> Element:
             raise error from None
 
 
-def location(path: Path, element: Element, key: str = "") -> str:
+def describe_location(path: Path, element: Element, key: str = "") -> str:
     """Name a place [-]: ``robot.urdf: <joint name="elbow">, axis``."""
     name = element.get("name")
     tag = f'<{element.tag} name="{name}">' if name else f"<{element.tag}>"
     return f"{path}: {tag}" + (f", {key}" if key else "")
 
 
-def numbers(
+def read_numbers(
     element: Element | None, attribute: str, count: int, default: Any, where: str, largest: float = LARGEST_NUMBER
 ) -> Array:
     """Read an attribute as ``count`` finite numbers, in its own unit such as [m]; ``default`` where it is absent."""
@@ -343,12 +355,12 @@ def numbers(
         expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
         xacro = "what xacro makes of this expression: xacro robot.urdf.xacro > robot.urdf"
         write = xacro if "$" in text else f'{attribute}="{" ".join(["0"] * count)}"'
-        raise complaint(where, f'{attribute}="{text[:60]}"', expected, write)
+        raise make_input_error(where, f'{attribute}="{text[:60]}"', expected, write)
     return np.array(values)
 
 
-def urdf_number(
+def read_number(
     element: Element | None, attribute: str, default: float, where: str, largest: float = LARGEST_NUMBER
 ) -> float:
     """Read an attribute as one finite number, in its own unit such as [kg]; ``default`` where it is absent."""
-    return float(numbers(element, attribute, 1, [default], where, largest)[0])
+    return float(read_numbers(element, attribute, 1, [default], where, largest)[0])

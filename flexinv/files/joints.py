@@ -10,7 +10,15 @@ import numpy as np
 
 from flexinv.errors import ModelWarning
 from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
-from flexinv.files.toml_tables import Location, Table, complaint, key, one_of, optional, validate
+from flexinv.files.toml_tables import (
+    Location,
+    Table,
+    check_table,
+    make_input_error,
+    make_key,
+    make_optional_key,
+    read_option,
+)
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector, split_unit
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import WORLD, Drive, Joint, Limits, Placement
@@ -21,15 +29,17 @@ from flexinv.validation import find_nearest_word
 class MotorTable(Table):
     """The motor, its friction, and what is moved."""
 
-    motor_inertia_kgm2: NotNegative = key("inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "1e-4", 0.0)
-    torque_constant_Nm_per_A: Positive | None = optional("torque of the motor per current, > 0 [N m/A]", "0.05")
-    viscous_Nms_per_rad: NotNegative = key("viscous friction at the motor's shaft, >= 0 [N m s/rad]", "1e-5", 0.0)
-    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "0.01", 0.0)
-    static_Nm: NotNegative = key("friction when it begins to turn, not below coulomb_Nm [N m]", "0.015", 0.0)
-    stribeck_rad_per_s: Positive = key(
+    motor_inertia_kgm2: NotNegative = make_key("inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "1e-4", 0.0)
+    torque_constant_Nm_per_A: Positive | None = make_optional_key(
+        "torque of the motor per current, > 0 [N m/A]", "0.05"
+    )
+    viscous_Nms_per_rad: NotNegative = make_key("viscous friction at the motor's shaft, >= 0 [N m s/rad]", "1e-5", 0.0)
+    coulomb_Nm: NotNegative = make_key("dry friction at the motor's shaft, >= 0 [N m]", "0.01", 0.0)
+    static_Nm: NotNegative = make_key("friction when it begins to turn, not below coulomb_Nm [N m]", "0.015", 0.0)
+    stribeck_rad_per_s: Positive = make_key(
         "rate of the motor at which static friction has gone to a third [rad/s]", "1.0", 1.0
     )
-    moves: Literal["link", "motor"] = key(
+    moves: Literal["link", "motor"] = make_key(
         'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)', '"motor"', "link"
     )
 
@@ -37,26 +47,26 @@ class MotorTable(Table):
 class DriveTable(MotorTable):
     """Motor, gear and elastic joint of a joint that turns."""
 
-    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "100", 1.0)
-    stiffness_Nm_per_rad: NotNegative = key(
+    gear_ratio: Positive = make_key("turns of the motor per turn of the joint, > 0 [-]", "100", 1.0)
+    stiffness_Nm_per_rad: NotNegative = make_key(
         "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear", "5e3", 0.0
     )
-    damping_Nms_per_rad: NotNegative = key("damping of the elastic joint at the link, >= 0 [N m s/rad]", "5", 0.0)
+    damping_Nms_per_rad: NotNegative = make_key("damping of the elastic joint at the link, >= 0 [N m s/rad]", "5", 0.0)
 
 
 class LinearDriveTable(MotorTable):
     """Motor, screw (or rack, or drum) and elastic joint of a joint that slides."""
 
-    gear_ratio_rad_per_m: Positive = key(
+    gear_ratio_rad_per_m: Positive = make_key(
         "angle of the motor per way of the joint, > 0 [rad/m]; of a screw 2 pi over its lead", "1257"
     )
-    stiffness_N_per_m: NotNegative = key(
+    stiffness_N_per_m: NotNegative = make_key(
         "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear", "5e5", 0.0
     )
-    damping_Ns_per_m: NotNegative = key("damping of the elastic joint at the link, >= 0 [N s/m]", "500", 0.0)
+    damping_Ns_per_m: NotNegative = make_key("damping of the elastic joint at the link, >= 0 [N s/m]", "500", 0.0)
 
 
-# By kind of joint: what its table ``drive`` is.
+# By kind of joint: what its table ``read_drive_properties`` is.
 MOTORS: dict[str, type[MotorTable]] = {
     name: LinearDriveTable if any(kind.translations) else DriveTable for name, kind in KINDS.items() if len(kind.v) == 1
 }
@@ -83,31 +93,31 @@ UNIT_LENGTH = 1e-6
 class LimitsTable(Table):
     """Limits of a rotary drive; a continuous joint has no position limits."""
 
-    effort_Nm: Positive | None = optional("the largest torque, > 0 [N m]", "150")
-    velocity_rad_per_s: Positive | None = optional("the largest speed, > 0 [rad/s]", "3.15")
+    effort_Nm: Positive | None = make_optional_key("the largest torque, > 0 [N m]", "150")
+    velocity_rad_per_s: Positive | None = make_optional_key("the largest speed, > 0 [rad/s]", "3.15")
 
 
 class RotaryLimitsTable(LimitsTable):
     """Limits of a rotary drive, position limits included."""
 
-    lower_rad: Number | None = optional("the lowest angle [rad]", "-3.14")
-    upper_rad: Number | None = optional("the highest angle [rad]", "3.14")
+    lower_rad: Number | None = make_optional_key("the lowest angle [rad]", "-3.14")
+    upper_rad: Number | None = make_optional_key("the highest angle [rad]", "3.14")
 
 
 class LinearLimitsTable(Table):
     """Limits of a linear drive, position limits included."""
 
-    effort_N: Positive | None = optional("the largest force, > 0 [N]", "500")
-    velocity_m_per_s: Positive | None = optional("the largest speed, > 0 [m/s]", "0.5")
-    lower_m: Number | None = optional("the lowest position [m]", "0.0")
-    upper_m: Number | None = optional("the highest position [m]", "0.3")
+    effort_N: Positive | None = make_optional_key("the largest force, > 0 [N]", "500")
+    velocity_m_per_s: Positive | None = make_optional_key("the largest speed, > 0 [m/s]", "0.5")
+    lower_m: Number | None = make_optional_key("the lowest position [m]", "0.0")
+    upper_m: Number | None = make_optional_key("the highest position [m]", "0.3")
 
 
 class Driven(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
-    actuated: bool = key("true, or false for a passive joint", "false", True)
-    weight: Positive = key(
+    actuated: bool = make_key("true, or false for a passive joint", "false", True)
+    weight: Positive = make_key(
         "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives",
         "4", 1.0,
     )  # fmt: skip
@@ -116,42 +126,42 @@ class Driven(Table):
 class RotaryLosses(Driven):
     """Damping and friction of a joint that turns."""
 
-    damping_Nms_per_rad: NotNegative = key("viscous damping, >= 0 [N m s/rad]", "0.1", 0.0)
-    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "0.5", 0.0)
+    damping_Nms_per_rad: NotNegative = make_key("viscous damping, >= 0 [N m s/rad]", "0.1", 0.0)
+    friction_Nm: NotNegative = make_key("dry friction, >= 0 [N m]", "0.5", 0.0)
 
 
 class RotaryDrive(RotaryLosses):
     """Rotor, damping and friction of a joint that turns."""
 
-    rotor_inertia_kgm2: NotNegative = key("rotor inertia at the joint, >= 0 [kg m^2]", "0.01", 0.0)
+    rotor_inertia_kgm2: NotNegative = make_key("rotor inertia at the joint, >= 0 [kg m^2]", "0.01", 0.0)
 
 
 class SprungDrive(RotaryDrive):
     """Rotor, damping, friction and spring of a joint with one angle."""
 
-    stiffness_Nm_per_rad: NotNegative = key("stiffness of a spring in the joint, >= 0 [N m/rad]", "20", 0.0)
-    rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "0.5")
-    rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "30")
+    stiffness_Nm_per_rad: NotNegative = make_key("stiffness of a spring in the joint, >= 0 [N m/rad]", "20", 0.0)
+    rest_rad: Number | None = make_optional_key("the angle at which the spring rests [rad]", "0.5")
+    rest_deg: Number | None = make_optional_key("the angle at which the spring rests [deg]", "30")
 
 
 class LinearDrive(Driven):
     """Rotor, damping, friction and spring of a joint that slides."""
 
-    rotor_inertia_kg: NotNegative = key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", 0.0)
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", 0.0)
-    friction_N: NotNegative = key("dry friction, >= 0 [N]", "5", 0.0)
-    stiffness_N_per_m: NotNegative = key("stiffness of a spring in the joint, >= 0 [N/m]", "500", 0.0)
-    rest_m: Number = key("the position at which the spring rests [m]", "0.1", 0.0)
+    rotor_inertia_kg: NotNegative = make_key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", 0.0)
+    damping_Ns_per_m: NotNegative = make_key("viscous damping, >= 0 [N s/m]", "10", 0.0)
+    friction_N: NotNegative = make_key("dry friction, >= 0 [N]", "5", 0.0)
+    stiffness_N_per_m: NotNegative = make_key("stiffness of a spring in the joint, >= 0 [N/m]", "500", 0.0)
+    rest_m: Number = make_key("the position at which the spring rests [m]", "0.1", 0.0)
 
 
 class JointTable(Table):
     """Keys of every joint: the links that it connects and its placement; all keys of a fixed joint and of a free one."""
 
-    kind: str = key(f"one of {NAMES}", '"revolute"')
-    parent: Name = key('the link it hangs on, or "world"', '"world"')
-    child: Name = key("the link that it carries", '"forearm"')
-    placement: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.4, 0, 0] }")
-    station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "1.0")
+    kind: str = make_key(f"one of {NAMES}", '"revolute"')
+    parent: Name = make_key('the link it hangs on, or "world"', '"world"')
+    child: Name = make_key("the link that it carries", '"forearm"')
+    placement: PlacementTable | None = make_optional_key(PLACEMENT, "{ xyz_m = [0.4, 0, 0] }")
+    station: Fraction | None = make_optional_key("on a beam parent: the fraction 0..1 of its length [-]", "1.0")
     source: Text = SOURCE
 
 
@@ -162,15 +172,15 @@ class SphericalTable(RotaryLosses, JointTable):
 class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
-    drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", DRIVE)
-    axis: Vector = key(JOINT_AXIS, "[0, 0, 1]")
-    limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "{ effort_Nm = 150 }")
+    drive: DriveTable | None = make_optional_key("a table: gear_ratio, motor_inertia_kgm2, ...", DRIVE)
+    axis: Vector = make_key(JOINT_AXIS, "[0, 0, 1]")
+    limits: LimitsTable | None = make_optional_key("a table: effort_Nm, velocity_rad_per_s", "{ effort_Nm = 150 }")
 
 
 class RevoluteTable(ContinuousTable):
     """A rotation."""
 
-    limits: RotaryLimitsTable | None = optional(
+    limits: RotaryLimitsTable | None = make_optional_key(
         "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "{ effort_Nm = 150 }"
     )
 
@@ -178,15 +188,15 @@ class RevoluteTable(ContinuousTable):
 class HelicalTable(RevoluteTable):
     """A screw: a rotation and a translation along its axis in a fixed ratio."""
 
-    pitch_m: Number = key("the way along the axis for a whole turn about it [m]; negative: left-handed", "0.005")
+    pitch_m: Number = make_key("the way along the axis for a whole turn about it [m]; negative: left-handed", "0.005")
 
 
 class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
 
-    drive: LinearDriveTable | None = optional("a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", DRIVE)
-    axis: Vector = key(JOINT_AXIS, "[1, 0, 0]")
-    limits: LinearLimitsTable | None = optional(
+    drive: LinearDriveTable | None = make_optional_key("a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", DRIVE)
+    axis: Vector = make_key(JOINT_AXIS, "[1, 0, 0]")
+    limits: LinearLimitsTable | None = make_optional_key(
         "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "{ effort_N = 500 }"
     )
 
@@ -194,8 +204,8 @@ class PrismaticTable(LinearDrive, JointTable):
 class UniversalTable(RotaryDrive, JointTable):
     """Two rotations about axes at right angles."""
 
-    axis: Vector = key("the first axis in the joint frame, three numbers [-]", "[1, 0, 0]")
-    second_axis: Vector = key("the second axis, across the first, three numbers [-]", "[0, 1, 0]")
+    axis: Vector = make_key("the first axis in the joint frame, three numbers [-]", "[1, 0, 0]")
+    second_axis: Vector = make_key("the second axis, across the first, three numbers [-]", "[0, 1, 0]")
 
 
 JOINT_TABLES: dict[str, type[JointTable]] = {
@@ -211,8 +221,8 @@ DRIVES: dict[str, type[Table]] = {
 
 def read_joint(data: Any, where: Location, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
-    kind = one_of(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
-    table = validate(JOINT_TABLES[kind or "revolute"], data, where)
+    kind = read_option(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
+    table = check_table(JOINT_TABLES[kind or "revolute"], data, where)
     axes = read_axes(table, where)
     pitch = getattr(table, "pitch_m", None)
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT_LENGTH:
@@ -228,12 +238,12 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
         raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, where.inner("placement")),
-        table.station, **axes, **drive(table, where), limits=limits,
+        table.station, **axes, **read_drive_properties(table, where), limits=limits,
         drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=pitch or 0.0,
     )  # fmt: skip
 
 
-def drive(table: Table, where: Location) -> dict[str, Any]:
+def read_drive_properties(table: Table, where: Location) -> dict[str, Any]:
     """Return rotor [kg m^2 or kg], damping, friction, spring and actuation as a drive or joint table states them."""
     names = ("rotor_inertia", "damping", "friction", "stiffness", "actuated", "weight")
     stated = {name: value for key, value in table if (name := split_unit(key)[0]) in names}
@@ -253,23 +263,25 @@ def drive(table: Table, where: Location) -> dict[str, Any]:
 def read_axes(table: Table, where: Location) -> dict[str, Any]:
     """Read the keys axis and second_axis, (3,) [-] each, where the table has them."""
     names = [name for name in ("axis", "second_axis") if hasattr(table, name)]
-    return {name: unit_axis(getattr(table, name), where.key(name), f"{name} = [0, 0, 1]") for name in names}
+    return {name: scale_to_unit_axis(getattr(table, name), where.key(name), f"{name} = [0, 0, 1]") for name in names}
 
 
-def unit_axis(axis: Any, where: str, write: str) -> Array:
+def scale_to_unit_axis(axis: Any, where: str, write: str) -> Array:
     """Normalise an axis (3,) [-]: ModelWarning where it was not of length 1, InputError where it is zero."""
     vector = np.asarray(axis, dtype=np.float64)
     largest = float(np.abs(vector).max())
     length = largest * float(np.linalg.norm(vector / largest)) if largest else 0.0
     if length == 0.0:
-        raise complaint(where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write)
+        raise make_input_error(
+            where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write
+        )
     if abs(length - 1) > UNIT_LENGTH:
         said = f"{where}: {vector.tolist()} has length {length:.7g}, normalised to 1"
         warnings.warn(said, ModelWarning, stacklevel=2)
     return vector / length
 
 
-def rotation_from_rpy(rpy: Any) -> Array:
+def compute_rpy_rotation(rpy: Any) -> Array:
     """Return R = R_z(yaw) R_y(pitch) R_x(roll), (3, 3) [-], from rpy (3,) [rad]: URDF's fixed-axis angles."""
     sr, sp, sy = np.sin(rpy)
     cr, cp, cy = np.cos(rpy)
@@ -286,7 +298,7 @@ def read_placement(table: PlacementTable | None, where: Location) -> Placement:
     if len(stated) > 1:
         raise where.wrong(stated[1], " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
     degrees = table.rpy_deg or [0.0, 0.0, 0.0]
-    rotation = rotation_from_rpy(np.radians(degrees) if table.rpy_rad is None else table.rpy_rad)
+    rotation = compute_rpy_rotation(np.radians(degrees) if table.rpy_rad is None else table.rpy_rad)
     if table.rotation is not None:
         rotation = np.asarray(table.rotation)
     elif table.rpy_rad is None and all(angle % 90 == 0 for angle in degrees):
@@ -298,7 +310,7 @@ def read_placement(table: PlacementTable | None, where: Location) -> Placement:
 Where = Callable[[str, str, str], str]
 
 
-def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> tuple[Joint, ...]:
+def list_depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> tuple[Joint, ...]:
     """Return the joints depth-first from the world, children in the order given [-].
 
     InputError: a joint to nowhere, two joints that carry one link, a cycle, a link that nothing carries.
@@ -314,7 +326,7 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
             given = f'child = "{joint.child}", which joint {first.name} carries already'
             expected = "a tree: one joint carries each link; what closes a loop is a closure"
             advice = f"[closures.{joint.name}] with kind, first and second in a mechanism file instead of this joint"
-            raise complaint(where("joint", joint.name, "child"), given, expected, advice)
+            raise make_input_error(where("joint", joint.name, "child"), given, expected, advice)
     ordered: list[Joint] = []
     waiting = children.get(WORLD, [])[::-1]
     while waiting:
@@ -327,7 +339,7 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
         if link not in carried:
             expected = "every link carried by one joint"
             advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
-            raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
+            raise make_input_error(where("link", link, ""), "a link that no joint carries", expected, advice)
     if unreached:  # each of them is carried, none from the world: they go round
         path = [unreached[0]]  # along its parents, from a link back to itself
         while path[-1] not in path[:-1]:
@@ -338,7 +350,7 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
         expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
         closure = f"[closures.{name}] with first and second where the loop closes"
         advice = f'parent = "{WORLD}" for one of these joints; {closure}'
-        raise complaint(where("joint", name, "parent"), given, expected, advice)
+        raise make_input_error(where("joint", name, "parent"), given, expected, advice)
     return tuple(ordered)
 
 
@@ -352,7 +364,7 @@ def check_ends(joints: Sequence[Joint], parents: Iterable[str], links: Iterable[
                 near = find_nearest_word(name, known)
                 expected = "one of the links " + ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")
                 advice = f'{end} = "{near}"' if near else f"a link {name}, or the name of one that exists"
-                raise complaint(where("joint", joint.name, end), f'{end} = "{name}"', expected, advice)
+                raise make_input_error(where("joint", joint.name, end), f'{end} = "{name}"', expected, advice)
         if joint.parent == joint.child:
             given = f'parent and child are both "{joint.child}"'
-            raise complaint(where("joint", joint.name, "child"), given, "two links", "another parent")
+            raise make_input_error(where("joint", joint.name, "child"), given, "two links", "another parent")

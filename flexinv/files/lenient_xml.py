@@ -21,10 +21,10 @@ BOUND = (b"xml", b"xmlns")
 MOST_PREFIXES = 100  # that are put right: no document of this field has ten
 
 
-def repaired_xml(data: bytes) -> tuple[bytes, list[str]]:
+def replace_invalid_xml(data: bytes) -> tuple[bytes, list[str]]:
     """Return a text of XML with its comments and prefixes put right [-], and what was wrong, a line each."""
-    text, comments = _without_hyphens(data)
-    return _with_namespaces(text, comments)
+    text, comments = _replace_hyphens(data)
+    return _add_namespaces(text, comments)
 
 
 def _find_sections(data: bytes) -> Iterator[tuple[bytes, int, int]]:
@@ -39,7 +39,7 @@ def _find_sections(data: bytes) -> Iterator[tuple[bytes, int, int]]:
         at = end + len(SECTION_ENDS[mark])
 
 
-def _without_hyphens(data: bytes) -> tuple[bytes, list[str]]:
+def _replace_hyphens(data: bytes) -> tuple[bytes, list[str]]:
     """The text with spaces for hyphens that a comment must not hold; lines stay where they are."""
     words: list[str] = []
     parts: list[bytes] = []
@@ -53,12 +53,12 @@ def _without_hyphens(data: bytes) -> tuple[bytes, list[str]]:
         line += data.count(b"\n", counted, start)
         counted = start
         words.append(f"line {line}: -- within a comment")
-        parts += [data[copied:start], re.sub(rb"-{2,}|-$", _blank, inside)]
+        parts += [data[copied:start], re.sub(rb"-{2,}|-$", _make_blanks, inside)]
         copied = end
     return b"".join([*parts, data[copied:]]), words
 
 
-def _blank(found: re.Match[bytes]) -> bytes:
+def _make_blanks(found: re.Match[bytes]) -> bytes:
     return b" " * len(found[0])
 
 
@@ -74,14 +74,14 @@ def _without_sections(text: bytes) -> bytes:
     return b"".join([*parts, text[copied:]])
 
 
-def _with_namespaces(text: bytes, words: list[str]) -> tuple[bytes, list[str]]:
+def _add_namespaces(text: bytes, words: list[str]) -> tuple[bytes, list[str]]:
     """The text whose root declares the prefixes that nothing declares."""
     plain = _without_sections(text)
     root = TAG.search(plain)
     if root is None:
         return text, words
     known = {*BOUND, *DECLARED.findall(plain)}
-    missing = [name for name in dict.fromkeys(_prefixes(plain)) if name not in known][:MOST_PREFIXES]
+    missing = [name for name in dict.fromkeys(_list_prefixes(plain)) if name not in known][:MOST_PREFIXES]
     declared = b""
     for name in missing:
         prefix = name.decode("ascii", "replace")
@@ -92,7 +92,7 @@ def _with_namespaces(text: bytes, words: list[str]) -> tuple[bytes, list[str]]:
     return text[:at] + declared + text[at:], words
 
 
-def _prefixes(plain: bytes) -> Iterator[bytes]:
+def _list_prefixes(plain: bytes) -> Iterator[bytes]:
     for tag in TAG.finditer(plain):
         without = QUOTED.sub(b'""', tag[0])
         yield from (found[1] for found in PREFIX.finditer(without))

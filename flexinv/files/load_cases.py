@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from flexinv.files import case_schema as schema
-from flexinv.files.toml_tables import Location, check_names, complaint, read_bytes, validate
+from flexinv.files.toml_tables import Location, check_names, check_table, make_input_error, read_bytes
 from flexinv.files.values import UNITS
 from flexinv.model import rules
 from flexinv.model.joint_kinds import KINDS, POSE
@@ -60,9 +60,9 @@ class Limit(Frozen):
     versions: str = ""
 
     RULES: ClassVar[rules.Rules] = {
-        "quantity": rules.text, "engines": rules.several(rules.text), "maximum": rules.real("-", 0.0), "reason": rules.text,
-        "reference": rules.text, "source": rules.text, "expires": rules.or_none(rules.of(datetime.date)),
-        "versions": rules.text,
+        "quantity": rules.check_text, "engines": rules.make_list_rule(rules.check_text), "maximum": rules.make_real_rule("-", 0.0), "reason": rules.check_text,
+        "reference": rules.check_text, "source": rules.check_text, "expires": rules.make_optional_rule(rules.make_kind_rule(datetime.date)),
+        "versions": rules.check_text,
     }  # fmt: skip
 
 
@@ -96,13 +96,13 @@ class Case(Frozen):
     accuracy: float | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "title": rules.text, "step": rules.real("s", 0.0, above=True),
-        "end": rules.real("s", 0.0, above=True), "sample": rules.real("s", 0.0, above=True),
-        "quantities": rules.several(rules.text), "limits": rules.several(rules.of(Limit)),
-        "spectral_radius": rules.real("-", 0.0, most=1.0), "initial": rules.option(("consistent", "static")),
-        "mesh": rules.or_none(rules.pair(rules.count(1), rules.count(1))), "source": rules.text,
-        "notes": rules.several(rules.text), "measured": rules.or_none(rules.of(Path)),
-        "accuracy": rules.or_none(rules.real("-", 0.0, above=True)),
+        "name": rules.check_text, "title": rules.check_text, "step": rules.make_real_rule("s", 0.0, above=True),
+        "end": rules.make_real_rule("s", 0.0, above=True), "sample": rules.make_real_rule("s", 0.0, above=True),
+        "quantities": rules.make_list_rule(rules.check_text), "limits": rules.make_list_rule(rules.make_kind_rule(Limit)),
+        "spectral_radius": rules.make_real_rule("-", 0.0, most=1.0), "initial": rules.make_option_rule(("consistent", "static")),
+        "mesh": rules.make_optional_rule(rules.make_pair_rule(rules.count(1), rules.count(1))), "source": rules.check_text,
+        "notes": rules.make_list_rule(rules.check_text), "measured": rules.make_optional_rule(rules.make_kind_rule(Path)),
+        "accuracy": rules.make_optional_rule(rules.make_real_rule("-", 0.0, above=True)),
     }  # fmt: skip
 
     def meshed(self, mechanism: Mechanism) -> Mechanism:
@@ -123,11 +123,11 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     if not table.cases:
         expected = schema.CasesTable.model_fields["cases"].description or ""
         raise where.wrong("", "no case", expected, "[cases.cycloid]")
-    return {name: _case(data, name, table, mechanism, where.inner(name)) for name, data in table.cases.items()}
+    return {name: _build_case(data, name, table, mechanism, where.inner(name)) for name, data in table.cases.items()}
 
 
-def _case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, where: Location) -> Case:
-    table = validate(schema.CaseTable, data, where)
+def _build_case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, where: Location) -> Case:
+    table = check_table(schema.CaseTable, data, where)
     motion = read_motion(table.motion, mechanism, where.inner("motion"))
     start = read_start(table.start, mechanism, motion, where.inner("start"))
     end = table.end_s or motion.duration
@@ -212,8 +212,8 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
     groups: dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]] = {}
     for name, data in table.joints.items():
         here = where.inner(f"joints.{name}")
-        model, parts, write = schema.MOVES[KINDS[_joint(name, mechanism, where).kind].units]
-        move = validate(model, data, here)
+        model, parts, write = schema.MOVES[KINDS[_find_joint(name, mechanism, where).kind].units]
+        move = check_table(model, data, here)
         duration = move.duration_s or table.duration_s
         if duration is None:
             expected = schema.MotionTable.model_fields["duration_s"].description or ""
@@ -221,7 +221,7 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         hold = table.hold_s if move.hold_s is None else move.hold_s
         delay = table.delay_s if move.delay_s is None else move.delay_s
         first, last = groups.setdefault((duration, hold, move.law or table.law, delay), ({}, {}))
-        ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
+        ends = zip(*(_read_ends(move, part, write, here) for part in parts), strict=True)
         first[name], last[name] = map(np.concatenate, ends)
     if table.others is None:  # a missing joint that has an actuator is an error; else it is held at zero
         _check_complete(set(table.joints), mechanism, where)
@@ -237,7 +237,7 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
     return Motion.merge(*(Motion.point_to_point(*move) for move in moves))
 
 
-def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
+def _find_joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     movable = [joint.name for joint in mechanism.joints if joint.nv]
     if name in movable:
         return mechanism.joint_of[name]
@@ -248,7 +248,9 @@ def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     raise where.inner("joints").wrong(name, given, expected, write)
 
 
-def _ends(move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, where: Location) -> tuple[Array, Array]:
+def _read_ends(
+    move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, where: Location
+) -> tuple[Array, Array]:
     """Start and end of a part of a joint's coordinates, which says where from and where to, or where it rests."""
     stated = [(when, u) for when in ("from", "to", "at") for u in part if getattr(move, f"{when}_{u}") is not None]
     if [when for when, _ in stated] not in (["from", "to"], ["at"]):
@@ -294,7 +296,7 @@ def read_places(
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
         model, parts, write = schema.STARTS[KINDS[mechanism.joint_of[name].kind].units]
-        table = validate(model, data, where.inner(name))
+        table = check_table(model, data, where.inner(name))
         values = []
         for part in parts:
             stated = [key for key in part if getattr(table, key) is not None]
@@ -313,15 +315,15 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     InputError names the line: a column that is no coordinate, a missing or odd number, times that do not increase,
     a gap longer than ``largest_gap`` [s] (three times the median interval when None).
     """
-    rows = list(_rows(path))
+    rows = list(_read_rows(path))
     header = [name.strip() for name in rows[0][1]] if rows else []
-    columns = _columns(header, mechanism, path)
+    columns = _read_columns(header, mechanism, path)
     samples: list[list[float]] = []
     for line, row in rows[1:]:
         if len(row) != len(header):
             given = f"{len(row)} cells"
             expected = f"{len(header)}, as in the first line"
-            raise complaint(f"{path}: line {line}", given, expected, "a number in each column")
+            raise make_input_error(f"{path}: line {line}", given, expected, "a number in each column")
         samples.append([])
         for name, cell in zip(header, row, strict=True):
             try:
@@ -330,12 +332,12 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
                 value = math.nan
             if not math.isfinite(value):
                 where = f"{path}: line {line}, column {name}"
-                raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
+                raise make_input_error(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
             samples[-1].append(value)
     table = np.array(samples)
     lines = [line for line, _ in rows[1:]]
     if len(table) < 2:
-        raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
+        raise make_input_error(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
     time = table[:, 0]
     steps = np.diff(table[:, 0])
     gap = LOST_SAMPLES * float(np.median(steps)) if largest_gap is None else largest_gap
@@ -343,16 +345,16 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     if steps[k] <= 0:
         where = f"{path}: line {lines[k + 1]}, column time_s"
         given = f"{time[k + 1]:g} after {time[k]:g}"
-        raise complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once")
+        raise make_input_error(where, given, "times that increase [s]", "the rows sorted by time, each time once")
     if time[0] != 0.0:
         where = f"{path}: line {lines[0]}, column time_s"
-        raise complaint(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}")
+        raise make_input_error(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}")
     k = int(np.argmax(steps))
     if steps[k] > gap:
         given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
         write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
         where = f"{path}: line {lines[k + 1]}, column time_s"
-        raise complaint(where, given, f"at most {gap:g} s between samples", write)
+        raise make_input_error(where, given, f"at most {gap:g} s between samples", write)
     joints = {}
     for joint in mechanism.joints:
         own = sorted((k, column) for column, (name, k, _) in enumerate(columns) if name == joint.name)
@@ -361,7 +363,7 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     return time, joints, gap
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+def _read_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Lines that are not empty, with their numbers."""
     near = (
         find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.csv")))
@@ -375,10 +377,12 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             if any(cell.strip() for cell in row):
                 yield reader.line_num, row
     except (UnicodeDecodeError, csv.Error) as error:
-        raise complaint(str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again") from None
+        raise make_input_error(
+            str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again"
+        ) from None
 
 
-def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
+def _read_columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
     known: dict[str, Column] = {}
     for joint in mechanism.joints:
         kind = KINDS[joint.kind]
@@ -392,19 +396,23 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
     if not header or header[0] != "time_s":
         given = f"first column {header[0]!r}" if header else "an empty file"
         first_units = {(joint, k): name for name, (joint, k, _) in reversed(known.items())}
-        raise complaint(where, given, "time_s, the time [s]", ",".join(["time_s", *reversed(first_units.values())]))
+        raise make_input_error(
+            where, given, "time_s, the time [s]", ",".join(["time_s", *reversed(first_units.values())])
+        )
     for k, name in enumerate(header[1:], 2):
         if name not in known:
             near = find_nearest_word(name, known)
             expected = "a coordinate with its unit: " + ", ".join(list(known)[:12])
-            raise complaint(f"{where}, column {k}", name, expected, near or "one of these")
+            raise make_input_error(f"{where}, column {k}", name, expected, near or "one of these")
     columns = [known[name] for name in header[1:]]
     places = [(joint, k) for joint, k, _ in columns]
     for k, found in enumerate(places):
         if found in places[:k]:
             given = f"{header[k + 1]}: joint {found[0]} twice"
-            raise complaint(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
+            raise make_input_error(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
     for name, (owner, k, _) in known.items():
         if (owner, k) not in places and owner in {other for other, _ in places}:
-            raise complaint(where, f"some coordinates of joint {owner}", "all its coordinates", f"a column {name}")
+            raise make_input_error(
+                where, f"some coordinates of joint {owner}", "all its coordinates", f"a column {name}"
+            )
     return columns

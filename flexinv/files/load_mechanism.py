@@ -14,12 +14,28 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.files import schema
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, find_urdf, read_urdf
-from flexinv.files.joints import DRIVES, MOTORS, depth_first, drive, read_drive, read_joint, read_placement
-from flexinv.files.schema import INERTIA_SHAPES, check_station, far_end, read_inertia, read_payloads
-from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
+from flexinv.files.joints import (
+    DRIVES,
+    MOTORS,
+    list_depth_first,
+    read_drive,
+    read_drive_properties,
+    read_joint,
+    read_placement,
+)
+from flexinv.files.schema import INERTIA_SHAPES, check_station, compute_far_end, read_inertia, read_payloads
+from flexinv.files.sections import CrossSection, assemble_section, read_section
+from flexinv.files.toml_tables import (
+    Location,
+    check_names,
+    check_table,
+    format_toml,
+    read_option,
+    read_toml,
+    resolve_toml_file,
+)
 from flexinv.model.links import WORLD, Beam, Body, Inertia, Link, Placement
-from flexinv.model.mechanism import Joint, Mechanism, ModalDamping, expanded, with_retardation
+from flexinv.model.mechanism import Joint, Mechanism, ModalDamping, build_drive_model, with_retardation
 from flexinv.validation import find_nearest_word
 
 
@@ -30,16 +46,18 @@ def load_mechanism(path: str | Path) -> Mechanism:
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     Warns (ModelWarning) where the model was changed: an axis normalised, mimic joints made independent.
     """
-    file = toml_file(path, "mechanism.toml")
+    file = resolve_toml_file(path, "mechanism.toml")
     top = Location(file)
     data, base = read_layers(file)
-    table = validate(schema.MechanismTable, data, top)
+    table = check_table(schema.MechanismTable, data, top)
     named = ("sections", "links", "joints", "closures", "springs", "forces")
     check_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {name: read_section(data, top.inner(f"sections.{name}")) for name, data in table.sections.items()}
-    mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, sections, Location(base))
+    mechanism = (
+        _build_native(table, sections, top) if table.urdf is None else _build_from_urdf(table, sections, Location(base))
+    )
     try:
-        mechanism = expanded(mechanism)  # by what drives add, joints and links
+        mechanism = build_drive_model(mechanism)  # by what drives add, joints and links
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     links = mechanism.link_of
@@ -48,7 +66,7 @@ def load_mechanism(path: str | Path) -> Mechanism:
     springs = (read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items())
     forces = (read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items())
     mechanism = replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
-    mechanism = _damped(mechanism, table.damping, top.inner("damping"))
+    mechanism = _apply_damping(mechanism, table.damping, top.inner("damping"))
     name = table.name or (base.stem if base.name != "mechanism.toml" else base.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
 
@@ -65,23 +83,23 @@ def read_layers(file: Path) -> tuple[dict[str, Any], Path]:
     where = Location(file)
     expected = "the path of a mechanism file, from this file's folder, that is over no other one"
     if not isinstance(name, str) or not name.endswith(".toml") or not (file.parent / name).is_file():
-        raise where.wrong("over", toml_text(name), expected, 'over = "mechanism.toml"')
+        raise where.wrong("over", format_toml(name), expected, 'over = "mechanism.toml"')
     base = file.parent / name
     under = read_toml(base)
     if "over" in under:
-        raise where.wrong("over", f"{name}, which is over {toml_text(under['over'])}", expected, "one layer")
-    return _laid(under, {key: value for key, value in data.items() if key != "over"}), base
+        raise where.wrong("over", f"{name}, which is over {format_toml(under['over'])}", expected, "one layer")
+    return _join_tables(under, {key: value for key, value in data.items() if key != "over"}), base
 
 
-def _laid(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+def _join_tables(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     out = {key: value for key, value in under.items() if "inertia_kgm2" not in over or key not in INERTIA_SHAPES}
     for key, value in over.items():
         both = isinstance(value, dict) and isinstance(under.get(key), dict) and key != "inertia_kgm2"
-        out[key] = _laid(under[key], value) if both else value
+        out[key] = _join_tables(under[key], value) if both else value
     return out
 
 
-def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
+def _build_native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
     if table.overlay is not None:
         given = "overlay without [urdf]"
         advice = "its keys in [links.NAME] and [joints.NAME] themselves"
@@ -92,9 +110,9 @@ def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], 
     for key, write in (("gravity_m_per_s2", gravity), ("links", a_link), ("joints", base)):
         if not getattr(table, key):
             raise top.wrong(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
-    links = {name: _link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
+    links = {name: _build_link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
     joints = [read_joint(data, top.inner(f"joints.{name}"), name) for name, data in table.joints.items()]
-    moving = depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
+    moving = list_depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
     for joint in moving:
         on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
         beam = f"the beam {joint.parent} that carries the joint"
@@ -105,7 +123,7 @@ def _native(table: schema.MechanismTable, sections: Mapping[str, CrossSection], 
     return Mechanism("", tuple(links[joint.child] for joint in moving), moving, pull)
 
 
-def _damped(mechanism: Mechanism, table: schema.DampingTable | None, where: Location) -> Mechanism:
+def _apply_damping(mechanism: Mechanism, table: schema.DampingTable | None, where: Location) -> Mechanism:
     """Return the mechanism with the damping of its file [s], [-]; a ratio stays data until a mesh is built."""
     if table is None:
         return mechanism
@@ -121,29 +139,31 @@ def _damped(mechanism: Mechanism, table: schema.DampingTable | None, where: Loca
     return replace(mechanism, modal_damping=ModalDamping(table.ratio, table.mode))
 
 
-def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Location) -> Link:
+def _build_link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Location) -> Link:
     if name == WORLD:
         advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
         raise where.wrong("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
-    if one_of(data, where, "kind", ("rigid", "beam"), '"rigid" or "beam"', "rigid") == "beam":
-        made = validate(schema.BeamLinkTable, data, where)
-        section = section_along(made.section, sections, where)
+    if read_option(data, where, "kind", ("rigid", "beam"), '"rigid" or "beam"', "rigid") == "beam":
+        made = check_table(schema.BeamLinkTable, data, where)
+        section = assemble_section(made.section, sections, where)
         bend = made.curvature_per_m
         curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
         root = read_placement(made.root, where.inner("root"))
         beam = Beam(made.length_m, section, made.elements, made.order, curvature, root)
         return Link(name, read_payloads(made.payload, True, name, where), beam)
-    table = validate(schema.RigidLinkTable, data, where)
+    table = check_table(schema.RigidLinkTable, data, where)
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given = "massless = true and a mass or an inertia"
         raise where.wrong("massless", given, "one or the other", "massless = false, or no mass")
     own = () if table.massless else (Body(name, read_inertia(table, where)),)
     long = table.rod or table.cylinder  # without a stated tip its far end is the link's
-    tip = far_end(long) if table.tip_m is None and long is not None else np.array(table.tip_m or [0.0, 0.0, 0.0])
+    tip = (
+        compute_far_end(long) if table.tip_m is None and long is not None else np.array(table.tip_m or [0.0, 0.0, 0.0])
+    )
     return Link(name, (*own, *read_payloads(table.payload, False, name, where)), tip=tip)
 
 
-def _from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
+def _build_from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
     urdf = table.urdf
     assert urdf is not None
     for key in ("links", "joints"):
@@ -156,10 +176,12 @@ def _from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection
         if subject != "mimic" or urdf.mimic is None:
             advice = '; write mimic = "independent" in [urdf] if so meant, or lock them' if subject == "mimic" else ""
             warnings.warn(f"{path}: {text}{advice}", ModelWarning, stacklevel=4)
-    return mechanism if table.overlay is None else _overlaid(mechanism, table.overlay, sections, top.inner("overlay"))
+    return (
+        mechanism if table.overlay is None else _apply_overlay(mechanism, table.overlay, sections, top.inner("overlay"))
+    )
 
 
-def _overlaid(
+def _apply_overlay(
     mechanism: Mechanism, table: schema.OverlayTable, sections: Mapping[str, CrossSection], top: Location
 ) -> Mechanism:
     """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry stays."""
@@ -175,24 +197,26 @@ def _overlaid(
     for name, data in table.links.items():
         where = top.inner(f"links.{name}")
         link = links[name]
-        laid = validate(schema.OverlayLinkTable, data, where)
+        laid = check_table(schema.OverlayLinkTable, data, where)
         if laid.beam is not None and laid.tip_m is not None:
             given = f"tip_m = {laid.tip_m} beside a beam"
             expected = "no tip: a beam reports its end"
             raise where.wrong("tip_m", given, expected, "the beam alone")
         if laid.beam is not None:
-            link, changed, note = _flexible(link, joints, laid.beam, sections, where.inner("beam"))
+            link, changed, note = _make_link_flexible(link, joints, laid.beam, sections, where.inner("beam"))
             joints.update(changed)
             notes.append(note)
         payload = read_payloads(laid.payload, laid.beam is not None, name, where)
         tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
         links[name] = replace(link, bodies=(*link.bodies, *payload), tip=tip)
-    driven = {name: _driven(joints[name], data, top.inner(f"joints.{name}")) for name, data in table.joints.items()}
+    driven = {
+        name: _apply_drive(joints[name], data, top.inner(f"joints.{name}")) for name, data in table.joints.items()
+    }
     moving = tuple((joints | driven).values())
     return replace(mechanism, links=tuple(links.values()), joints=moving, notes=tuple(notes))
 
 
-def _driven(joint: Joint, data: Any, where: Location) -> Joint:
+def _apply_drive(joint: Joint, data: Any, where: Location) -> Joint:
     """Replace what the table states of the drive; the rest stays as the URDF has it."""
     if joint.kind not in DRIVES:
         expected = f"a joint with a drive; {joint.name} is {joint.kind}"
@@ -202,16 +226,18 @@ def _driven(joint: Joint, data: Any, where: Location) -> Joint:
         if joint.kind not in MOTORS:
             expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
             raise inner.wrong("", f"a drive of joint {joint.name}", expected, "remove the table")
-        motor = read_drive(validate(MOTORS[joint.kind], data["drive"], inner), inner)
+        motor = read_drive(check_table(MOTORS[joint.kind], data["drive"], inner), inner)
         joint = replace(joint, drive=motor, damping=0.0, friction=0.0)
         data = {key: value for key, value in data.items() if key != "drive"}
-    table = validate(DRIVES[joint.kind], data, where)
+    table = check_table(DRIVES[joint.kind], data, where)
     stated = {key.split("_")[0] for key in table.model_fields_set}
-    changed = {name: value for name, value in drive(table, where).items() if name.split("_")[0] in stated}
+    changed = {
+        name: value for name, value in read_drive_properties(table, where).items() if name.split("_")[0] in stated
+    }
     return replace(joint, **changed)
 
 
-def _flexible(
+def _make_link_flexible(
     link: Link, joints: Mapping[str, Joint], table: schema.OverlayBeamTable, sections: Mapping[str, CrossSection],
     where: Location,
 ) -> tuple[Link, dict[str, Joint], str]:  # fmt: skip
@@ -239,7 +265,7 @@ def _flexible(
         expected = f"a direction that is not along the beam, {np.round(x, 6).tolist()} [-]"
         raise where.wrong("y_axis", f"y_axis = {y.tolist()}", expected, write)
     root = Placement(start, np.column_stack([x, across / size, np.cross(x, across / size)]))
-    section = section_along(table.section, sections, where)
+    section = assemble_section(table.section, sections, where)
     beam = Beam(length, section, table.elements, table.order, placement=root)
     bodies = []
     for body in (
@@ -253,11 +279,11 @@ def _flexible(
     own = sum(body.inertia.mass for body in link.bodies)
     kept = "replaced" if table.own_inertia == "replaced" else "kept as a rigid body at its root"
     note = f"{link.name} is a beam of {length:.6g} m and {mass:.6g} kg; its URDF inertia ({own:.6g} kg) is {kept}"
-    placed = {name: _on_beam(j, root, length, name == table.to_joint) for name, j in outward.items()}
+    placed = {name: _move_to_beam(j, root, length, name == table.to_joint) for name, j in outward.items()}
     return Link(link.name, tuple(bodies), beam), placed, note
 
 
-def _on_beam(joint: Joint, root: Placement, length: float, at_tip: bool) -> Joint:
+def _move_to_beam(joint: Joint, root: Placement, length: float, at_tip: bool) -> Joint:
     """The same place seen from the nearest cross-section (the tip's for the joint at which the beam ends)."""
     offset = root.rotation.T @ (joint.placement.position - root.position)  # (along, y, z) [m]
     station = 1.0 if at_tip else float(np.clip(offset[0] / length, 0.0, 1.0))

@@ -7,74 +7,85 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from flexinv.files.toml_tables import Location, Table, key, optional
-from flexinv.files.values import Count, Format, Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
-from flexinv.model.links import Body, Inertia, impossible
+from flexinv.files.toml_tables import Location, Table, make_key, make_optional_key
+from flexinv.files.values import (
+    Count,
+    Format,
+    Fraction,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Text,
+    Vector,
+    check_bounded,
+)
+from flexinv.model.links import Body, Inertia, describe_impossible_inertia
 from flexinv.typing import Array
 
 NumbersByName = dict[str, float]
 
 
-def finite(value: Any) -> float:
+def read_finite_number(value: Any) -> float:
     """Read a finite number [unit of the key]; ValueError when it is none."""
-    return float(bounded(value))
+    return float(check_bounded(value))
 
 
-def numbers_by_name(value: Any, required: str, optional: str = "") -> NumbersByName:
+def read_named_numbers(value: Any, required: str, optional: str = "") -> NumbersByName:
     """Read ``{ y = 1.0, z = 2.0 }`` into numbers by name [unit of the key]; ValueError when names are wrong."""
     names = required.split()
     may = optional.split()
     if not isinstance(value, dict) or not set(names) <= set(value) <= {*names, *may}:
         wanted = ", ".join(f"{name} = ..." for name in names)
         raise ValueError(f"should be {{ {wanted} }}" + (f" and may have {', '.join(may)}" if may else ""))
-    return {name: finite(number) for name, number in value.items()}
+    return {name: read_finite_number(number) for name, number in value.items()}
 
 
-def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _read_matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     rows = value if isinstance(value, list) else []
     if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
         raise ValueError("should have three rows of three numbers")
-    return np.array([[finite(x) for x in row] for row in rows])
+    return np.array([[read_finite_number(x) for x in row] for row in rows])
 
 
-def _numbers(value: Any, required: str, optional: str = "", zero: bool = True) -> NumbersByName:
+def _read_one_or_named(value: Any, required: str, optional: str = "", zero: bool = True) -> NumbersByName:
     """A table of numbers by name, or one number for all that are required; none is negative, nor 0 unless it may be."""
     table = value if isinstance(value, dict) else dict.fromkeys(required.split(), value)
-    numbers = numbers_by_name(table, required, optional)
+    numbers = read_named_numbers(table, required, optional)
     if min(numbers.values()) < 0 or (min(numbers.values()) == 0 and not zero):
         raise ValueError("should not be negative" if zero else "should be greater than 0")
     return numbers
 
 
-def _across(value: Any) -> tuple[float, float]:
-    pair = _numbers(value, "y z", zero=False)
+def _read_across(value: Any) -> tuple[float, float]:
+    pair = _read_one_or_named(value, "y z", zero=False)
     return pair["y"], pair["z"]
 
 
-def _rotary(value: Any) -> tuple[float, float, float]:
-    parts = _numbers(value, "y z", "x")
+def _read_rotary(value: Any) -> tuple[float, float, float]:
+    parts = _read_one_or_named(value, "y z", "x")
     return parts.get("x", parts["y"] + parts["z"]), parts["y"], parts["z"]
 
 
-def _times(value: Any) -> tuple[float, ...]:
-    part = _numbers(value, "axial shear twist bending")
+def _read_times(value: Any) -> tuple[float, ...]:
+    part = _read_one_or_named(value, "axial shear twist bending")
     return part["axial"], part["shear"], part["shear"], part["twist"], part["bending"], part["bending"]
 
 
-def _tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _read_tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     if isinstance(value, list):
-        return _matrix(value)
+        return _read_matrix(value)
     if not isinstance(value, dict):
-        if finite(value) != 0.0:
+        if read_finite_number(value) != 0.0:
             raise ValueError("one number can only be 0, a point mass")
         return np.zeros((3, 3))
-    i = numbers_by_name(value, "xx yy zz", "xy xz yz")
+    i = read_named_numbers(value, "xx yy zz", "xy xz yz")
     xy, xz, yz = (i.get(name, 0.0) for name in ("xy", "xz", "yz"))
     return np.array([[i["xx"], xy, xz], [xy, i["yy"], yz], [xz, yz, i["zz"]]])
 
 
-def _rotation(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    matrix = _matrix(value)
+def _read_rotation(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    matrix = _read_matrix(value)
     # 1e-6: a matrix typed with seven digits; anything further off is no rotation but a mistake
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
         raise ValueError("rows should be of length 1, at right angles and right-handed")
@@ -87,45 +98,47 @@ _THREE = {"type": "array", "minItems": 3, "maxItems": 3}
 _ROWS = {**_THREE, "items": {**_THREE, "items": _NUMBER}}
 
 
-def _or_parts(required: str, optional: str = "", *others: dict[str, Any]) -> WithJsonSchema:
+def _make_number_schema(required: str, optional: str = "", *others: dict[str, Any]) -> WithJsonSchema:
     """Return the JSON Schema of one number, of a table of them by name, or of ``others``."""
     names = required.split()
     parts = {"type": "object", "properties": dict.fromkeys([*names, *optional.split()], _NUMBER), "required": names}
     return WithJsonSchema({"anyOf": [_NUMBER, {**parts, "additionalProperties": False}, *others]})
 
 
-Across = Annotated[tuple[float, float], PlainValidator(_across), _or_parts("y z")]
-Rotary = Annotated[tuple[float, float, float], PlainValidator(_rotary), _or_parts("y z", "x")]
-Times = Annotated[tuple[float, ...], PlainValidator(_times), _or_parts("axial shear twist bending")]
-Tensor = Annotated[Any, PlainValidator(_tensor), _or_parts("xx yy zz", "xy xz yz", _ROWS)]
-Rotation = Annotated[Any, PlainValidator(_rotation), WithJsonSchema(_ROWS)]
+Across = Annotated[tuple[float, float], PlainValidator(_read_across), _make_number_schema("y z")]
+Rotary = Annotated[tuple[float, float, float], PlainValidator(_read_rotary), _make_number_schema("y z", "x")]
+Times = Annotated[tuple[float, ...], PlainValidator(_read_times), _make_number_schema("axial shear twist bending")]
+Tensor = Annotated[Any, PlainValidator(_read_tensor), _make_number_schema("xx yy zz", "xy xz yz", _ROWS)]
+Rotation = Annotated[Any, PlainValidator(_read_rotation), WithJsonSchema(_ROWS)]
 Along = Literal["x", "y", "z"]
 
-SOURCE = key("where the numbers come from, a text", '"data sheet of ..., table 2"', "")
+SOURCE = make_key("where the numbers come from, a text", '"data sheet of ..., table 2"', "")
 PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
 
 
 class PlacementTable(Table):
     """A frame in a frame: position, and rotation by fixed-axis roll, pitch, yaw (as URDF) or as a matrix."""
 
-    xyz_m: Vector = key("three numbers [m]", "[0.0, 0.0, 0.1]", [0.0, 0.0, 0.0])
-    rpy_deg: Vector | None = optional("roll, pitch, yaw about fixed axes [deg]", "[0, 90, 0]")
-    rpy_rad: Vector | None = optional("roll, pitch, yaw about fixed axes [rad]", "[0, 1.57, 0]")
-    rotation: Rotation | None = optional("a rotation matrix, three rows [-]", "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]")
+    xyz_m: Vector = make_key("three numbers [m]", "[0.0, 0.0, 0.1]", [0.0, 0.0, 0.0])
+    rpy_deg: Vector | None = make_optional_key("roll, pitch, yaw about fixed axes [deg]", "[0, 90, 0]")
+    rpy_rad: Vector | None = make_optional_key("roll, pitch, yaw about fixed axes [rad]", "[0, 1.57, 0]")
+    rotation: Rotation | None = make_optional_key(
+        "a rotation matrix, three rows [-]", "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]"
+    )
 
 
 class RodTable(Table):
     """A slender uniform rod from the frame's origin along one of its axes: m L^2/12 across."""
 
-    length_m: Positive = key("the length of the rod, a number > 0 [m]", "0.4")
-    axial_inertia_kgm2: NotNegative = key("the small inertia about the rod's own axis, >= 0 [kg m^2]", "1e-5", 0.0)
-    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', "x")
+    length_m: Positive = make_key("the length of the rod, a number > 0 [m]", "0.4")
+    axial_inertia_kgm2: NotNegative = make_key("the small inertia about the rod's own axis, >= 0 [kg m^2]", "1e-5", 0.0)
+    along: Along = make_key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', "x")
 
 
 class BoxTable(Table):
     """A uniform box, its faces along the frame's axes."""
 
-    size_m: Annotated[list[Positive], Field(min_length=3, max_length=3)] = key(
+    size_m: Annotated[list[Positive], Field(min_length=3, max_length=3)] = make_key(
         "three edge lengths > 0 along x, y, z [m]", "[0.4, 0.05, 0.05]"
     )
 
@@ -133,103 +146,109 @@ class BoxTable(Table):
 class CylinderTable(Table):
     """A uniform solid cylinder from the frame's origin along one of its axes."""
 
-    length_m: Positive = key("the length, a number > 0 [m]", "0.4")
-    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', "x")
-    radius_m: Positive = key("the radius, a number > 0 [m]", "0.02")
+    length_m: Positive = make_key("the length, a number > 0 [m]", "0.4")
+    along: Along = make_key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', "x")
+    radius_m: Positive = make_key("the radius, a number > 0 [m]", "0.02")
 
 
 class SphereTable(Table):
     """A uniform solid sphere."""
 
-    radius_m: Positive = key("the radius, a number > 0 [m]", "0.02")
+    radius_m: Positive = make_key("the radius, a number > 0 [m]", "0.02")
 
 
 class BodyTable(Table):
     """Mass, centre of mass, and inertia about the centre of mass: as numbers or by a uniform shape."""
 
-    mass_kg: Positive | None = optional("the mass, a number > 0 [kg]", "0.215")
-    com_m: Vector | None = optional("the centre of mass, three numbers [m]", "[0.2, 0.0, 0.0]")
-    inertia_kgm2: Tensor | None = optional(
+    mass_kg: Positive | None = make_optional_key("the mass, a number > 0 [kg]", "0.215")
+    com_m: Vector | None = make_optional_key("the centre of mass, three numbers [m]", "[0.2, 0.0, 0.0]")
+    inertia_kgm2: Tensor | None = make_optional_key(
         "about the centre of mass [kg m^2]: { xx, yy, zz } and xy, xz, yz if not 0; three rows; or 0, a point mass",
         "{ xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }",
     )
-    rod: RodTable | None = optional("a table: length_m [m]", "{ length_m = 0.4 }")
-    box: BoxTable | None = optional("a table: size_m [m]", "{ size_m = [0.4, 0.05, 0.05] }")
-    cylinder: CylinderTable | None = optional("a table: length_m, radius_m [m]", "{ length_m = 0.4, radius_m = 0.02 }")
-    sphere: SphereTable | None = optional("a table: radius_m [m]", "{ radius_m = 0.02 }")
+    rod: RodTable | None = make_optional_key("a table: length_m [m]", "{ length_m = 0.4 }")
+    box: BoxTable | None = make_optional_key("a table: size_m [m]", "{ size_m = [0.4, 0.05, 0.05] }")
+    cylinder: CylinderTable | None = make_optional_key(
+        "a table: length_m, radius_m [m]", "{ length_m = 0.4, radius_m = 0.02 }"
+    )
+    sphere: SphereTable | None = make_optional_key("a table: radius_m [m]", "{ radius_m = 0.02 }")
     source: Text = SOURCE
 
 
 class PayloadTable(BodyTable):
     """A body that a link carries beside its own: payload, flange, motor."""
 
-    name: Name = key("the name of the payload", '"gripper"')
-    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length that carries it [-]", "1.0")
+    name: Name = make_key("the name of the payload", '"gripper"')
+    station: Fraction | None = make_optional_key(
+        "on a beam: the fraction 0..1 of its length that carries it [-]", "1.0"
+    )
 
 
 class RigidLinkTable(BodyTable):
     """A rigid link; without mass only when it says so."""
 
-    kind: Literal["rigid"] = key('"rigid" or "beam"', '"rigid"')
-    mass_kg: Positive | None = optional(
+    kind: Literal["rigid"] = make_key('"rigid" or "beam"', '"rigid"')
+    mass_kg: Positive | None = make_optional_key(
         "the mass, a number > 0 [kg]", "0.215   (or massless = true for a link that is only a frame)"
     )
-    massless: bool = key("true for a frame that has no mass", "true", False)
-    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "[0.4, 0, 0]")
-    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
+    massless: bool = make_key("true for a frame that has no mass", "true", False)
+    tip_m: Vector | None = make_optional_key("the point whose motion is reported, three numbers [m]", "[0.4, 0, 0]")
+    payload: list[PayloadTable] = make_key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
 
 
 class CurvatureTable(Table):
     """Initial twist and curvature of a beam, constant along its length."""
 
-    twist: Number = key("initial twist [rad/m]", "0.0", 0.0)
-    y: Number = key("initial curvature about y [1/m]", "0.0", 0.0)
-    z: Number = key("initial curvature about z [1/m]", "0.5", 0.0)
+    twist: Number = make_key("initial twist [rad/m]", "0.0", 0.0)
+    y: Number = make_key("initial curvature about y [1/m]", "0.0", 0.0)
+    z: Number = make_key("initial curvature about z [1/m]", "0.5", 0.0)
 
 
 class MeshTable(Table):
     """Mesh and section of a beam: the keys that native and overlaid beams share."""
 
-    section: Any = key(
+    section: Any = make_key(
         'the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...], two at the same place at a step',
         '"tube"',
     )
-    elements: Annotated[int, Field(ge=1, le=1000)] = key("the number of elements, 1..1000 [-]", "1", 1)
-    order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "4", 4)
+    elements: Annotated[int, Field(ge=1, le=1000)] = make_key("the number of elements, 1..1000 [-]", "1", 1)
+    order: Annotated[int, Field(ge=1, le=32)] = make_key("the order of each element, 1..32 [-]", "4", 4)
 
 
 class BeamLinkTable(MeshTable):
     """A beam from the link frame (or from ``root``) along x."""
 
-    kind: Literal["beam"] = key('"rigid" or "beam"', '"beam"')
-    length_m: Positive = key("the arc length of the beam, a number > 0 [m]", "0.4")
-    curvature_per_m: CurvatureTable | None = optional("a table: twist, y, z [1/m]", "{ z = 0.5 }")
-    root: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.05, 0, 0] }")
-    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
+    kind: Literal["beam"] = make_key('"rigid" or "beam"', '"beam"')
+    length_m: Positive = make_key("the arc length of the beam, a number > 0 [m]", "0.4")
+    curvature_per_m: CurvatureTable | None = make_optional_key("a table: twist, y, z [1/m]", "{ z = 0.5 }")
+    root: PlacementTable | None = make_optional_key(PLACEMENT, "{ xyz_m = [0.05, 0, 0] }")
+    payload: list[PayloadTable] = make_key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
     source: Text = SOURCE
 
 
 class DampingTable(Table):
     """Damping of all beams: a retardation time, or the ratio that one natural mode has."""
 
-    retardation_s: NotNegative | None = optional("stress by rate of strain over stress by strain, >= 0 [s]", "1e-3")
-    ratio: Fraction | None = optional("of critical damping of one natural mode, 0..1 [-]", "0.01")
-    mode: Count = key("which natural mode, all joints held at zero: 1 the lowest [-]", "1", 1)
+    retardation_s: NotNegative | None = make_optional_key(
+        "stress by rate of strain over stress by strain, >= 0 [s]", "1e-3"
+    )
+    ratio: Fraction | None = make_optional_key("of critical damping of one natural mode, 0..1 [-]", "0.01")
+    mode: Count = make_key("which natural mode, all joints held at zero: 1 the lowest [-]", "1", 1)
     source: Text = SOURCE
 
 
 class UrdfTable(Table):
     """The URDF that the mechanism is made from."""
 
-    path: Text = key(
+    path: Text = make_key(
         "the URDF, a path inside the models folder or inside the package", '"ur_description/urdf/ur5_robot.urdf"'
     )
-    package: Literal["example-robot-data"] | None = optional(
+    package: Literal["example-robot-data"] | None = make_optional_key(
         '"example-robot-data", or leave it out for a file of your own', '"example-robot-data"'
     )
-    base: Literal["fixed", "free"] = key('"fixed" or "free"', '"fixed"', "fixed")
-    lock: list[Name] = key("names of joints to hold at zero", '["finger_joint"]', [])
-    mimic: Literal["independent"] | None = optional(
+    base: Literal["fixed", "free"] = make_key('"fixed" or "free"', '"fixed"', "fixed")
+    lock: list[Name] = make_key("names of joints to hold at zero", '["finger_joint"]', [])
+    mimic: Literal["independent"] | None = make_optional_key(
         '"independent" when mimic joints are meant to be coordinates of their own', '"independent"'
     )
 
@@ -237,52 +256,58 @@ class UrdfTable(Table):
 class OverlayBeamTable(MeshTable):
     """A link of the URDF made a beam that leads straight to one of its joints."""
 
-    to_joint: Name = key("the joint of this link at which the beam ends", '"wrist_1_joint"')
-    y_axis: Vector = key("a direction in the link frame; the section's y is its part across the beam [-]", "[0, 1, 0]")
-    own_inertia: Literal["replaced", "at_root"] = key(
+    to_joint: Name = make_key("the joint of this link at which the beam ends", '"wrist_1_joint"')
+    y_axis: Vector = make_key(
+        "a direction in the link frame; the section's y is its part across the beam [-]", "[0, 1, 0]"
+    )
+    own_inertia: Literal["replaced", "at_root"] = make_key(
         '"replaced" by the section\'s mass, or "at_root": kept as a rigid body at the root', '"replaced"'
     )
-    root_xyz_m: Vector = key("where the beam begins in the link frame [m]", "[0, 0, 0.1]", [0.0, 0.0, 0.0])
+    root_xyz_m: Vector = make_key("where the beam begins in the link frame [m]", "[0, 0, 0.1]", [0.0, 0.0, 0.0])
     source: Text = SOURCE
 
 
 class OverlayLinkTable(Table):
     """Overlay of one link of the URDF."""
 
-    beam: OverlayBeamTable | None = optional("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]")
-    payload: list[PayloadTable] = key("tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", [])
-    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "[0.1, 0, 0]")
+    beam: OverlayBeamTable | None = make_optional_key("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]")
+    payload: list[PayloadTable] = make_key(
+        "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", []
+    )
+    tip_m: Vector | None = make_optional_key("the point whose motion is reported, three numbers [m]", "[0.1, 0, 0]")
     source: Text = SOURCE
 
 
 class OverlayTable(Table):
     """Overlay of the URDF: its links and joints."""
 
-    links: dict[str, Any] = key("tables [overlay.links.NAME]", "[overlay.links.NAME]", {})
-    joints: dict[str, Any] = key("tables [overlay.joints.NAME]", "[overlay.joints.NAME]", {})
+    links: dict[str, Any] = make_key("tables [overlay.links.NAME]", "[overlay.links.NAME]", {})
+    joints: dict[str, Any] = make_key("tables [overlay.joints.NAME]", "[overlay.joints.NAME]", {})
 
 
 class MechanismTable(Table):
     """The whole file."""
 
-    format: Format = key("the version of the file's format, 1 when absent", "1", 1)
-    over: Text | None = optional("the mechanism file that this one is laid over", '"mechanism.toml"')
-    name: Name | None = optional("the name of the mechanism; the folder's when absent", '"arm"')
-    title: Text = key("one line that says what it is", '"Two flexible links"', "")
-    source: Text = key("where the data come from, a text", '"Isobe et al., case 3"')
-    gravity_m_per_s2: Vector | None = optional("gravity in the world frame, three numbers [m/s^2]", "[0, 0, -9.81]")
-    notes: list[Text] = key("a list of texts that a reader of results must know", '["..."]', [])
-    sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", {})
-    links: dict[str, Any] = key("tables [links.NAME]", "[links.NAME]", {})
-    joints: dict[str, Any] = key("tables [joints.NAME]", "[joints.NAME]", {})
-    closures: dict[str, Any] = key("tables [closures.NAME], joints that close loops", "[closures.NAME]", {})
-    springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", {})
-    forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", {})
-    damping: DampingTable | None = optional(
+    format: Format = make_key("the version of the file's format, 1 when absent", "1", 1)
+    over: Text | None = make_optional_key("the mechanism file that this one is laid over", '"mechanism.toml"')
+    name: Name | None = make_optional_key("the name of the mechanism; the folder's when absent", '"arm"')
+    title: Text = make_key("one line that says what it is", '"Two flexible links"', "")
+    source: Text = make_key("where the data come from, a text", '"Isobe et al., case 3"')
+    gravity_m_per_s2: Vector | None = make_optional_key(
+        "gravity in the world frame, three numbers [m/s^2]", "[0, 0, -9.81]"
+    )
+    notes: list[Text] = make_key("a list of texts that a reader of results must know", '["..."]', [])
+    sections: dict[str, Any] = make_key("tables [sections.NAME]", "[sections.NAME]", {})
+    links: dict[str, Any] = make_key("tables [links.NAME]", "[links.NAME]", {})
+    joints: dict[str, Any] = make_key("tables [joints.NAME]", "[joints.NAME]", {})
+    closures: dict[str, Any] = make_key("tables [closures.NAME], joints that close loops", "[closures.NAME]", {})
+    springs: dict[str, Any] = make_key("tables [springs.NAME] between two points", "[springs.NAME]", {})
+    forces: dict[str, Any] = make_key("tables [forces.NAME] on points", "[forces.NAME]", {})
+    damping: DampingTable | None = make_optional_key(
         "a table: retardation_s [s], or ratio [-] and mode", "{ ratio = 0.01, mode = 1 }"
     )
-    urdf: UrdfTable | None = optional("a table: path, package, base, lock", "[urdf]")
-    overlay: OverlayTable | None = optional(
+    urdf: UrdfTable | None = make_optional_key("a table: path, package, base, lock", "[urdf]")
+    overlay: OverlayTable | None = make_optional_key(
         "tables [overlay.links.NAME] and [overlay.joints.NAME]", "[overlay.links.NAME]"
     )
 
@@ -290,7 +315,7 @@ class MechanismTable(Table):
 INERTIA_SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
 
 
-def far_end(table: RodTable | CylinderTable) -> Array:
+def compute_far_end(table: RodTable | CylinderTable) -> Array:
     """Return the end point of a rod or cylinder, (3,) [m]; it begins at the frame's origin."""
     end = np.zeros(3)
     end["xyz".index(table.along)] = table.length_m
@@ -320,7 +345,7 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
         moments = np.full(3, across)
         moments["xyz".index(long.along)] = axial
         tensor = np.diag(moments)
-        com = far_end(long) / 2
+        com = compute_far_end(long) / 2
     elif table.box is not None:  # m (b^2 + c^2)/12
         squares = np.square(table.box.size_m)
         tensor = np.diag(mass * (squares.sum() - squares) / 12)
@@ -332,7 +357,7 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
         com = np.array(table.com_m, dtype=np.float64)
     if com is None:
         raise where.wrong("com_m", "nothing", "the centre of mass, three numbers [m]", "com_m = [0, 0, 0]")
-    if reason := impossible(tensor):
+    if reason := describe_impossible_inertia(tensor):
         expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
         advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
         rows = np.array2string(tensor, separator=", ").replace("\n", "")

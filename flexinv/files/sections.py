@@ -12,13 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from flexinv.files.schema import SOURCE, Across, Rotary, Times
-from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
+from flexinv.files.toml_tables import (
+    Location,
+    Table,
+    check_table,
+    format_toml,
+    make_key,
+    make_optional_key,
+    read_option,
+)
 from flexinv.files.values import Fraction, Name, Number, Positive, Text
 from flexinv.model.mechanism import Section
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
-RETARDATION = key(
+RETARDATION = make_key(
     "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
     "1e-3", (0.0,) * 6,
 )  # fmt: skip
@@ -27,20 +35,20 @@ RETARDATION = key(
 class StationTable(Table):
     """Section of a beam at a fraction of its length."""
 
-    at: Fraction = key("the fraction 0..1 of the length [-]; two stations at the same one are a step", "0.5")
-    section: Name = key("the name of a table [sections.NAME]", '"tube"')
+    at: Fraction = make_key("the fraction 0..1 of the length [-]; two stations at the same one are a step", "0.5")
+    section: Name = make_key("the name of a table [sections.NAME]", '"tube"')
 
 
 class StiffnessSectionTable(Table):
     """A section by its numbers."""
 
     retardation_s: Times = RETARDATION
-    EA_N: Positive = key("axial stiffness, a number > 0 [N]", "1.452e6")
-    GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "4.65e5")
-    GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "0.68")
-    EI_Nm2: Across = key("bending stiffness [N m^2]: one number, or about { y, z }", "{ y = 13.7, z = 0.46 }")
-    mass_per_length_kg_per_m: Positive = key("mass per length, a number > 0 [kg/m]", "0.056")
-    rho_I_kgm: Rotary = key(
+    EA_N: Positive = make_key("axial stiffness, a number > 0 [N]", "1.452e6")
+    GA_N: Across = make_key("shear stiffness with its shear factor [N]: one number, or { y, z }", "4.65e5")
+    GJ_Nm2: Positive = make_key("torsional stiffness, a number > 0 [N m^2]", "0.68")
+    EI_Nm2: Across = make_key("bending stiffness [N m^2]: one number, or about { y, z }", "{ y = 13.7, z = 0.46 }")
+    mass_per_length_kg_per_m: Positive = make_key("mass per length, a number > 0 [kg/m]", "0.056")
+    rho_I_kgm: Rotary = make_key(
         "rotary inertia per length [kg m]: { y, z } (x is their sum unless given), one number for both, or 0 if none",
         "{ y = 5.3e-7, z = 1.77e-8 }",
     )
@@ -50,36 +58,40 @@ class StiffnessSectionTable(Table):
 class MaterialTable(Table):
     """Material: the keys that all sections given by their geometry share."""
 
-    E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "70e9")
-    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = optional("Poisson's ratio, -1 < nu <= 0.5 [-]", "0.33")
-    G_Pa: Positive | None = optional("shear modulus, a number > 0 [Pa]", "26e9")
+    E_Pa: Positive = make_key("Young's modulus, a number > 0 [Pa]", "70e9")
+    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = make_optional_key(
+        "Poisson's ratio, -1 < nu <= 0.5 [-]", "0.33"
+    )
+    G_Pa: Positive | None = make_optional_key("shear modulus, a number > 0 [Pa]", "26e9")
     retardation_s: Times = RETARDATION
-    rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "2700")
-    shear_factor: Across | None = optional("shear factor [-]: one number, or { y, z }; Cowper's when absent", "0.85")
+    rho_kg_per_m3: Positive = make_key("density, a number > 0 [kg/m^3]", "2700")
+    shear_factor: Across | None = make_optional_key(
+        "shear factor [-]: one number, or { y, z }; Cowper's when absent", "0.85"
+    )
     source: Text = SOURCE
 
 
 class RectangleTable(MaterialTable):
     """A rectangle, its sides along y and z."""
 
-    shape: Literal["rectangle"] = key('"rectangle", "circle" or "tube"', '"rectangle"')
-    size_y_m: Positive = key("the side along y, a number > 0 [m]", "0.002")
-    size_z_m: Positive = key("the side along z, a number > 0 [m]", "0.02")
+    shape: Literal["rectangle"] = make_key('"rectangle", "circle" or "tube"', '"rectangle"')
+    size_y_m: Positive = make_key("the side along y, a number > 0 [m]", "0.002")
+    size_z_m: Positive = make_key("the side along z, a number > 0 [m]", "0.02")
 
 
 class CircleTable(MaterialTable):
     """A full circle."""
 
-    shape: Literal["circle"] = key('"rectangle", "circle" or "tube"', '"circle"')
-    diameter_m: Positive = key("the diameter, a number > 0 [m]", "0.02")
+    shape: Literal["circle"] = make_key('"rectangle", "circle" or "tube"', '"circle"')
+    diameter_m: Positive = make_key("the diameter, a number > 0 [m]", "0.02")
 
 
 class TubeTable(MaterialTable):
     """A round tube."""
 
-    shape: Literal["tube"] = key('"rectangle", "circle" or "tube"', '"tube"')
-    outer_diameter_m: Positive = key("the outer diameter, a number > 0 [m]", "0.05")
-    wall_m: Positive = key("the wall thickness, > 0 and at most half the diameter [m]", "0.003")
+    shape: Literal["tube"] = make_key('"rectangle", "circle" or "tube"', '"tube"')
+    outer_diameter_m: Positive = make_key("the outer diameter, a number > 0 [m]", "0.05")
+    wall_m: Positive = make_key("the wall thickness, > 0 and at most half the diameter [m]", "0.003")
 
 
 ShapeTable = RectangleTable | CircleTable | TubeTable
@@ -103,29 +115,29 @@ class CrossSection:
 
 def read_section(data: Any, where: Location) -> CrossSection:
     """Read ``[sections.NAME]``: by ``shape`` and material, or by its numbers [N, N m^2, kg/m, kg m]."""
-    shape = one_of(data, where, "shape", SECTION_SHAPES, f"one of {', '.join(SECTION_SHAPES)}", "rectangle")
+    shape = read_option(data, where, "shape", SECTION_SHAPES, f"one of {', '.join(SECTION_SHAPES)}", "rectangle")
     if not shape:
-        given = validate(StiffnessSectionTable, data, where)
+        given = check_table(StiffnessSectionTable, data, where)
         stiffness = given.EA_N, *given.GA_N, given.GJ_Nm2, *given.EI_Nm2
         inertia = given.mass_per_length_kg_per_m, *given.rho_I_kgm
         return CrossSection(np.array([*stiffness, *inertia, *given.retardation_s]))
-    table = validate(SECTION_SHAPES[shape], data, where)
+    table = check_table(SECTION_SHAPES[shape], data, where)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"
         raise where.wrong("wall_m", f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}")
     if (table.nu is None) == (table.G_Pa is None):
         raise where.wrong("nu", "neither" if table.nu is None else "both", "one of nu [-] and G_Pa [Pa]", "nu = 0.33")
-    return _from_geometry(table)
+    return _compute_section(table)
 
 
-def _from_geometry(table: ShapeTable) -> CrossSection:
+def _compute_section(table: ShapeTable) -> CrossSection:
     """EA, k_y GA, k_z GA, G J, E I_y, E I_z; rho A; rho (I_y + I_z), rho I_y, rho I_z."""
-    young, shear, poisson = _moduli(table)
+    young, shear, poisson = _resolve_moduli(table)
     if isinstance(table, RectangleTable):  # A [m^2], J, I_y = int z^2 dA, I_z = int y^2 dA [m^4]
         y = table.size_y_m
         z = table.size_z_m
         area = y * z
-        torsion = rectangle_torsion(y, z)
+        torsion = compute_rectangle_torsion(y, z)
         second_y = y * z**3 / 12
         second_z = z * y**3 / 12
     else:
@@ -134,7 +146,7 @@ def _from_geometry(table: ShapeTable) -> CrossSection:
         second_y = second_z = np.pi * (outer**4 - inner**4) / 64
         area = np.pi * (outer**2 - inner**2) / 4
         torsion = 2 * second_y
-    factors = table.shear_factor or shear_factors(table, poisson)
+    factors = table.shear_factor or compute_shear_factors(table, poisson)
     rho = table.rho_kg_per_m3
     numbers = [
         young * area, factors[0] * shear * area, factors[1] * shear * area,
@@ -144,7 +156,7 @@ def _from_geometry(table: ShapeTable) -> CrossSection:
     return CrossSection(np.array(numbers), table)
 
 
-def _moduli(table: MaterialTable) -> tuple[float, float, float]:
+def _resolve_moduli(table: MaterialTable) -> tuple[float, float, float]:
     """E, G and nu from E and one of the others: G = E / (2 (1 + nu))."""
     if table.G_Pa is not None:
         return table.E_Pa, table.G_Pa, table.E_Pa / (2 * table.G_Pa) - 1
@@ -152,7 +164,7 @@ def _moduli(table: MaterialTable) -> tuple[float, float, float]:
     return table.E_Pa, table.E_Pa / (2 * (1 + table.nu)), table.nu
 
 
-def rectangle_torsion(a: float, b: float) -> float:
+def compute_rectangle_torsion(a: float, b: float) -> float:
     """Return the torsion constant J [m^4] of a rectangle with sides a and b [m].
 
     J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum_{n odd} tanh(n pi a / (2 b)) / n^5), a >= b
@@ -164,7 +176,7 @@ def rectangle_torsion(a: float, b: float) -> float:
     return a * b**3 / 3 * (1 - 192 * b / (np.pi**5 * a) * series)
 
 
-def shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
+def compute_shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
     """Return Cowper's shear factors along y and z [-].
 
     rectangle 10 (1 + nu) / (12 + 11 nu); circle 6 (1 + nu) / (7 + 6 nu);
@@ -180,7 +192,7 @@ def shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
     return factor, factor
 
 
-def section_along(value: Any, sections: Mapping[str, CrossSection], where: Location) -> Section:
+def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Location) -> Section:
     """Assemble a beam's section from one name or from stations [-].
 
     Stations begin at 0, end at 1 and increase, two equal ones are a step; one name is a uniform beam.  Between two sections of
@@ -191,10 +203,10 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
     advice = 'section = [{ at = 0, section = "A" }, { at = 1, section = "B" }]'
     if not isinstance(rows, list) or len(rows) < (1 if uniform else 2):
         expected = "the name of a [sections.NAME], or two or more stations"
-        raise where.wrong("section", f"section = {toml_text(value)}", expected, advice)
-    tables = [validate(StationTable, row, where.inner(f"section[{k}]")) for k, row in enumerate(rows)]
+        raise where.wrong("section", f"section = {format_toml(value)}", expected, advice)
+    tables = [check_table(StationTable, row, where.inner(f"section[{k}]")) for k, row in enumerate(rows)]
     at = np.array([table.at for table in tables])
-    if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or not _are_stations(at)):
+    if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or not _is_station_list(at)):
         expected = "at increasing from 0 to 1 [-]; two equal ones between are a step"
         raise where.wrong("section", f"at = {at.tolist()}", expected, advice)
     for name in (table.section for table in tables):
@@ -207,7 +219,7 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
     stations = [(float(at[0]), own[0])]  # with more between those of one shape, wherever linear would not be the taper
     for (start, first), (end, last) in pairwise(zip(at.tolist(), own, strict=True)):
         if end > start and first.table is not None and type(first.table) is type(last.table):
-            stations += _between(first, last, start, end)
+            stations += _list_stations_between(first, last, start, end)
         stations.append((end, last))
     numbers = np.array([part.numbers for _, part in stations])
     stiffness, mass, rotary, retardation = np.split(numbers, [6, 7, 10], axis=1)
@@ -215,20 +227,22 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
     return Section(at, stiffness, mass[:, 0], rotary, retardation * stiffness if retardation.any() else None)
 
 
-def _are_stations(at: NDArray[np.floating]) -> bool:
+def _is_station_list(at: NDArray[np.floating]) -> bool:
     """True for stations that increase, but for two and two that are equal between the ends: there the section steps."""
     steps = np.diff(at)
     lone = not np.any((steps[1:] == 0.0) & (steps[:-1] == 0.0))
     return bool(np.all(steps >= 0.0) and lone and steps[0] > 0.0 and steps[-1] > 0.0)
 
 
-def _between(first: CrossSection, last: CrossSection, start: float, end: float) -> list[tuple[float, CrossSection]]:
+def _list_stations_between(
+    first: CrossSection, last: CrossSection, start: float, end: float
+) -> list[tuple[float, CrossSection]]:
     """Stations between two of one shape, halved until linear is near enough; stacked instead of nested."""
     out: list[tuple[float, CrossSection]] = []
     todo = [(0.0, first, 1.0, last, 0)]
     while todo:
         a, one, b, two, depth = todo.pop()
-        middle = _mixed(first, last, (a + b) / 2)
+        middle = _make_section_between(first, last, (a + b) / 2)
         off = (one.numbers + two.numbers) / 2 - middle.numbers
         if depth < MOST_HALVINGS and (np.abs(off) > TAPER * np.abs(middle.numbers)).any():
             todo += [((a + b) / 2, middle, b, two, depth + 1), (a, one, (a + b) / 2, middle, depth + 1)]
@@ -237,20 +251,22 @@ def _between(first: CrossSection, last: CrossSection, start: float, end: float) 
     return out
 
 
-def _mixed(first: CrossSection, last: CrossSection, part: float) -> CrossSection:
+def _make_section_between(first: CrossSection, last: CrossSection, part: float) -> CrossSection:
     """The section at a part of the way from one to another of the same shape: dimensions, E, G, density linear."""
     a = first.table
     b = last.table
     assert a is not None
     assert b is not None
 
-    def mean(one: ArrayLike, two: ArrayLike) -> Any:
+    def compute_mean(one: ArrayLike, two: ArrayLike) -> Any:
         return ((1 - part) * np.asarray(one) + part * np.asarray(two)).tolist()
 
     sizes = [key for key in type(a).model_fields if key.endswith("_m")]
     same = (*sizes, "E_Pa", "rho_kg_per_m3", "retardation_s")
-    change = {key: mean(getattr(a, key), getattr(b, key)) for key in same}
-    change |= {"nu": None, "G_Pa": mean(_moduli(a)[1], _moduli(b)[1])}
+    change = {key: compute_mean(getattr(a, key), getattr(b, key)) for key in same}
+    change |= {"nu": None, "G_Pa": compute_mean(_resolve_moduli(a)[1], _resolve_moduli(b)[1])}
     if a.shear_factor or b.shear_factor:
-        change["shear_factor"] = mean(*(one.shear_factor or shear_factors(one, _moduli(one)[2]) for one in (a, b)))
-    return _from_geometry(a.model_copy(update=change))
+        change["shear_factor"] = compute_mean(
+            *(one.shear_factor or compute_shear_factors(one, _resolve_moduli(one)[2]) for one in (a, b))
+        )
+    return _compute_section(a.model_copy(update=change))

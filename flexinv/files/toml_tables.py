@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from flexinv import validation as arguments
 from flexinv.errors import InputError
 from flexinv.files.regular_files import NotRegular, read_regular
-from flexinv.files.values import FORMAT, clean_name, correction
+from flexinv.files.values import FORMAT, check_name, find_correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
 LONGEST_PATH = 4096  # [characters]: the longest that Linux takes
@@ -44,22 +44,22 @@ class Table(BaseModel):
 T = TypeVar("T", bound=Table)
 
 
-def key(expected: str, write: str, default: Any = ...) -> Any:
+def make_key(expected: str, write: str, default: Any = ...) -> Any:
     """Declare a key of a table by the words of its complaint: what is expected [unit] and an example of its value (or a line)."""
     return Field(default, description=expected, examples=[write])
 
 
-def optional(expected: str, write: str) -> Any:
-    """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example."""
-    return key(expected, write, None)
+def make_optional_key(expected: str, write: str) -> Any:
+    """Declare a key that may be absent, which is None then: as `make_key` what is expected [unit] and an example."""
+    return make_key(expected, write, None)
 
 
-def one_of(data: Any, where: Location, name: str, known: Collection[str], expected: str, default: str) -> str:
+def read_option(data: Any, where: Location, name: str, known: Collection[str], expected: str, default: str) -> str:
     """Return the value of the key that decides what a table is [-], ``""`` where it is absent; InputError for an unknown one."""
     value = data.get(name) if isinstance(data, dict) else None
     if value is not None and (not isinstance(value, str) or value not in known):
         write = f'{name} = "{arguments.find_nearest_word(str(value), known) or default}"'
-        raise where.wrong(name, f"{name} = {toml_text(value)}", expected, write)
+        raise where.wrong(name, f"{name} = {format_toml(value)}", expected, write)
     return value or ""
 
 
@@ -68,13 +68,13 @@ def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str)
     try:
         data = read_regular(path, largest)
     except NotRegular as error:
-        raise complaint(str(path)[:LONGEST_PATH], str(error), kind, existing) from None
+        raise make_input_error(str(path)[:LONGEST_PATH], str(error), kind, existing) from None
     if len(data) > largest:
-        raise complaint(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)
+        raise make_input_error(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)
     return data
 
 
-def complaint(where: str, given: str, expected: str, write: str) -> InputError:
+def make_input_error(where: str, given: str, expected: str, write: str) -> InputError:
     """Return the error [-] that names a place on its first line, then what was given, expected, and what to write."""
     return InputError(f"{where}\n  given:    {given}\n  expected: {expected}\n  write:    {write}")
 
@@ -96,18 +96,18 @@ class Location:
         return f"{self.file}: {table}" + (f", key {name}" if name else "")
 
     def wrong(self, key: str, given: str, expected: str, write: str) -> InputError:
-        """Return the `complaint` [-] about a key, ``""`` for the table itself."""
-        return complaint(self.key(key), given, expected, write)
+        """Return the `make_input_error` [-] about a key, ``""`` for the table itself."""
+        return make_input_error(self.key(key), given, expected, write)
 
 
-def toml_text(value: Any, longest: int = 80) -> str:
+def format_toml(value: Any, longest: int = 80) -> str:
     """Write a value as TOML would show it, cut after ``longest`` [characters]."""
     if isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, dict):
-        text = "{ " + ", ".join(f"{k} = {toml_text(v)}" for k, v in list(value.items())[:20]) + " }"
+        text = "{ " + ", ".join(f"{k} = {format_toml(v)}" for k, v in list(value.items())[:20]) + " }"
     elif isinstance(value, list):
-        text = "[" + ", ".join(toml_text(v) for v in value[:20]) + "]"
+        text = "[" + ", ".join(format_toml(v) for v in value[:20]) + "]"
     elif isinstance(value, str):
         text = '"' + value[: longest + 1].encode("unicode_escape").decode("ascii") + '"'
     elif isinstance(value, int) and abs(value) > 1 << 1000:
@@ -120,7 +120,7 @@ def toml_text(value: Any, longest: int = 80) -> str:
 ROBOT_FILES = (".urdf", ".xml", ".sdf", ".usd", ".usda", ".usdc", ".xacro")
 
 
-def toml_file(path: str | Path, name: str) -> Path:
+def resolve_toml_file(path: str | Path, name: str) -> Path:
     """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
     path = Path(arguments.check_path("path", path, f"a folder that has a {name}"))
     if path.suffix in ROBOT_FILES and path.is_file():
@@ -130,7 +130,7 @@ def toml_file(path: str | Path, name: str) -> Path:
         )
         if path.suffix != ".urdf":
             write = "a mechanism.toml; what the file says of the robot, crosscheck compare reads"
-        raise complaint(str(path), given, f"a folder that has a {name}", write)
+        raise make_input_error(str(path), given, f"a folder that has a {name}", write)
     return path if path.suffix == ".toml" else path / name
 
 
@@ -144,22 +144,22 @@ def read_toml(path: Path) -> dict[str, Any]:
     existing = f"{folder / near}" if near else f"the path of a folder that has a {path.name}"
     data = read_bytes(path, LARGEST_FILE, "a TOML file", existing, smaller)
     if LONG_KEY.search(data):
-        raise complaint(str(path), "a key of more than 50 parts", advice, "tables at most a few levels deep")
+        raise make_input_error(str(path), "a key of more than 50 parts", advice, "tables at most a few levels deep")
     try:
         tables = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise complaint(str(path), f"byte {error.start} is not UTF-8", advice, "the file in UTF-8") from None
+        raise make_input_error(str(path), f"byte {error.start} is not UTF-8", advice, "the file in UTF-8") from None
     except RecursionError:
-        raise complaint(str(path), "nesting without end", advice, "tables at most a few levels deep") from None
+        raise make_input_error(str(path), "nesting without end", advice, "tables at most a few levels deep") from None
     except ValueError as error:
         given = re.sub(r"\('(.*?)',?\)", lambda m: "[" + m[1].replace("', '", ".") + "]", str(error))
         write = "TOML as on https://toml.io: strings in quotes, numbers without units, true and false in lower case"
         if "declare" in given or "overwrite" in given:
             write = "a link, joint, section or case once; give the second one a name of its own"
-        raise complaint(str(path), given, "TOML, each table and key once", write) from None
+        raise make_input_error(str(path), given, "TOML, each table and key once", write) from None
     said = tables.get("format", FORMAT)
     if isinstance(said, int) and said > FORMAT:  # before all else: other keys may mean something else in a newer format
-        given = f"format = {toml_text(said)}"
+        given = f"format = {format_toml(said)}"
         expected = f"format {FORMAT} or older: this flexinv knows no newer one"
         write = "the file in this format, or install a newer flexinv, which reads it"
         raise Location(path).wrong("format", given, expected, write)
@@ -171,12 +171,12 @@ def check_names(file: Path, **tables: dict[str, Any]) -> None:
     for kind, names in tables.items():
         for name in names:
             try:
-                clean_name(name)
+                check_name(name)
                 if "/" in name:
                     raise ValueError("a name has no slash: results are named by paths such as torque/elbow")
             except ValueError as error:
-                given = f"the name {toml_text(name)}"
-                raise complaint(f"{file}: tables [{kind}.NAME]", given, str(error), f"[{kind}.arm_1]") from None
+                given = f"the name {format_toml(name)}"
+                raise make_input_error(f"{file}: tables [{kind}.NAME]", given, str(error), f"[{kind}.arm_1]") from None
 
 
 def build_validators() -> None:
@@ -188,22 +188,22 @@ def build_validators() -> None:
         ahead += table.__subclasses__()
 
 
-def validate(model: type[T], data: Any, where: Location) -> T:
+def check_table(model: type[T], data: Any, where: Location) -> T:
     """Check one table against its model; InputError carries a complaint for each key that is wrong [-]."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
         found = error.errors(include_url=False, include_context=False)
     if not isinstance(data, dict):
-        raise where.wrong("", toml_text(data), "a table of keys", f"[{where.table}] and its keys below")
-    complaints = [_explained(model, e, where) for e in found]
+        raise where.wrong("", format_toml(data), "a table of keys", f"[{where.table}] and its keys below")
+    complaints = [_describe_error(model, e, where) for e in found]
     fixed = {new for _, new in complaints if new}
     said = [e["type"] == "missing" and ".".join(map(str, e["loc"])) in fixed for e in found]
     kept = [text for (text, _), twice in zip(complaints, said, strict=True) if not twice]
     raise InputError("\n".join(kept[:5] + ([f"... and {len(kept) - 5} more"] if len(kept) > 5 else [])))
 
 
-def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]:
+def _describe_error(model: type[Table], error: Any, top: Location) -> tuple[str, str]:
     """One complaint, and the missing key that it already tells to write."""
     loc = list(error["loc"])
     index = ""
@@ -212,37 +212,39 @@ def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]
     parts = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc[:-1])
     name = loc[-1]
     inner = Location(top.file, (top.table + parts).removeprefix("."))
-    owner, info = _field(model, [part for part in loc if isinstance(part, str)])
+    owner, info = _find_field(model, [part for part in loc if isinstance(part, str)])
     if error["type"] == "extra_forbidden":
         known = list(owner.model_fields)
-        given = f"{name} = {toml_text(error['input'])}"
-        better = correction(name, error["input"], known)
+        given = f"{name} = {format_toml(error['input'])}"
+        better = find_correction(name, error["input"], known)
         if better:
             right, number = better
             info = owner.model_fields[right]
-            write = f"{right} = {toml_text(number)}" if number is not None else (info.examples or [right])[0]
+            write = f"{right} = {format_toml(number)}" if number is not None else (info.examples or [right])[0]
             expected = f"{right}, {info.description} (a key ends in its unit)"
-            return str(complaint(inner.key(name), given, expected, write)), ".".join(map(str, [*loc[:-1], right]))
+            return str(make_input_error(inner.key(name), given, expected, write)), ".".join(
+                map(str, [*loc[:-1], right])
+            )
         near = arguments.find_nearest_word(name, known)
         advice = f"{near} instead of {name}" if near else "one of these, or remove it"
         fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
-        return str(complaint(inner.key(name), given, f"one of {', '.join(known)}", advice)), fixed
+        return str(make_input_error(inner.key(name), given, f"one of {', '.join(known)}", advice)), fixed
     expected, write = (info.description or "", info.examples[0]) if info and info.examples else (error["msg"], name)
     if error["type"] == "missing":
         return str(inner.wrong(name, "nothing", expected, write)), ""
     said = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    given = f"{name}{index} = {toml_text(error['input'])}  ({said[0].lower()}{said[1:]})"
+    given = f"{name}{index} = {format_toml(error['input'])}  ({said[0].lower()}{said[1:]})"
     return str(inner.wrong(name, given, expected, write)), ""
 
 
-def _field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:
+def _find_field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:
     """Follow a path of keys through nested tables: the table that owns the last key, and what is known of it."""
     info = model.model_fields.get(keys[0])
-    inner = _table_in(info.annotation) if info and len(keys) > 1 else None
-    return (model, info) if inner is None else _field(inner, keys[1:])
+    inner = _find_table(info.annotation) if info and len(keys) > 1 else None
+    return (model, info) if inner is None else _find_field(inner, keys[1:])
 
 
-def _table_in(annotation: Any) -> type[Table] | None:
+def _find_table(annotation: Any) -> type[Table] | None:
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return annotation
-    return next((t for t in map(_table_in, get_args(annotation)) if t), None)
+    return next((t for t in map(_find_table, get_args(annotation)) if t), None)

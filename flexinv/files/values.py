@@ -14,7 +14,7 @@ LONGEST_NAME = 100
 LONGEST_TEXT = 4000
 
 
-def bounded(value: Any) -> Any:
+def check_bounded(value: Any) -> Any:
     """Refuse (ValueError) what is no finite number of a size that can be meant, at most ``LARGEST_NUMBER`` [any unit]."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError("should be a number")
@@ -23,14 +23,14 @@ def bounded(value: Any) -> Any:
     return value
 
 
-def clean_name(name: str) -> str:
+def check_name(name: str) -> str:
     """Return a name [-]; ValueError for one that is empty, long or has control characters."""
     if not name.isprintable() or not name.strip() or len(name) > LONGEST_NAME:
         raise ValueError(f"a name is 1 to {LONGEST_NAME} printable characters, none of them a control character")
     return name
 
 
-def _clean_text(text: str) -> str:
+def _check_text(text: str) -> str:
     if not text.strip() or len(text) > LONGEST_TEXT:
         raise ValueError(f"a text is 1 to {LONGEST_TEXT} characters and not only blanks")
     if not all(c.isprintable() or c == "\n" for c in text):
@@ -38,22 +38,22 @@ def _clean_text(text: str) -> str:
     return text
 
 
-def _known_format(version: int) -> int:
+def _check_format_version(version: int) -> int:
     if not 1 <= version <= FORMAT:
         raise ValueError(f"this version of flexinv reads formats 1 to {FORMAT}; a newer format needs a newer flexinv")
     return version
 
 
-Format = Annotated[int, AfterValidator(_known_format)]
-Number = Annotated[float, BeforeValidator(bounded)]
+Format = Annotated[int, AfterValidator(_check_format_version)]
+Number = Annotated[float, BeforeValidator(check_bounded)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Fraction = Annotated[Number, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Name = Annotated[str, AfterValidator(clean_name)]
-Text = Annotated[str, AfterValidator(_clean_text)]
+Name = Annotated[str, AfterValidator(check_name)]
+Text = Annotated[str, AfterValidator(_check_text)]
 
 
 # One dictionary per dimension: unit as it is written in a key -> its size in the unit of size 1 (the SI one).
@@ -96,7 +96,7 @@ def split_unit(key: str) -> tuple[str, str]:
     return key, ""
 
 
-def converted(value: Any, unit: str, target: str) -> Any:
+def convert_number(value: Any, unit: str, target: str) -> Any:
     """Return a number, or a list or table of numbers, given in [unit], in [target]; None if that cannot be.
 
     Twelve digits are kept: what was typed in one unit reads as it would be typed in the other.
@@ -104,17 +104,17 @@ def converted(value: Any, unit: str, target: str) -> Any:
     if unit not in UNITS or UNITS[unit] is not UNITS.get(target):
         return None
     if isinstance(value, list):
-        parts = [converted(part, unit, target) for part in value]
+        parts = [convert_number(part, unit, target) for part in value]
         return None if any(part is None for part in parts) else parts
     if isinstance(value, dict):
-        table = {key: converted(part, unit, target) for key, part in value.items()}
+        table = {key: convert_number(part, unit, target) for key, part in value.items()}
         return None if any(part is None for part in table.values()) else table
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(f"{value * UNITS[unit][unit] / UNITS[unit][target]:.12g}")
 
 
-def correction(key: str, value: Any, known: Iterable[str]) -> tuple[str, Any] | None:
+def find_correction(key: str, value: Any, known: Iterable[str]) -> tuple[str, Any] | None:
     """Find the known key that ``key`` is in another unit or without one, and the value in that key's unit [-].
 
     Returns None when no known key has the same stem; the value is None when it cannot be converted.
@@ -122,7 +122,7 @@ def correction(key: str, value: Any, known: Iterable[str]) -> tuple[str, Any] | 
     stem, unit = split_unit(key)
     same = [name for name in known if split_unit(name)[0] == stem and split_unit(name)[1]]
     for name in same:
-        number = converted(value, unit, split_unit(name)[1])
+        number = convert_number(value, unit, split_unit(name)[1])
         if number is not None:
             return name, number
     return (same[0], value if not unit and len(same) == 1 else None) if same else None

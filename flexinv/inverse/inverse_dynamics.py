@@ -153,7 +153,7 @@ def compute_applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> Noda
         length = np.linalg.norm(xb - xa, axis=1, keepdims=True)
         along = (xb - xa) / np.maximum(length, np.finfo(float).tiny)
         rate = np.sum(along * (vb - va), axis=1, keepdims=True)
-        pull = (spring.pull(length) + spring.damping * rate) * along  # on a, towards b
+        pull = (spring.evaluate_pull(length) + spring.damping * rate) * along  # on a, towards b
         for node, arm, own in ((a, arm_a, pull), (b, arm_b, -pull)):
             _add(out, node, arm, own, np.zeros_like(pull))
     for force in m.forces:

@@ -52,7 +52,7 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: Mo
     The error names spring and instant, to 1e-9 s where the motion is given and within a step where it was marched.
     """
     for spring in mesh.mechanism.springs:
-        if float(spring.pull(np.zeros(1))[0]) == 0.0:
+        if float(spring.evaluate_pull(np.zeros(1))[0]) == 0.0:
             continue  # its force is smooth there
         if given is None or len(time) < 2:
             instant = find_zero_vector(_compute_gap(mesh, motion, spring), time, mesh.length)

@@ -22,7 +22,7 @@ from flexinv.elements.quadrature import build_reference
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, check_expanded
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
 # Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
@@ -121,7 +121,7 @@ class _Builder(Places):
         owner = self.mechanism.links[link]
         for axis in joint.axes:
             node = self.node(node, number, placement, link)
-            self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.subspace(axis)
+            self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.compute_motion_subspace(axis)
             placement = _AT_ITS_PARENT
             q = q + CONFIGURATIONS[number]
             v = v + VELOCITIES[number]
@@ -269,7 +269,7 @@ def _assemble_elements(rows: list[list[Array]]) -> Elements:
     return padded if padded.damping.any() else padded._replace(damping=padded.damping[:0])
 
 
-@kept_with_owner()
+@make_owner_cache()
 def build(mechanism: Mechanism) -> Mesh:
     """Return the mesh of a mechanism: nodes with masses [kg] and inertias [kg m^2], elements with stiffnesses [N].
 

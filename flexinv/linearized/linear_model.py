@@ -35,7 +35,7 @@ from flexinv.linearized.steady_modes import Steady, build_steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Complex, Sparse
 from flexinv.validation import check_kind, check_names, check_whole_number
 
@@ -120,7 +120,7 @@ class LinearModel(ByValue):
         return self.A, self.B, self.C, self.D
 
 
-@kept_with_owner()
+@make_owner_cache()
 def build_refined_model(model: LinearModel) -> LinearModel:
     """Return the same model of a finer mesh [1/s]: two elements of the next order in place of each."""
     of = model.origin

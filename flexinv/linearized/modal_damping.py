@@ -11,13 +11,13 @@ from dataclasses import replace
 from flexinv.errors import InputError
 from flexinv.linearized.natural_modes import Modes, natural_modes
 from flexinv.model.mechanism import Mechanism, with_retardation
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 
 # So many modes are named in the note that says what a ratio at one of them makes of the others.
 NAMED = 4
 
 
-@kept_with_owner()
+@make_owner_cache()
 def apply_stated_ratio(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
 

@@ -47,7 +47,7 @@ from flexinv.linearized.slowest_modes import find_slowest_circulatory, find_slow
 from flexinv.linearized.slowest_roots import find_slowest_roots
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import freeze, kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache, make_read_only
 from flexinv.typing import Array, Complex, Sparse
 from flexinv.validation import (
     check_kind,
@@ -164,7 +164,7 @@ def update_start(topology, scheme, state, y):
     end_step(topology, scheme, state)
 
 
-@kept_with_owner()
+@make_owner_cache()
 def compute_refined_modes(modes: Modes) -> Modes:
     """Return the same modes of a finer mesh [Hz]: two elements of the next order in place of each."""
     finer = modes.mesh.mechanism.refined(2, 1)
@@ -334,7 +334,9 @@ def compute_rest_matrices(solver: Solver, joints: Joints) -> Matrices:
     """Return M, C and K [kg, N, m, s] at rest; dry friction, whose effort has no derivative there, is left out."""
     drives = solver.topology.drives.copy()
     drives[2] = 0.0
-    return compute_tied_matrices(replace(solver, topology=solver.topology._replace(drives=freeze(drives))), joints)
+    return compute_tied_matrices(
+        replace(solver, topology=solver.topology._replace(drives=make_read_only(drives))), joints
+    )
 
 
 def compute_tied_matrices(solver: Solver, joints: Joints) -> Matrices:

@@ -47,7 +47,7 @@ from flexinv.linearized.natural_modes import Shapes
 from flexinv.linearized.slowest_roots import find_slowest_roots
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Complex, Sparse
 
 # Displacements below this part of the mechanism's length times rotations are rounding of nothing.
@@ -369,7 +369,7 @@ class SteadyModes(Shapes):
         return np.asarray(np.divide(0.0 - self.root.real, size, out=np.full(len(size), np.nan), where=size > 0))
 
 
-@kept_with_owner()
+@make_owner_cache()
 def compute_refined_modes(modes: SteadyModes) -> SteadyModes:
     """Return the same modes of a finer mesh [1/s]: two elements of the next order in place of each."""
     finer = modes.mesh.mechanism.refined(2, 1)

@@ -32,14 +32,14 @@ class GasLaw(Frozen):
     exponent: float = 1.0
 
     RULES: ClassVar[rules.Rules] = {
-        "force": rules.real("N"), "travel": rules.real("m"), "exponent": rules.real("-", 0.0, above=True),
+        "force": rules.make_real_rule("N"), "travel": rules.make_real_rule("m"), "exponent": rules.make_real_rule("-", 0.0, above=True),
     }  # fmt: skip
 
     def _check(self, where: str) -> None:
         if self.travel == 0.0:
             raise InputError(f"{where}travel = 0: expected the volume of the gas over the piston's area, not zero [m]")
 
-    def pull(self, length: ArrayLike, rest: float) -> Array:
+    def evaluate_pull(self, length: ArrayLike, rest: float) -> Array:
         """Return the pull [N] at lengths [m] (any shape)."""
         left = 1.0 - (np.asarray(length, dtype=np.float64) - rest) / self.travel
         return np.asarray(self.force * left**-self.exponent)
@@ -49,7 +49,7 @@ class GasLaw(Frozen):
         left = 1.0 - (np.asarray(length, dtype=np.float64) - rest) / self.travel
         return np.asarray(self.force * self.exponent / self.travel * left ** (-self.exponent - 1.0))
 
-    def scaled(self, factor: float) -> GasLaw:
+    def scale_forces(self, factor: float) -> GasLaw:
         """Return the law with all forces times a factor [-]."""
         return replace(self, force=self.force * factor)
 
@@ -64,7 +64,10 @@ class TableLaw(Frozen):
     length: Array
     force: Array
 
-    RULES: ClassVar[rules.Rules] = {"length": rules.real_array((None,), "m"), "force": rules.real_array((None,), "N")}
+    RULES: ClassVar[rules.Rules] = {
+        "length": rules.make_array_rule((None,), "m"),
+        "force": rules.make_array_rule((None,), "N"),
+    }
 
     def _check(self, where: str) -> None:
         if len(self.length) < 2 or (np.diff(self.length) <= 0.0).any():
@@ -82,23 +85,23 @@ class TableLaw(Frozen):
         after = [self.length[-1], 0.0, 0.0, ends[1], self.force[-1]]
         return np.vstack([before, np.column_stack([self.length[:-1], inner.c.T]), after])
 
-    def _piece(self, length: ArrayLike) -> tuple[Array, Array]:
+    def _find_piece(self, length: ArrayLike) -> tuple[Array, Array]:
         table = self.pieces()
         at = np.asarray(length, dtype=np.float64)
         piece = table[np.clip(np.searchsorted(table[:, 0], at, side="right") - 1, 0, len(table) - 1)]
         return piece[..., 1:], at - np.where(np.isfinite(piece[..., 0]), piece[..., 0], self.length[0])
 
-    def pull(self, length: ArrayLike, rest: float) -> Array:
+    def evaluate_pull(self, length: ArrayLike, rest: float) -> Array:
         """Return the pull [N] at lengths [m] (any shape); the table's lengths are whole ones, ``rest`` has no part in it."""
-        c, x = self._piece(length)
+        c, x = self._find_piece(length)
         return np.asarray(((c[..., 0] * x + c[..., 1]) * x + c[..., 2]) * x + c[..., 3])
 
     def slope(self, length: ArrayLike, rest: float) -> Array:
         """Return the derivative of the pull by the length [N/m] at lengths [m] (any shape)."""
-        c, x = self._piece(length)
+        c, x = self._find_piece(length)
         return np.asarray((3.0 * c[..., 0] * x + 2.0 * c[..., 1]) * x + c[..., 2])
 
-    def scaled(self, factor: float) -> TableLaw:
+    def scale_forces(self, factor: float) -> TableLaw:
         """Return the law with all forces times a factor [-]."""
         return TableLaw(self.length, self.force * factor)
 
@@ -120,7 +123,7 @@ COUPLED_JOINTS = f"{', '.join(GEARED[:-1])} and {GEARED[-1]} joints"  # in words
 IMPACTS = ("error", "plastic")
 
 
-_INSTANT = rules.real("s", infinite=True)
+_INSTANT = rules.make_real_rule("s", infinite=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +152,10 @@ class Closure(Frozen):
     offset: float = 0.0
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "kind": rules.option(CLOSURES), "first": rules.of(Attachment), "second": rules.of(Attachment),
-        "axis": rules.unit_vector, "second_axis": rules.unit_vector, "active": rules.several(rules.pair(_INSTANT, _INSTANT)),
-        "capture": rules.truth, "impact": rules.option(IMPACTS),
-        "factors": rules.several(rules.pair(rules.text, rules.real("-"))), "offset": rules.real("rad or m"),
+        "name": rules.check_text, "kind": rules.make_option_rule(CLOSURES), "first": rules.make_kind_rule(Attachment), "second": rules.make_kind_rule(Attachment),
+        "axis": rules.check_unit_vector, "second_axis": rules.check_unit_vector, "active": rules.make_list_rule(rules.make_pair_rule(_INSTANT, _INSTANT)),
+        "capture": rules.check_truth, "impact": rules.make_option_rule(IMPACTS),
+        "factors": rules.make_list_rule(rules.make_pair_rule(rules.check_text, rules.make_real_rule("-"))), "offset": rules.make_real_rule("rad or m"),
     }  # fmt: skip
 
     def _check(self, where: str) -> None:
@@ -178,14 +181,14 @@ class Spring(Frozen):
     law: SpringLaw | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "first": rules.of(Attachment), "second": rules.of(Attachment),
-        "stiffness": rules.real("N/m", 0.0), "rest": rules.real("m"), "damping": rules.real("N s/m", 0.0),
-        "law": rules.or_none(rules.of(GasLaw, TableLaw)),
+        "name": rules.check_text, "first": rules.make_kind_rule(Attachment), "second": rules.make_kind_rule(Attachment),
+        "stiffness": rules.make_real_rule("N/m", 0.0), "rest": rules.make_real_rule("m"), "damping": rules.make_real_rule("N s/m", 0.0),
+        "law": rules.make_optional_rule(rules.make_kind_rule(GasLaw, TableLaw)),
     }  # fmt: skip
 
-    def pull(self, length: Array) -> Array:
+    def evaluate_pull(self, length: Array) -> Array:
         """Return the pull without its damping [N] at lengths [m] (any shape)."""
-        return self.stiffness * (length - self.rest) if self.law is None else self.law.pull(length, self.rest)
+        return self.stiffness * (length - self.rest) if self.law is None else self.law.evaluate_pull(length, self.rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,8 +206,8 @@ class Force(Frozen):
     follower: bool = False
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "at": rules.of(Attachment), "wrench": rules.real_array((None, 6), "N, N m"),
-        "time": rules.real_array((None,), "s"), "follower": rules.truth,
+        "name": rules.check_text, "at": rules.make_kind_rule(Attachment), "wrench": rules.make_array_rule((None, 6), "N, N m"),
+        "time": rules.make_array_rule((None,), "s"), "follower": rules.check_truth,
     }  # fmt: skip
 
     def _check(self, where: str) -> None:

@@ -19,7 +19,7 @@ def is_same(one: Any, other: Any) -> bool:
     if one is other:
         return True
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return _are_same_arrays(one, other)
+        return _is_same_array(one, other)
     if type(one) is not type(other):
         return bool(one == other) if isinstance(one, int | float) and isinstance(other, int | float) else False
     if isinstance(one, tuple | list):
@@ -39,22 +39,22 @@ def is_same(one: Any, other: Any) -> bool:
     return bool(one == other) or bool(one != one and other != other)
 
 
-def _are_same_arrays(one: Any, other: Any) -> bool:
+def _is_same_array(one: Any, other: Any) -> bool:
     if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray)) or one.dtype.kind != other.dtype.kind:
         return False
     return np.array_equal(one, other, equal_nan=one.dtype.kind in "fc")
 
 
-def digest(value: Any) -> int:
+def compute_hash(value: Any) -> int:
     """Return a hash [-] that is the same for all values that `is_same` calls equal."""
     if isinstance(value, np.ndarray):
         return hash((value.shape, (value + 0.0).tobytes()))  # minus zero is zero
     if isinstance(value, tuple | list):
-        return hash(tuple(map(digest, value)))
+        return hash(tuple(map(compute_hash, value)))
     if isinstance(value, Mapping):
-        return hash(frozenset((key, digest(part)) for key, part in value.items()))
+        return hash(frozenset((key, compute_hash(part)) for key, part in value.items()))
     if is_dataclass(value):
-        return hash(tuple(digest(getattr(value, field.name)) for field in fields(value) if field.compare))
+        return hash(tuple(compute_hash(getattr(value, field.name)) for field in fields(value) if field.compare))
     return hash(value) if isinstance(value, Hashable) else 0
 
 

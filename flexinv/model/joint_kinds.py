@@ -85,7 +85,7 @@ CONFIGURATIONS = {RIGID: 0, SECTION: 0} | {k.number: len(k.q) for k in KINDS.val
 VELOCITIES = {RIGID: 0, SECTION: 0} | {k.number: len(k.v) for k in KINDS.values() if k != KINDS["universal"]}
 
 
-def motion_subspace(number: int, axis: Array, pitch: float = 0.0) -> tuple[Array, Array]:
+def compute_motion_subspace(number: int, axis: Array, pitch: float = 0.0) -> tuple[Array, Array]:
     """Return S_v, S_w, (nv, 3) each [-] or [m/rad], of a node's joint about or along ``axis`` (3,) [-], in the child's frame.
 
     pitch : of a helical joint [m], its way along the axis for a whole turn about it

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexinv.model import rules
-from flexinv.model.joint_kinds import KINDS, motion_subspace
+from flexinv.model.joint_kinds import KINDS, compute_motion_subspace
 from flexinv.model.links import STATION, Frozen, Placement
 from flexinv.typing import Array
 
@@ -26,8 +26,8 @@ class Limits(Frozen):
     upper: float = np.inf
 
     RULES: ClassVar[rules.Rules] = {
-        "effort": rules.real("N m or N", 0.0, infinite=True), "velocity": rules.real("rad/s or m/s", 0.0, infinite=True),
-        "lower": rules.real("rad or m", infinite=True), "upper": rules.real("rad or m", infinite=True),
+        "effort": rules.make_real_rule("N m or N", 0.0, infinite=True), "velocity": rules.make_real_rule("rad/s or m/s", 0.0, infinite=True),
+        "lower": rules.make_real_rule("rad or m", infinite=True), "upper": rules.make_real_rule("rad or m", infinite=True),
     }  # fmt: skip
 
 
@@ -53,11 +53,11 @@ class Drive(Frozen):
     moves: str = "link"
 
     RULES: ClassVar[rules.Rules] = {
-        "ratio": rules.real("- or rad/m"), "rotor_inertia": rules.real("kg m^2", 0.0),
-        "stiffness": rules.real("N m/rad or N/m", 0.0), "damping": rules.real("N m s/rad or N s/m", 0.0),
-        "torque_constant": rules.real("N m/A", 0.0), "viscous": rules.real("N m s/rad", 0.0),
-        "coulomb": rules.real("N m", 0.0), "static": rules.real("N m", 0.0),
-        "stribeck": rules.real("rad/s", 0.0, above=True), "moves": rules.option(("link", "motor")),
+        "ratio": rules.make_real_rule("- or rad/m"), "rotor_inertia": rules.make_real_rule("kg m^2", 0.0),
+        "stiffness": rules.make_real_rule("N m/rad or N/m", 0.0), "damping": rules.make_real_rule("N m s/rad or N s/m", 0.0),
+        "torque_constant": rules.make_real_rule("N m/A", 0.0), "viscous": rules.make_real_rule("N m s/rad", 0.0),
+        "coulomb": rules.make_real_rule("N m", 0.0), "static": rules.make_real_rule("N m", 0.0),
+        "stribeck": rules.make_real_rule("rad/s", 0.0, above=True), "moves": rules.make_option_rule(("link", "motor")),
     }  # fmt: skip
 
 
@@ -97,12 +97,12 @@ class Joint(Frozen):
     pitch: float = 0.0
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "kind": rules.option(KINDS), "parent": rules.text, "child": rules.text,
-        "placement": rules.of(Placement), "station": STATION, "axis": rules.unit_vector, "second_axis": rules.unit_vector,
-        "rotor_inertia": rules.real("kg m^2 or kg", 0.0), "damping": rules.real("N m s/rad or N s/m", 0.0),
-        "friction": rules.real("N m or N", 0.0), "stiffness": rules.real("N m/rad or N/m", 0.0),
-        "rest": rules.real("rad or m"), "actuated": rules.truth, "weight": rules.real("-", 0.0, above=True),
-        "limits": rules.of(Limits), "drive": rules.or_none(rules.of(Drive)), "pitch": rules.real("m"),
+        "name": rules.check_text, "kind": rules.make_option_rule(KINDS), "parent": rules.check_text, "child": rules.check_text,
+        "placement": rules.make_kind_rule(Placement), "station": STATION, "axis": rules.check_unit_vector, "second_axis": rules.check_unit_vector,
+        "rotor_inertia": rules.make_real_rule("kg m^2 or kg", 0.0), "damping": rules.make_real_rule("N m s/rad or N s/m", 0.0),
+        "friction": rules.make_real_rule("N m or N", 0.0), "stiffness": rules.make_real_rule("N m/rad or N/m", 0.0),
+        "rest": rules.make_real_rule("rad or m"), "actuated": rules.check_truth, "weight": rules.make_real_rule("-", 0.0, above=True),
+        "limits": rules.make_kind_rule(Limits), "drive": rules.make_optional_rule(rules.make_kind_rule(Drive)), "pitch": rules.make_real_rule("m"),
     }  # fmt: skip
 
     @property
@@ -120,6 +120,6 @@ class Joint(Frozen):
         """Axes (3,) [-] of the joint's nodes, one after the other: a universal joint is two revolute ones."""
         return (self.axis, self.second_axis) if self.kind == "universal" else (self.axis,)
 
-    def subspace(self, axis: Array) -> tuple[Array, Array]:
+    def compute_motion_subspace(self, axis: Array) -> tuple[Array, Array]:
         """Return the motion subspace S_v, S_w (coordinates, 3) [-] of the node with this one of the ``axes``."""
-        return motion_subspace(KINDS[self.kind].number, axis, self.pitch)
+        return compute_motion_subspace(KINDS[self.kind].number, axis, self.pitch)

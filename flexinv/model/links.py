@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model import rules
-from flexinv.model.by_value import ByValue, digest
+from flexinv.model.by_value import ByValue, compute_hash
 from flexinv.typing import Array
 
 T = TypeVar("T", bound=np.generic)
@@ -39,7 +39,7 @@ class Frozen(ByValue):
             held = rule(where + name, given)
             if held is not given:
                 object.__setattr__(self, name, held)
-        self._freeze()
+        self._replace_writable_arrays()
         self._check(where)
 
     def _name(self) -> str:
@@ -50,7 +50,7 @@ class Frozen(ByValue):
     def _check(self, where: str) -> None:
         """Raise InputError where fields contradict one another [any unit]; each of them keeps its rule."""
 
-    def _freeze(self) -> None:
+    def _replace_writable_arrays(self) -> None:
         """Replace every array that can be written to by a copy that cannot."""
         for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and value.flags.writeable:
@@ -59,11 +59,11 @@ class Frozen(ByValue):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over what a pickle or a copy holds, and freeze it again."""
         self.__dict__.update(state)
-        self._freeze()
+        self._replace_writable_arrays()
 
     def __hash__(self) -> int:
         """Return the hash of the data [-]."""
-        return digest(self)
+        return compute_hash(self)
 
 
 def read_only(values: NDArray[T]) -> NDArray[T]:
@@ -80,10 +80,10 @@ class Placement(Frozen):
     position: Array = field(default_factory=lambda: rules.ORIGIN)
     rotation: Array = field(default_factory=lambda: rules.IDENTITY)
 
-    RULES: ClassVar[rules.Rules] = {"position": rules.real_array((3,), "m"), "rotation": rules.rotation}
+    RULES: ClassVar[rules.Rules] = {"position": rules.make_array_rule((3,), "m"), "rotation": rules.check_rotation}
 
 
-STATION = rules.or_none(rules.real("-", 0.0, most=1.0))
+STATION = rules.make_optional_rule(rules.make_real_rule("-", 0.0, most=1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +94,18 @@ class Attachment(Frozen):
     placement: Placement = field(default_factory=Placement)
     station: float | None = None
 
-    RULES: ClassVar[rules.Rules] = {"link": rules.text, "placement": rules.of(Placement), "station": STATION}
+    RULES: ClassVar[rules.Rules] = {
+        "link": rules.check_text,
+        "placement": rules.make_kind_rule(Placement),
+        "station": STATION,
+    }
 
 
 # Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
 DIGITS = 1e-6
 
 
-def impossible(tensor: Array) -> str:
+def describe_impossible_inertia(tensor: Array) -> str:
     """Return the reason against an inertia (3, 3) [kg m^2], ``""`` for one that a body can have.
 
     It is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
@@ -133,15 +137,15 @@ class Inertia(Frozen):
     tensor: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     RULES: ClassVar[rules.Rules] = {
-        "mass": rules.real("kg"),
-        "com": rules.real_array((3,), "m"),
-        "tensor": rules.real_array((3, 3), "kg m^2"),
+        "mass": rules.make_real_rule("kg"),
+        "com": rules.make_array_rule((3,), "m"),
+        "tensor": rules.make_array_rule((3, 3), "kg m^2"),
     }
 
     def _check(self, where: str) -> None:
         if self.mass < 0.0:
             raise InputError(f"{where}mass = {self.mass:g}: expected a mass, 0 or more [kg]; write {-self.mass:g}")
-        if reason := impossible(self.tensor):
+        if reason := describe_impossible_inertia(self.tensor):
             expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
             advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
             raise InputError(f"{where}tensor = {self.tensor.tolist()}: {reason}; expected {expected}; write {advice}")
@@ -156,7 +160,9 @@ class Inertia(Frozen):
             object.__setattr__(made, name, cls.RULES[name](f"Inertia: {name}", value))
         return made
 
-    def restated(self, mass: float | None = None, com: Array | None = None, tensor: Array | None = None) -> Inertia:
+    def replace_unchecked(
+        self, mass: float | None = None, com: Array | None = None, tensor: Array | None = None
+    ) -> Inertia:
         """Return it with other numbers [kg], [m], [kg m^2], whether or not a body can have them."""
         place = self.com if com is None else com
         moments = self.tensor if tensor is None else tensor
@@ -174,7 +180,11 @@ class Body(Frozen):
     inertia: Inertia
     station: float | None = None
 
-    RULES: ClassVar[rules.Rules] = {"name": rules.text, "inertia": rules.of(Inertia), "station": STATION}
+    RULES: ClassVar[rules.Rules] = {
+        "name": rules.check_text,
+        "inertia": rules.make_kind_rule(Inertia),
+        "station": STATION,
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,11 +205,11 @@ class Section(Frozen):
     damping: Array | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "stations": rules.real_array((None,), "-", least=0.0),
-        "stiffness": rules.real_array((None, 6), "N, N m^2", least=0.0),
-        "mass_per_length": rules.real_array((None,), "kg/m", least=0.0),
-        "rotary_inertia": rules.real_array((None, 3), "kg m", least=0.0),
-        "damping": rules.or_none(rules.real_array((None, 6), "N s, N m^2 s", least=0.0)),
+        "stations": rules.make_array_rule((None,), "-", least=0.0),
+        "stiffness": rules.make_array_rule((None, 6), "N, N m^2", least=0.0),
+        "mass_per_length": rules.make_array_rule((None,), "kg/m", least=0.0),
+        "rotary_inertia": rules.make_array_rule((None, 3), "kg m", least=0.0),
+        "damping": rules.make_optional_rule(rules.make_array_rule((None, 6), "N s, N m^2 s", least=0.0)),
     }
 
     def _check(self, where: str) -> None:
@@ -233,8 +243,8 @@ class Beam(Frozen):
     placement: Placement = field(default_factory=Placement)
 
     RULES: ClassVar[rules.Rules] = {
-        "length": rules.real("m", 0.0, above=True), "section": rules.of(Section), "elements": rules.count(1),
-        "order": rules.count(1), "curvature": rules.real_array((3,), "1/m"), "placement": rules.of(Placement),
+        "length": rules.make_real_rule("m", 0.0, above=True), "section": rules.make_kind_rule(Section), "elements": rules.count(1),
+        "order": rules.count(1), "curvature": rules.make_array_rule((3,), "1/m"), "placement": rules.make_kind_rule(Placement),
     }  # fmt: skip
 
 
@@ -251,8 +261,8 @@ class Link(Frozen):
     tip: Array = field(default_factory=lambda: np.zeros(3))
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "bodies": rules.several(rules.of(Body)), "beam": rules.or_none(rules.of(Beam)),
-        "tip": rules.real_array((3,), "m"),
+        "name": rules.check_text, "bodies": rules.make_list_rule(rules.make_kind_rule(Body)), "beam": rules.make_optional_rule(rules.make_kind_rule(Beam)),
+        "tip": rules.make_array_rule((3,), "m"),
     }  # fmt: skip
 
     def _check(self, where: str) -> None:

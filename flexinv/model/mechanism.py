@@ -64,7 +64,7 @@ class ModalDamping(Frozen):
     seconds: float | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "ratio": rules.real("-", 0.0), "mode": rules.count(1), "seconds": rules.or_none(rules.real("s", 0.0)),
+        "ratio": rules.make_real_rule("-", 0.0), "mode": rules.count(1), "seconds": rules.make_optional_rule(rules.make_real_rule("s", 0.0)),
     }  # fmt: skip
 
     def __str__(self) -> str:
@@ -100,12 +100,12 @@ class Mechanism(Frozen):
     modal_damping: ModalDamping | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.text, "links": rules.several(rules.of(Link)), "joints": rules.several(rules.of(Joint)),
-        "gravity": rules.real_array((3,), "m/s^2"), "closures": rules.several(rules.of(Closure)),
-        "springs": rules.several(rules.of(Spring)), "forces": rules.several(rules.of(Force)),
-        "title": rules.text, "source": rules.text, "urdf": rules.or_none(rules.of(Path)),
-        "packages": rules.several(rules.of(Path)), "notes": rules.several(rules.text),
-        "modal_damping": rules.or_none(rules.of(ModalDamping)),
+        "name": rules.check_text, "links": rules.make_list_rule(rules.make_kind_rule(Link)), "joints": rules.make_list_rule(rules.make_kind_rule(Joint)),
+        "gravity": rules.make_array_rule((3,), "m/s^2"), "closures": rules.make_list_rule(rules.make_kind_rule(Closure)),
+        "springs": rules.make_list_rule(rules.make_kind_rule(Spring)), "forces": rules.make_list_rule(rules.make_kind_rule(Force)),
+        "title": rules.check_text, "source": rules.check_text, "urdf": rules.make_optional_rule(rules.make_kind_rule(Path)),
+        "packages": rules.make_list_rule(rules.make_kind_rule(Path)), "notes": rules.make_list_rule(rules.check_text),
+        "modal_damping": rules.make_optional_rule(rules.make_kind_rule(ModalDamping)),
     }  # fmt: skip
 
     def _check(self, where: str) -> None:
@@ -180,12 +180,12 @@ class Mechanism(Frozen):
     @cached_property
     def q_slices(self) -> dict[str, slice]:
         """Return the slice of each joint's coordinates in a q array."""
-        return _slices([(j.name, j.nq) for j in self.joints])
+        return _list_slices([(j.name, j.nq) for j in self.joints])
 
     @cached_property
     def v_slices(self) -> dict[str, slice]:
         """Return the slice of each joint's coordinates in a qd, qdd or torque array."""
-        return _slices([(j.name, j.nv) for j in self.joints])
+        return _list_slices([(j.name, j.nv) for j in self.joints])
 
     @cached_property
     def actuated(self) -> NDArray[np.bool_]:
@@ -229,13 +229,13 @@ class Mechanism(Frozen):
         """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
         times = check_whole_number("elements", elements, 1)
         more = check_whole_number("order", order, 0)
-        return self._with_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
+        return self._replace_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
 
     def with_mesh(self, elements: int, order: int) -> Mechanism:
         """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
         count = check_whole_number("elements", elements, 1)
         degree = check_whole_number("order", order, 1)
-        return self._with_beams(lambda b: replace(b, elements=count, order=degree))
+        return self._replace_beams(lambda b: replace(b, elements=count, order=degree))
 
     def with_body(self, link: str, body: Body) -> Mechanism:
         """Return the mechanism with one more body on a link: a payload [kg], at its station [-] where the link is a beam.
@@ -254,12 +254,12 @@ class Mechanism(Frozen):
         loaded = replace(owner, bodies=(*owner.bodies, body))
         return replace(self, links=tuple(loaded if one is owner else one for one in self.links))
 
-    def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
+    def _replace_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
         links = (link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)
         return replace(self, links=tuple(links))
 
 
-def _slices(sizes: list[tuple[str, int]]) -> dict[str, slice]:
+def _list_slices(sizes: list[tuple[str, int]]) -> dict[str, slice]:
     ends = np.cumsum([0] + [n for _, n in sizes])
     return {name: slice(int(a), int(b)) for (name, _), a, b in zip(sizes, ends, ends[1:], strict=False)}
 
@@ -273,13 +273,13 @@ def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
     times = np.asarray(seconds, dtype=float)
     if times.shape not in ((), (6,)) or not np.isfinite(times).all() or (times < 0).any():
         raise InputError(f"retardation times {times.tolist()}: expected one number >= 0 or six [s], for example 1e-3")
-    damped = mechanism._with_beams(
+    damped = mechanism._replace_beams(
         lambda b: replace(b, section=replace(b.section, damping=times * b.section.stiffness))
     )
     return replace(damped, modal_damping=None)
 
 
-def expanded(mechanism: Mechanism) -> Mechanism:
+def build_drive_model(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism that the drives make [kg m^2], [N m/rad]: rotors in joints, springs where the motor is moved.
 
     rotor N^2 J, damping N^2 v, dry friction N c at the joint; the Stribeck part above c is the motor's alone (`motor_side`)
@@ -322,5 +322,5 @@ def check_expanded(joint: Joint) -> None:
     elastic = drive.stiffness and not joint.child.endswith(GEAR)
     own = drive.rotor_inertia or drive.viscous or drive.coulomb
     if elastic or (own and not (joint.rotor_inertia or joint.damping or joint.friction)):
-        advice = "write flexinv.model.mechanism.expanded(mechanism), which puts rotors into joints and springs between"
+        advice = "write flexinv.model.mechanism.build_drive_model(mechanism), which puts rotors into joints and springs between"
         raise InputError(f"joint {joint.name!r}: its drive is not part of the mechanism yet; {advice} motors and links")

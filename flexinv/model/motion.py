@@ -21,8 +21,17 @@ from flexinv.errors import InputError
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.track import SNAP, Sampling, Track, find_law, joint_path, listed, parts, unit_quaternions
+from flexinv.model.owned_cache import make_owner_cache
+from flexinv.model.track import (
+    SNAP,
+    Sampling,
+    Track,
+    evaluate_joint_path,
+    find_law,
+    format_names,
+    list_joint_columns,
+    scale_quaternions,
+)
 from flexinv.typing import Array, Triple
 
 Values = ArrayLike | Mapping[str, ArrayLike]
@@ -66,10 +75,10 @@ class Motion(ByValue):
         duration = arguments.check_seconds("duration", duration, "a positive time [s]")
         rests = ("hold", hold), ("delay", delay)
         hold, delay = (arguments.check_seconds(name, t, "a time, 0 or more [s]", zero=True) for name, t in rests)
-        names, first, widths = _row(start, "start")
-        names_end, last, widths_end = _row(end, "end")
+        names, first, widths = _read_row(start, "start")
+        names_end, last, widths_end = _read_row(end, "end")
         if names != names_end:
-            given = f"start gives {listed(names)}, end gives {listed(names_end)}"
+            given = f"start gives {format_names(names)}, end gives {format_names(names_end)}"
             raise InputError(f"{given}: expected the same joints in both")
         if first.shape != last.shape or widths != widths_end:
             raise InputError(f"start has {first.size} numbers, end has {last.size}: expected as many in both")
@@ -91,14 +100,14 @@ class Motion(ByValue):
         An angle of a continuous joint may wrap; it is unwrapped.  Raises InputError: unsorted, gap, NaN, too few.
         """
         degree = arguments.check_whole_number("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
-        sampling = Sampling(_frozen(time, "time"), degree, arguments.check_flag("rest", rest))
+        sampling = Sampling(_copy_read_only(time, "time"), degree, arguments.check_flag("rest", rest))
         longest = (
             None if max_gap is None else arguments.check_number("max_gap", max_gap, "the longest interval [s], or None")
         )
         if longest is not None and not longest > 0.0:
             arguments.refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
         sampling.check(longest)
-        columns, values, widths = _table(q, names, sampling.time.size)
+        columns, values, widths = _read_table(q, names, sampling.time.size)
         track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
         return Motion((track,), track.move)
 
@@ -140,7 +149,7 @@ class Motion(ByValue):
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
         arguments.check_kind("mechanism", mechanism, Mechanism)
-        given = {joint.name for track in self.tracks for joint, _ in parts(mechanism, track)}
+        given = {joint.name for track in self.tracks for joint, _ in list_joint_columns(mechanism, track)}
         missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
         if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
             others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
@@ -156,7 +165,7 @@ class Motion(ByValue):
         returns q (samples, nq) [rad], [m]; qd (samples, nv) [rad/s], [m/s]; qdd (samples, nv) [rad/s^2], [m/s^2]
         Raises InputError: unknown joint, actuated joint without motion, wrong number of coordinates.
         """
-        at = _frozen(time, "time")
+        at = _copy_read_only(time, "time")
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
         arguments.check_choice("side", side, {"left": "before a jump", "right": "after it"})
@@ -166,26 +175,30 @@ class Motion(ByValue):
         qd = np.zeros((at.size, mechanism.nv))
         qdd = np.zeros((at.size, mechanism.nv))
         for track in self.tracks:
-            for joint, part in parts(mechanism, track):
+            for joint, part in list_joint_columns(mechanism, track):
                 rows = mechanism.q_slices[joint.name]
                 columns = mechanism.v_slices[joint.name]
-                q[:, rows], qd[:, columns], qdd[:, columns] = joint_path(track, joint, track.values[:, part], at, left)
+                q[:, rows], qd[:, columns], qdd[:, columns] = evaluate_joint_path(
+                    track, joint, track.values[:, part], at, left
+                )
         return q, qd, qdd
 
 
 LARGE = 100_000  # samples of a table that is not kept
 
 
-def motion_at(motion: Motion, mechanism: Mechanism, time: NDArray[np.floating]) -> Triple:
+def evaluate_motion(motion: Motion, mechanism: Mechanism, time: NDArray[np.floating]) -> Triple:
     """Return the arrays of ``motion.evaluate`` at some times (samples,) [s], not to be written into.
 
     Small tables are kept for a while, as batches and loops over designs share a motion; those of other kinds of motions are not,
     as they may look at the mechanism.
     """
     if len(time) > LARGE or type(motion) is not Motion:
-        return _evaluated(motion, mechanism, time)
+        return _evaluate_read_only(motion, mechanism, time)
     joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
-    return _kept(motion, _Layout(joints, bool(mechanism.closures), mechanism), np.asarray(time, dtype=np.float64))
+    return _evaluate_cached(
+        motion, _Layout(joints, bool(mechanism.closures), mechanism), np.asarray(time, dtype=np.float64)
+    )
 
 
 @dataclass(frozen=True)
@@ -197,55 +210,55 @@ class _Layout:
     mechanism: Mechanism = field(compare=False)
 
 
-@kept_with_owner(most=8)
-def _kept(motion: Motion, layout: _Layout, time: Array) -> Triple:
-    return _evaluated(motion, layout.mechanism, time)
+@make_owner_cache(most=8)
+def _evaluate_cached(motion: Motion, layout: _Layout, time: Array) -> Triple:
+    return _evaluate_read_only(motion, layout.mechanism, time)
 
 
-def _evaluated(motion: Motion, mechanism: Mechanism, time: ArrayLike) -> Triple:
+def _evaluate_read_only(motion: Motion, mechanism: Mechanism, time: ArrayLike) -> Triple:
     for part in (found := motion.evaluate(mechanism, time)):
         part.flags.writeable = False
     return found
 
 
-def _row(values: Values, where: str) -> Columns:
+def _read_row(values: Values, where: str) -> Columns:
     """Names, (columns,) values and widths of one configuration, joints sorted by name."""
     if not isinstance(values, Mapping):
-        row = _frozen(values, where)
+        row = _copy_read_only(values, where)
         if row.ndim != 1:
             raise InputError(f"{where}: expected shape (nq,), got {row.shape}")
         return None, row, None
     ordered = sorted(values, key=str)
-    parts = {str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in ordered}
+    parts = {str(name): np.atleast_1d(_copy_read_only(values[name], f"{where}, joint {name!r}")) for name in ordered}
     for name, part in parts.items():
         if part.ndim != 1:
             raise InputError(f"{where}, joint {name!r}: expected a number or a list of them, got shape {part.shape}")
     return tuple(parts), np.concatenate([*parts.values(), np.empty(0)]), tuple(p.size for p in parts.values())
 
 
-def _table(values: Values, names: tuple[str, ...] | list[str] | None, samples: int) -> Columns:
+def _read_table(values: Values, names: tuple[str, ...] | list[str] | None, samples: int) -> Columns:
     """Names, (samples, columns) values and widths of samples."""
     if isinstance(values, Mapping):
         if names is not None:
             arguments.refuse("names", names, "None where q is a table of joints, whose names these are")
-        parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
+        parts = {str(name): _read_matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
     own = None if names is None else tuple(arguments.check_names("names", names, "joints"))
     if own is not None and len(set(own)) != len(own):
-        raise InputError(f"names: {listed(own)}: expected each joint once")
-    return own, _matrix(values, samples, "q"), None
+        raise InputError(f"names: {format_names(own)}: expected each joint once")
+    return own, _read_matrix(values, samples, "q"), None
 
 
-def _matrix(values: ArrayLike, samples: int, where: str) -> Array:
-    table = _frozen(values, where)
+def _read_matrix(values: ArrayLike, samples: int, where: str) -> Array:
+    table = _copy_read_only(values, where)
     table = table[:, None] if table.ndim == 1 else table
     if table.ndim != 2 or table.shape[0] != samples:
         raise InputError(f"{where}: expected {samples} rows, one per time, got shape {table.shape}")
     return table
 
 
-def _frozen(values: ArrayLike, where: str) -> Array:
+def _copy_read_only(values: ArrayLike, where: str) -> Array:
     """A read-only copy as floats; InputError where a number is missing, not finite or not a number."""
     copy: Array = np.array(arguments.convert_to_floats(where, values))
     if not np.all(np.isfinite(copy)):
@@ -257,7 +270,7 @@ def _frozen(values: ArrayLike, where: str) -> Array:
     return copy
 
 
-def start_coordinates(
+def resolve_start_coordinates(
     mechanism: Mechanism, passive: set[str], start: ByJoint, rate: ByJoint = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return initial coordinates (nq,) [rad], [m] and rates (nv,) [1/s] by joint; of a continuous joint an angle is enough.
@@ -275,17 +288,19 @@ def start_coordinates(
     places = {}
     for name, value in start.items():
         kind = KINDS[mechanism.joint_of[name].kind]
-        place = _numbers("start", name, value, (1, 2) if kind.circle else (len(kind.q),))
+        place = _read_numbers("start", name, value, (1, 2) if kind.circle else (len(kind.q),))
         if kind.circle and place.size == 1:
             place = np.array([np.cos(place[0]), np.sin(place[0])])
         if kind.has_quaternion:
-            place[-4:] = unit_quaternions(place[-4:], f"start: joint {name!r}")
+            place[-4:] = scale_quaternions(place[-4:], f"start: joint {name!r}")
         places[name] = place
-    rates = {name: _numbers("start_rate", name, value, (mechanism.joint_of[name].nv,)) for name, value in rate.items()}
+    rates = {
+        name: _read_numbers("start_rate", name, value, (mechanism.joint_of[name].nv,)) for name, value in rate.items()
+    }
     return places, rates
 
 
-def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:
+def _read_numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:
     try:
         numbers = np.array(np.atleast_1d(arguments.convert_to_floats(label, value)))
     except InputError:

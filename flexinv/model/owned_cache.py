@@ -1,6 +1,6 @@
 """Caches that belong to what they were computed from: results stay with a mesh, a mechanism or a motion, and go with it.
 
-What is kept is handed out again and again, so that nobody may write into it: all its arrays are read-only (`freeze`).
+What is kept is handed out again and again, so that nobody may write into it: all its arrays are read-only (`make_read_only`).
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ class _Results(dict[str, dict[Any, Any]]):
         return _Results, ()
 
 
-def freeze(result: Result) -> Result:
+def make_read_only(result: Result) -> Result:
     """Make all arrays of a result [any unit] read-only in place, those in its tuples, lists, tables and data classes, too."""
     if isinstance(result, np.ndarray):
         result.flags.writeable = False
     elif isinstance(result, (tuple, list)):
         for part in result:
-            freeze(part)
+            make_read_only(part)
     elif isinstance(result, Mapping):
         for part in result.values():
-            freeze(part)
+            make_read_only(part)
     elif is_dataclass(result) and not getattr(result, "ARRAYS_ARE_FROZEN", False):
         for field in fields(result):
-            freeze(getattr(result, field.name))
+            make_read_only(getattr(result, field.name))
     return result
 
 
-def kept_with_owner(
+def make_owner_cache(
     most: int = 64, typed: bool = False, frozen: bool = True
 ) -> Callable[[Callable[Concatenate[Owner, Key], Result]], Callable[Concatenate[Owner, Key], Result]]:
     """Return a decorator: the first argument of a function keeps its last results, by the other arguments.
@@ -54,11 +54,13 @@ def kept_with_owner(
     The function that is returned raises a TypeError for arguments that are given by name.
     """
 
-    def decorate(function: Callable[Concatenate[Owner, Key], Result]) -> Callable[Concatenate[Owner, Key], Result]:
+    def make_cached_function(
+        function: Callable[Concatenate[Owner, Key], Result],
+    ) -> Callable[Concatenate[Owner, Key], Result]:
         name = f"{function.__module__}.{function.__qualname__}"
 
         @wraps(function)
-        def kept(owner: Owner, /, *key: Key.args, **named: Key.kwargs) -> Result:
+        def run_cached(owner: Owner, /, *key: Key.args, **named: Key.kwargs) -> Result:
             if named:
                 raise TypeError(f"{function.__name__}: {', '.join(named)} by name: its arguments are given by position")
             results = owner.__dict__.get(ATTRIBUTE)
@@ -72,11 +74,11 @@ def kept_with_owner(
             except KeyError:
                 pass
             result = function(owner, *key, **named)
-            found = own.setdefault(index, freeze(result) if frozen else result)
+            found = own.setdefault(index, make_read_only(result) if frozen else result)
             for old in list(own)[: max(len(own) - most, 0)]:
                 own.pop(old, None)
             return found  # type: ignore[no-any-return]
 
-        return kept
+        return run_cached
 
-    return decorate
+    return make_cached_function

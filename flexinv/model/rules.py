@@ -32,7 +32,7 @@ LARGEST_REAL = float(np.finfo(float).max)
 NOT_UNIT = 1e-5
 
 
-def real(
+def make_real_rule(
     unit: str, least: float = -LARGEST_REAL, above: bool = False, most: float = LARGEST_REAL, infinite: bool = False
 ) -> Rule:
     """Return the rule of a number [any unit] from ``least`` to ``most``, with ``above`` more than the least.
@@ -46,7 +46,7 @@ def real(
         words += f" above {least:g}" if above else f", {least:g} or more"
     expected = f"{words} [{unit}]"
 
-    def rule(name: str, value: Any) -> float:
+    def check_value(name: str, value: Any) -> float:
         given = value if type(value) is float else check_number(name, value, expected)
         unbounded = infinite and (given == np.inf or (given == -np.inf and least == -LARGEST_REAL))
         inside = least <= given <= most and not (above and given == least)
@@ -54,33 +54,33 @@ def real(
             refuse(name, value, expected)
         return given
 
-    return rule
+    return check_value
 
 
-def real_array(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST_REAL) -> Rule:
+def make_array_rule(shape: tuple[int | None, ...], unit: str, least: float = -LARGEST_REAL) -> Rule:
     """Return the rule of an array [any unit] of finite numbers of a shape (None: any number), none below ``least``."""
     words = f"{format_shape(shape)} [{unit}]"
 
-    def rule(name: str, value: Any) -> Any:
+    def check_value(name: str, value: Any) -> Any:
         given = check_finite_array(name, value, shape, unit)
         if least > -LARGEST_REAL and (given < least).any():
             refuse(f"{name}, smallest {float(given.min()):g}", value, f"numbers {words}, {least:g} or more")
-        return frozen_copy(given)
+        return copy_read_only(given)
 
-    return rule
+    return check_value
 
 
-def unit_vector(name: str, value: Any) -> Any:
+def check_unit_vector(name: str, value: Any) -> Any:
     """Return a direction of length 1, (3,) [-]; raises InputError for another length."""
     given = check_finite_array(name, value, (3,), "-")
     length = float(np.linalg.norm(given))
     if abs(length - 1.0) > NOT_UNIT:
         advice = str((given / length).round(9).tolist()) if length else "[0, 0, 1]"
         refuse(name, given.tolist(), "a direction of length 1 (3,) [-]", advice)
-    return frozen_copy(given)
+    return copy_read_only(given)
 
 
-def rotation(name: str, value: Any) -> Any:
+def check_rotation(name: str, value: Any) -> Any:
     """Return a rotation matrix R, (3, 3) [-]; raises InputError unless R R^T = 1 and det R = 1."""
     if value is IDENTITY:
         return value
@@ -90,10 +90,10 @@ def rotation(name: str, value: Any) -> Any:
         why = f"R R^T is off the identity by {off:.3g}" if off > NOT_UNIT else "det R = -1, a reflection"
         expected = f"a rotation matrix (3, 3) [-], of which {why}"
         refuse(name, given.tolist(), expected)
-    return frozen_copy(given)
+    return copy_read_only(given)
 
 
-def frozen_copy(values: Any) -> Any:
+def copy_read_only(values: Any) -> Any:
     """Return an array of floats [any unit] that nobody can write to: itself if it is one, else a copy."""
     if type(values) is ARRAY_TYPE and values.dtype is FLOAT_TYPE and not values.flags.writeable:
         return values
@@ -102,18 +102,18 @@ def frozen_copy(values: Any) -> Any:
     return copy
 
 
-ORIGIN = frozen_copy(np.zeros(3))
-IDENTITY = frozen_copy(np.eye(3))
+ORIGIN = copy_read_only(np.zeros(3))
+IDENTITY = copy_read_only(np.eye(3))
 
 
-def text(name: str, value: Any) -> str:
+def check_text(name: str, value: Any) -> str:
     """Return a text [-]; raises InputError for what is none."""
     if not isinstance(value, str):
         refuse(name, value, "a text")
     return str(value)
 
 
-def truth(name: str, value: Any) -> bool:
+def check_truth(name: str, value: Any) -> bool:
     """Return True or False [-]; raises InputError for what is neither."""
     return value if type(value) is bool else check_flag(name, value)
 
@@ -121,66 +121,66 @@ def truth(name: str, value: Any) -> bool:
 def count(least: int) -> Rule:
     """Return the rule of a whole number [-], ``least`` or more."""
 
-    def rule(name: str, value: Any) -> int:
+    def check_value(name: str, value: Any) -> int:
         return (
             value
             if type(value) is int and least <= value <= LARGEST_INTEGER
             else check_whole_number(name, value, least)
         )
 
-    return rule
+    return check_value
 
 
-def option(options: Collection[str]) -> Rule:
+def make_option_rule(options: Collection[str]) -> Rule:
     """Return the rule of a text that is one of the options [-]."""
 
-    def rule(name: str, value: Any) -> str:
+    def check_value(name: str, value: Any) -> str:
         if not isinstance(value, str) or value not in options:
             refuse(name, value, f"one of {', '.join(options)}")
         return str(value)
 
-    return rule
+    return check_value
 
 
-def of(*kinds: type) -> Rule:
+def make_kind_rule(*kinds: type) -> Rule:
     """Return the rule of a record of one of these kinds [-]."""
 
-    def rule(name: str, value: Any) -> Any:
+    def check_value(name: str, value: Any) -> Any:
         if not isinstance(value, kinds):
             if len(kinds) == 1:
                 check_kind(name, value, kinds[0])
             refuse(name, value, " or ".join(f"a {kind.__name__}" for kind in kinds))
         return value
 
-    return rule
+    return check_value
 
 
-def or_none(rule: Rule) -> Rule:
+def make_optional_rule(rule: Rule) -> Rule:
     """Return the rule [-] of a value that may be None, too."""
 
-    def either(name: str, value: Any) -> Any:
+    def check_value(name: str, value: Any) -> Any:
         return None if value is None else rule(name, value)
 
-    return either
+    return check_value
 
 
-def several(rule: Rule) -> Rule:
+def make_list_rule(rule: Rule) -> Rule:
     """Return the rule of a list or a tuple [-] whose parts keep a rule; it becomes a tuple."""
 
-    def each(name: str, value: Any) -> tuple[Any, ...]:
+    def check_value(name: str, value: Any) -> tuple[Any, ...]:
         if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
             refuse(name, value, "a list or a tuple")
         return tuple(rule(f"{name}[{k}]", part) for k, part in enumerate(value))
 
-    return each
+    return check_value
 
 
-def pair(first: Rule, second: Rule) -> Rule:
+def make_pair_rule(first: Rule, second: Rule) -> Rule:
     """Return the rule of two values [-], each with a rule of its own; they become a tuple."""
 
-    def both(name: str, value: Any) -> tuple[Any, Any]:
+    def check_value(name: str, value: Any) -> tuple[Any, Any]:
         if isinstance(value, str | Mapping) or not isinstance(value, Iterable) or len(parts := tuple(value)) != 2:
             refuse(name, value, "a list or a tuple of two")
         return first(f"{name}[0]", parts[0]), second(f"{name}[1]", parts[1])
 
-    return both
+    return check_value

@@ -28,7 +28,7 @@ import scipy  # its parts are loaded when they are asked for: reading a mechanis
 from flexinv.errors import InputError, ModelWarning
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import find_nearest_word, shown
 
@@ -52,34 +52,34 @@ class Law:
     function: Callable[[Array], Triple]
 
 
-def _cycloid(s: Array) -> Triple:
+def _evaluate_cycloid(s: Array) -> Triple:
     turn = 2.0 * np.pi * s
     return s - np.sin(turn) / (2.0 * np.pi), 1.0 - np.cos(turn), 2.0 * np.pi * np.sin(turn)
 
 
-def _smooth(power: int, peak: float, *series: float) -> Callable[[Array], Triple]:
+def _make_smooth_law(power: int, peak: float, *series: float) -> Callable[[Array], Triple]:
     """u' = peak (s (1 - s))^power: what is left of both ends is symmetric, so that u near 1 rounds as near 0.
 
     series : what is completed at a distance p from the start, over p^(power + 1), by rising powers of p
     """
 
-    def law(s: Array) -> Triple:
+    def evaluate_law(s: Array) -> Triple:
         p = np.minimum(s, 1.0 - s)
         bell = s * (1.0 - s)
         part = p ** (power + 1) * np.polynomial.polynomial.polyval(p, series)
         slope = power * peak * bell ** (power - 1) * (1.0 - 2.0 * s)
         return np.where(s < 0.5, part, 1.0 - part), peak * bell**power, slope
 
-    return law
+    return evaluate_law
 
 
-def _bang_bang(s: Array) -> Triple:
+def _evaluate_bang_bang(s: Array) -> Triple:
     first = s < 0.5
     u = np.where(first, 2.0 * s**2, 1.0 - 2.0 * (1.0 - s) ** 2)
     return u, np.where(first, 4.0 * s, 4.0 * (1.0 - s)), np.where(first, 4.0, -4.0)
 
 
-def _trapezoid(s: Array) -> Triple:
+def _evaluate_trapezoid(s: Array) -> Triple:
     thirds = [s < 1.0 / 3.0, s < 2.0 / 3.0]
     u = np.select(thirds, [2.25 * s**2, 1.5 * s - 0.25], 1.0 - 2.25 * (1.0 - s) ** 2)
     speed = np.select(thirds, [4.5 * s, np.full_like(s, 1.5)], 4.5 * (1.0 - s))
@@ -87,12 +87,14 @@ def _trapezoid(s: Array) -> Triple:
 
 
 LAWS: dict[str, Law] = {
-    "cycloid": Law((), _cycloid),
-    "quintic": Law((), _smooth(2, 30.0, 10.0, -15.0, 6.0)),
-    "septic": Law((), _smooth(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
-    "nonic": Law((), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)),  # no corners in torques of arms that bend
-    "bang-bang": Law((0.0, 1.0 / 2.0, 1.0), _bang_bang),
-    "trapezoid": Law((0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
+    "cycloid": Law((), _evaluate_cycloid),
+    "quintic": Law((), _make_smooth_law(2, 30.0, 10.0, -15.0, 6.0)),
+    "septic": Law((), _make_smooth_law(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
+    "nonic": Law(
+        (), _make_smooth_law(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)
+    ),  # no corners in torques of arms that bend
+    "bang-bang": Law((0.0, 1.0 / 2.0, 1.0), _evaluate_bang_bang),
+    "trapezoid": Law((0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _evaluate_trapezoid),
 }
 
 
@@ -105,7 +107,7 @@ def find_law(name: str) -> Law:
     return LAWS[name]
 
 
-def progress(law: Law, s: Array, left: Mask) -> Triple:
+def evaluate_progress(law: Law, s: Array, left: Mask) -> Triple:
     """Evaluate a law for any s: at rest before 0 and after 1, right-hand limits at its jumps.
 
     s : (samples,) [-]; left : (samples,) True where the limit from the left is wanted instead
@@ -135,8 +137,8 @@ class Sampling:
     degree: int = 5
     rest: bool = False
 
-    @kept_with_owner()
-    def spline(self, values: Array) -> scipy.interpolate.BSpline:
+    @make_owner_cache()
+    def build_spline(self, values: Array) -> scipy.interpolate.BSpline:
         """Return the interpolating spline of values (samples, columns) [any unit]; it is kept, as motions ask time by time."""
         at_rest = [(order, np.zeros(values.shape[1])) for order in range(1, (self.degree + 1) // 2)]
         ends = (at_rest, at_rest) if self.rest else None
@@ -168,7 +170,7 @@ class Sampling:
             raise InputError(f"time: {gap}, more than {allowed:g} s; {advice}")
 
 
-def unit_quaternions(quaternions: Array, where: str) -> Array:
+def scale_quaternions(quaternions: Array, where: str) -> Array:
     """Return quaternions (..., 4) [-] normalised; InputError where the norm is not 1 to within 1 %."""
     norm = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     wrong = np.abs(norm - 1.0) > UNIT_NORM
@@ -178,7 +180,7 @@ def unit_quaternions(quaternions: Array, where: str) -> Array:
     return np.asarray(quaternions / norm)
 
 
-def continuous_signs(quaternions: Array, where: str) -> Array:
+def choose_continuous_signs(quaternions: Array, where: str) -> Array:
     """Choose the sign of each quaternion (samples, 4) [-] that continues the one before (q and -q turn alike)."""
     cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
     if np.any(np.abs(cosines) < QUARTER_TURN):
@@ -189,7 +191,7 @@ def continuous_signs(quaternions: Array, where: str) -> Array:
     return np.asarray(quaternions * np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))[:, None])
 
 
-def _rest_outside(
+def _apply_rest_outside(
     sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, left: Mask, where: str, path: Triple
 ) -> Triple:
     """Rest before and after the samples; the stop itself belongs to the rest unless ``left`` asks for the move."""
@@ -207,7 +209,7 @@ def _rest_outside(
     return path[0], np.where(outside, 0.0, path[1]), np.where(outside, 0.0, path[2])
 
 
-def _vector_of_product(a: Array, b: Array) -> Array:
+def _compute_product_vector(a: Array, b: Array) -> Array:
     """Vector part of conj(a) b for quaternions x, y, z, w: a_w b_v - b_w a_v - a_v x b_v."""
     return np.asarray(a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3]))
 
@@ -251,7 +253,7 @@ class Track:
         return self.breaks if self.sampling is None else tuple(self.sampling.time)
 
 
-def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask) -> Triple:
+def evaluate_joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask) -> Triple:
     """Return q, qd and qdd of one joint at the times ``at`` [s]; values (rows, columns) are that joint's.
 
     left : (samples,) where an acceleration jump gives its limit from the left
@@ -260,65 +262,67 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask)
     where = f"joint {joint.name!r}"
     kind = KINDS[joint.kind]
     if kind.layout == ROTATION:
-        return _rotation(track, values, at, left, where)
+        return _evaluate_rotation(track, values, at, left, where)
     if kind.layout == POSE:
-        position, v, a = _plain(track, values[:, :3], at, left, where)
-        quaternion, omega, alpha = _rotation(track, values[:, 3:], at, left, where)
+        position, v, a = _evaluate_linear(track, values[:, :3], at, left, where)
+        quaternion, omega, alpha = _evaluate_rotation(track, values[:, 3:], at, left, where)
         to_body = scipy.spatial.transform.Rotation.from_quat(quaternion).inv()
         v = to_body.apply(v)
         a = to_body.apply(a)
         return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a - np.cross(omega, v), alpha])
     if kind.circle:
-        angle, rate, acceleration = _plain(track, _angles(values, track.sampling is not None, where), at, left, where)
+        angle, rate, acceleration = _evaluate_linear(
+            track, _resolve_angles(values, track.sampling is not None, where), at, left, where
+        )
         return np.hstack([np.cos(angle), np.sin(angle)]), rate, acceleration
-    return _plain(track, values, at, left, where)
+    return _evaluate_linear(track, values, at, left, where)
 
 
-def _plain(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
+def _evaluate_linear(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
     """Coordinates in a linear space and their two derivatives: (samples, columns) each, at rest outside the samples."""
     if track.sampling is None:
-        u, u1, u2 = _law(track, at, left)
+        u, u1, u2 = _evaluate_law(track, at, left)
         step = values[1] - values[0]
         return values[0] + u * step, u1 * step, u2 * step
-    spline = track.sampling.spline(values)
+    spline = track.sampling.build_spline(values)
     inside = np.clip(at, 0.0, track.sampling.time[-1])
     path = spline(inside), spline(inside, 1), spline(inside, 2)
-    return _rest_outside(track.sampling, spline, at, left, where, path)
+    return _apply_rest_outside(track.sampling, spline, at, left, where, path)
 
 
-def _rotation(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
+def _evaluate_rotation(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
     """Quaternion (samples, 4), angular velocity and acceleration (samples, 3) in the moving frame.
 
     The spline S(t) through the four components of samples (made continuous in sign) is normalised, q = S/|S|.  Then exactly
         omega = 2 vec(S* S') / |S|^2,   omega' = 2 vec(S* S'') / |S|^2 - 2 omega (S . S') / |S|^2
     (the terms of d|S|/dt are along the scalar part; vec(S'* S') = 0).
     """
-    unit = unit_quaternions(values, where)
+    unit = scale_quaternions(values, where)
     if track.sampling is None:
-        u, u1, u2 = _law(track, at, left)
+        u, u1, u2 = _evaluate_law(track, at, left)
         rotation = scipy.spatial.transform.Rotation
         first, last = rotation.from_quat(unit)
         vector = (first.inv() * last).as_rotvec()  # (xyz,), along the geodesic
         return (first * rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
-    spline = track.sampling.spline(continuous_signs(unit, where))
+    spline = track.sampling.build_spline(choose_continuous_signs(unit, where))
     inside = np.clip(at, 0.0, track.sampling.time[-1])
     # (n, xyzw)
     s = spline(inside)
     s1 = spline(inside, 1)
     s2 = spline(inside, 2)
     square = np.sum(s * s, axis=1, keepdims=True)
-    omega = 2.0 * _vector_of_product(s, s1) / square
-    alpha = 2.0 * _vector_of_product(s, s2) / square - 2.0 * omega * np.sum(s * s1, axis=1, keepdims=True) / square
-    return _rest_outside(track.sampling, spline, at, left, where, (s / np.sqrt(square), omega, alpha))
+    omega = 2.0 * _compute_product_vector(s, s1) / square
+    alpha = 2.0 * _compute_product_vector(s, s2) / square - 2.0 * omega * np.sum(s * s1, axis=1, keepdims=True) / square
+    return _apply_rest_outside(track.sampling, spline, at, left, where, (s / np.sqrt(square), omega, alpha))
 
 
-def _law(track: Track, at: Array, left: Mask) -> Triple:
+def _evaluate_law(track: Track, at: Array, left: Mask) -> Triple:
     """u (samples, 1) [-], u' [1/s], u'' [1/s^2] of the track's law."""
-    u, u1, u2 = progress(find_law(track.law), (at - track.delay) / track.move, left)
+    u, u1, u2 = evaluate_progress(find_law(track.law), (at - track.delay) / track.move, left)
     return u[:, None], u1[:, None] / track.move, u2[:, None] / track.move**2
 
 
-def _angles(values: Array, sampled: bool, where: str) -> Array:
+def _resolve_angles(values: Array, sampled: bool, where: str) -> Array:
     """Angle (rows, 1) [rad] of a continuous joint from angles or from (cos, sin)."""
     if values.shape[1] == 2:
         norm = np.linalg.norm(values, axis=1)
@@ -330,13 +334,13 @@ def _angles(values: Array, sampled: bool, where: str) -> Array:
     return np.unwrap(values, axis=0) if sampled else values
 
 
-@kept_with_owner()
-def parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]:
+@make_owner_cache()
+def list_joint_columns(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]:
     """Return the columns of the track that belong to each joint [-]; a continuous joint has (cos, sin) or one angle.
 
     Raises InputError: unknown or fixed joint, wrong number of coordinates.
     """
-    joints = _named(track.names, mechanism)
+    joints = _find_joints(track.names, mechanism)
     full = [j.nq for j in joints]
     short = [1 if KINDS[j.kind].circle else j.nq for j in joints]
     width = track.values.shape[1]
@@ -355,17 +359,17 @@ def parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]
     return tuple((j, slice(int(b) - n, int(b))) for j, n, b in zip(joints, full, np.cumsum(full), strict=True))
 
 
-def _named(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
+def _find_joints(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
     movable = {j.name: j for j in mechanism.joints if j.nv}
     for name in names or ():
         if name not in movable:
             like = find_nearest_word(name, movable)
             why = "is fixed" if name in mechanism.joint_of else "does not exist" + (f"; write {like!r}" if like else "")
-            moved = listed(tuple(movable))
+            moved = format_names(tuple(movable))
             raise InputError(f"a motion for joint {name!r}, which {why}; {mechanism.name} moves by {moved}")
     return list(movable.values()) if names is None else [movable[name] for name in names]
 
 
-def listed(names: tuple[str, ...] | None) -> str:
+def format_names(names: tuple[str, ...] | None) -> str:
     """Return names for a message; None means that all joints are given by their position."""
     return "all joints by position" if names is None else ", ".join(names) or "no joint"

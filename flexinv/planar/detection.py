@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import SECTION
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
 # Components out of the plane below this part of what they are compared with are rounding of the placements' angles.
@@ -43,7 +43,7 @@ class NotPlanar:
     reason: str
 
 
-@kept_with_owner()
+@make_owner_cache()
 def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism

@@ -16,7 +16,7 @@ from flexinv.kernels.memory import copy_aligned
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.planar.detection import Plane, convert_to_plane, find_planar_rows, find_plane
 from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.stepper import Embedding
@@ -68,7 +68,7 @@ class PlanarModel:
     joints: JointNodes
 
 
-@kept_with_owner()
+@make_owner_cache()
 def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
     plane = find_plane(mesh)

@@ -16,7 +16,7 @@ from flexinv.kernels.dense import ROWS_AT_ONCE
 from flexinv.kernels.memory import copy_aligned, make_aligned_zeros
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.planar.detection import convert_to_plane
 from flexinv.planar.model import PlanarModel, build_planar_model
 from flexinv.planar.stepper import PlanarSystem, PlanarWork, integrate_planar_motion
@@ -180,7 +180,7 @@ class PlanarMarch:
         return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
 
 
-@kept_with_owner()
+@make_owner_cache()
 def _list_reusable(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []

@@ -27,7 +27,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.owned_cache import freeze, kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache, make_read_only
 from flexinv.rigid import joint_arrays
 from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, collect, compute_torque_blocks, run_helper
 from flexinv.rigid.joint_arrays import Order, convert_to_sample_view
@@ -288,7 +288,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
     return count_processors() if threads is None else check_whole_number("threads", threads, 1, THREADS)
 
 
-@kept_with_owner(typed=True, frozen=False)
+@make_owner_cache(typed=True, frozen=False)
 def _build_torque_function(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
     joint_arrays.check_rigid(mechanism)
@@ -296,7 +296,7 @@ def _build_torque_function(mechanism: Mechanism, passive: bool, threads: int | N
     mesh = build(mechanism)
     prepare_array_kernels()
     loops = GivenLoops(mesh) if mechanism.closures else None
-    table, plan = freeze(_build_loop_plan(mesh, passive))
+    table, plan = make_read_only(_build_loop_plan(mesh, passive))
     own = _Own(most, max(table.size, plan.size))
     loaded = bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv

@@ -34,7 +34,7 @@ from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
-from flexinv.model.owned_cache import freeze
+from flexinv.model.owned_cache import make_read_only
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.frame_path import Poses
 from flexinv.tracking.inverse_kinematics import Reach, RigidWay
@@ -286,7 +286,7 @@ class Horizon:
         out = Linearised(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
         solver = self.layout.solver
         pick = self.layout.pick
-        beams = solver.elements._replace(stiffness=freeze(stiffness * solver.elements.stiffness))
+        beams = solver.elements._replace(stiffness=make_read_only(stiffness * solver.elements.stiffness))
         system = solver.system._replace(elements=beams)
         unknowns = u.shape[1]
         for first in range(0, size, CHUNK):

@@ -20,7 +20,7 @@ from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.model import rules
 from flexinv.model.links import Frozen
-from flexinv.model.track import LAWS, find_law, progress
+from flexinv.model.track import LAWS, evaluate_progress, find_law
 from flexinv.typing import Array
 from flexinv.validation import check_finite_array, check_number, check_seconds, convert_to_floats, shown
 
@@ -59,8 +59,8 @@ class Path(Frozen):
     turn: Array | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "duration": rules.real("s", 0.0, above=True), "law": rules.text, "text": rules.text,
-        "turn": rules.or_none(rules.real_array((2, 3, 3), "-")),
+        "duration": rules.make_real_rule("s", 0.0, above=True), "law": rules.check_text, "text": rules.check_text,
+        "turn": rules.make_optional_rule(rules.make_array_rule((2, 3, 3), "-")),
     }  # fmt: skip
 
     @staticmethod
@@ -122,7 +122,7 @@ class Path(Frozen):
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
         s = check_finite_array("time", at, (None,), "s") / self.duration
-        u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
+        u, speed, rate = evaluate_progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
         # (sample, 1)
         u1 = (speed / self.duration)[:, None]
         u2 = (rate / self.duration**2)[:, None]

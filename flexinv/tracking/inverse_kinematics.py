@@ -26,8 +26,8 @@ from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
-from flexinv.model.motion import start_coordinates
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.motion import resolve_start_coordinates
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.tracking.frame_path import Path, Poses
 from flexinv.typing import Array
 from flexinv.validation import refuse
@@ -147,7 +147,7 @@ class RigidWay:
         guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
         return self._solve_path_motion(guess, path.evaluate(time), time)
 
-    @kept_with_owner()
+    @make_owner_cache()
     def _check_between(self) -> bool:
         """Look at the whole path, whatever instants are asked for: limits of the drives, and singular positions."""
         self._check_limits()
@@ -232,7 +232,7 @@ class RigidWay:
         """A spline through the angles at places of the path, found one after the other."""
         m = self.mesh.mechanism
         knots = np.linspace(0.0, self.path.duration, KNOTS)
-        places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, self.start)
+        places, _ = resolve_start_coordinates(m, {j.name for j in m.joints if j.nv}, self.start)
         angles = np.empty((KNOTS, m.nv))
         first = np.zeros(m.nv)
         for joint in m.joints:

@@ -14,7 +14,7 @@ from pydantic import Field
 from flexinv.errors import InputError
 from flexinv.files.case_schema import MeshTable, read_cases
 from flexinv.files.load_cases import read_places
-from flexinv.files.toml_tables import Location, Table, check_names, key, optional, validate
+from flexinv.files.toml_tables import Location, Table, check_names, check_table, make_key, make_optional_key
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
 from flexinv.tracking.frame_path import Path
@@ -27,48 +27,52 @@ PATH_SHAPES = ("line", "arc", "points_m")
 class LineTable(Table):
     """A straight path."""
 
-    from_m: Vector = key("where it begins [m]", "[0.3, 0, 0]")
-    to_m: Vector = key("where it ends [m]", "[0.2, 0.1, 0]")
+    from_m: Vector = make_key("where it begins [m]", "[0.3, 0, 0]")
+    to_m: Vector = make_key("where it ends [m]", "[0.2, 0.1, 0]")
 
 
 class ArcTable(Table):
     """A path on a circle."""
 
-    from_m: Vector = key("where it begins [m]", "[0.3, 0, 0]")
-    centre_m: Vector = key("the centre of the circle [m]", "[0.2, 0, 0]")
-    angle_deg: Number = key("how far it goes [deg]", "90")
-    axis: Vector = key("about what it turns [-]", "[0, 0, 1]", default=[0.0, 0.0, 1.0])
+    from_m: Vector = make_key("where it begins [m]", "[0.3, 0, 0]")
+    centre_m: Vector = make_key("the centre of the circle [m]", "[0.2, 0, 0]")
+    angle_deg: Number = make_key("how far it goes [deg]", "90")
+    axis: Vector = make_key("about what it turns [-]", "[0, 0, 1]", default=[0.0, 0.0, 1.0])
 
 
 class TaskTable(Table):
     """One task."""
 
-    title: Text = key("one line that says what it is", '"an arc"', default="")
-    source: Text = key("where it comes from", '"made here"', default="")
-    frame: Name = key("the link whose tip follows the path", '"link2"')
-    station: Fraction | None = optional("on a beam the fraction of its length, 0..1 [-]", "1.0")
-    at_m: Vector | None = optional("a point in the link's frame (in a beam's section at station) [m]", "[0.1, 0, 0]")
-    step_s: Positive = key("between two instants, > 0 [s]", "5e-4")
-    before_s: NotNegative | None = optional("rest of the frame before the path, in which joints move [s]", "0.1")
-    after_s: NotNegative | None = optional("rest of the frame after the path [s]", "0.1")
-    duration_s: Positive = key("how long the path takes, > 0 [s]", "0.2")
-    law: Literal["cycloid", "quintic", "septic", "nonic"] = key(
+    title: Text = make_key("one line that says what it is", '"an arc"', default="")
+    source: Text = make_key("where it comes from", '"made here"', default="")
+    frame: Name = make_key("the link whose tip follows the path", '"link2"')
+    station: Fraction | None = make_optional_key("on a beam the fraction of its length, 0..1 [-]", "1.0")
+    at_m: Vector | None = make_optional_key(
+        "a point in the link's frame (in a beam's section at station) [m]", "[0.1, 0, 0]"
+    )
+    step_s: Positive = make_key("between two instants, > 0 [s]", "5e-4")
+    before_s: NotNegative | None = make_optional_key(
+        "rest of the frame before the path, in which joints move [s]", "0.1"
+    )
+    after_s: NotNegative | None = make_optional_key("rest of the frame after the path [s]", "0.1")
+    duration_s: Positive = make_key("how long the path takes, > 0 [s]", "0.2")
+    law: Literal["cycloid", "quintic", "septic", "nonic"] = make_key(
         'of time, without jumps of the acceleration: "cycloid", "quintic", "septic" or "nonic"',
         '"nonic"',
         default="nonic",
     )
-    line: LineTable | None = optional("a straight path", "{ from_m = [0.3, 0, 0], to_m = [0.2, 0.1, 0] }")
-    arc: ArcTable | None = optional(
+    line: LineTable | None = make_optional_key("a straight path", "{ from_m = [0.3, 0, 0], to_m = [0.2, 0.1, 0] }")
+    arc: ArcTable | None = make_optional_key(
         "a path on a circle", "{ from_m = [0.3, 0, 0], centre_m = [0.2, 0, 0], angle_deg = 90 }"
     )
-    points_m: Annotated[list[Vector], Field(min_length=2)] | None = optional(
+    points_m: Annotated[list[Vector], Field(min_length=2)] | None = make_optional_key(
         "points of a smooth curve [m]", "[[0.3, 0, 0], [0.2, 0.1, 0]]"
     )
-    turn_rpy_deg: Annotated[list[Vector], Field(min_length=2, max_length=2)] | None = optional(
+    turn_rpy_deg: Annotated[list[Vector], Field(min_length=2, max_length=2)] | None = make_optional_key(
         "roll, pitch, yaw of the frame at start and end, free without [deg]", "[[0, 0, 0], [0, 0, 90]]"
     )
-    mesh: MeshTable | None = optional("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
-    start: dict[str, Any] = key(
+    mesh: MeshTable | None = make_optional_key("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
+    start: dict[str, Any] = make_key(
         "a table per joint: a guess of where it is when the path begins", "start.elbow = { deg = 60 }", default={}
     )
 
@@ -107,7 +111,7 @@ def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, PathTask]:
 
 
 def _read_task(data: Any, name: str, mechanism: Mechanism, where: Location) -> PathTask:
-    table = validate(TaskTable, data, where)
+    table = check_table(TaskTable, data, where)
     if table.frame not in mechanism.link_of:
         near = find_nearest_word(table.frame, list(mechanism.link_of))
         expected = f"a link of {mechanism.name}: {', '.join(list(mechanism.link_of)[:20])}"

@@ -21,7 +21,7 @@ from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.result import Comparison
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import robots_folder
+from flexinv.files.from_urdf import find_robots_folder
 
 SIZE = 0.02  # relative: how well a size has to be told
 ROBOTS = (
@@ -82,7 +82,7 @@ def campaign(count: int, seed: int, at_once: int = 1, robots: tuple[str, ...] = 
     with tempfile.TemporaryDirectory() as folder:
         while made < count:
             draw += 1
-            original = robots_folder() / robots[draw % len(robots)]
+            original = find_robots_folder() / robots[draw % len(robots)]
             try:
                 text, faults = plant(original.read_text(), seed * 100000 + draw, at_once)
             except (Unfit, FileNotFoundError):
@@ -105,7 +105,7 @@ def across(count: int, seed: int, robots: tuple[str, ...] = ARMS) -> Iterator[Tr
         made = draw = 0
         while made < count:
             draw += 1
-            original = next(robots_folder().rglob(robots[draw % len(robots)]))
+            original = next(find_robots_folder().rglob(robots[draw % len(robots)]))
             spec = mujoco.MjSpec.from_string(geometry_free(original))
             spec.compiler.fusestatic = False
             spec.compile()

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from crosscheck.linting.lint import Linted, lint
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import robots_folder
+from flexinv.files.from_urdf import find_robots_folder
 
 
 def linted(files: Iterable[Path]) -> Iterator[tuple[Path, Linted | str]]:
@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--findings", action="store_true")
     given = parser.parse_args()
-    root = Path() if given.files else robots_folder()
+    root = Path() if given.files else find_robots_folder()
     files = given.files or sorted(root.rglob("*.urdf"))
     lines = listed(files) if given.findings else table(files, root)
     sys.stdout.writelines(line + "\n" for line in lines)

@@ -18,7 +18,7 @@ from pathlib import Path
 from crosscheck.equivalence.readers import Loaded, by_readers
 from crosscheck.equivalence.result import REPAIRED
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import robots_folder
+from flexinv.files.from_urdf import find_robots_folder
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--every", type=int, default=1)
     given = parser.parse_args()
-    files = given.files or sorted(robots_folder().rglob("*.urdf"))[:: given.every]
+    files = given.files or sorted(find_robots_folder().rglob("*.urdf"))[:: given.every]
     counted, left = Counter[tuple[str, str]](), []
     for one in tables(files):
         sys.stdout.write(

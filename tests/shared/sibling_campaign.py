@@ -19,7 +19,7 @@ from pathlib import Path
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED, Comparison
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import robots_folder
+from flexinv.files.from_urdf import find_robots_folder
 
 DATA, ROBOSUITE, BULLET = "data", "robosuite/models/assets/robots", "robosuite/models/assets/bullet_data"
 GENESIS = "genesis/assets"
@@ -97,7 +97,7 @@ class Outcome:
 
 def folders(given: Iterable[str]) -> dict[str, Path]:
     """The folder that holds each package: as given, else where it is installed."""
-    found = {DATA: robots_folder().parent}
+    found = {DATA: find_robots_folder().parent}
     stated = dict(one.split("=", 1) for one in given)
     for name in ("robosuite", "genesis"):
         spec = importlib.util.find_spec(name) if name not in stated else None
@@ -112,7 +112,7 @@ def located(name: str, known: Mapping[str, Path]) -> Path | None:
     package, _, rest = name.partition("/")
     if package not in known:
         return None
-    path = robots_folder() / rest if package == DATA else known[package] / name
+    path = find_robots_folder() / rest if package == DATA else known[package] / name
     return path if path.is_file() else None
 
 

@@ -28,20 +28,20 @@ def _inertia(change: Callable[[Inertia, Array], Inertia]) -> Change:
 
 def _heavier(inertia: Inertia, size: Array) -> Inertia:
     factor = 1.0 + more_than_nothing(size)
-    return inertia.restated(mass=inertia.mass * factor, tensor=inertia.tensor * factor)
+    return inertia.replace_unchecked(mass=inertia.mass * factor, tensor=inertia.tensor * factor)
 
 
 def _shifted(inertia: Inertia, size: Array) -> Inertia:
-    return inertia.restated(com=inertia.com + size)
+    return inertia.replace_unchecked(com=inertia.com + size)
 
 
 def _turned(inertia: Inertia, size: Array) -> Inertia:
     r = scipy.spatial.transform.Rotation.from_rotvec(size).as_matrix()
-    return inertia.restated(tensor=r @ inertia.tensor @ r.T)
+    return inertia.replace_unchecked(tensor=r @ inertia.tensor @ r.T)
 
 
 def _stretched(inertia: Inertia, size: Array) -> Inertia:
-    return inertia.restated(tensor=inertia.tensor * (1.0 - float(size[0])))
+    return inertia.replace_unchecked(tensor=inertia.tensor * (1.0 - float(size[0])))
 
 
 def _moved(sign: float) -> Callable[[Inertia, Array], Inertia]:
@@ -50,7 +50,7 @@ def _moved(sign: float) -> Callable[[Inertia, Array], Inertia]:
     def change(inertia: Inertia, size: Array) -> Inertia:
         c = inertia.com
         steiner = inertia.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        return inertia.restated(tensor=inertia.tensor + sign * float(size[0]) * steiner)
+        return inertia.replace_unchecked(tensor=inertia.tensor + sign * float(size[0]) * steiner)
 
     return change
 
@@ -138,11 +138,11 @@ def _fused(subject: Subject, target: str, size: Array) -> Subject:
     def body(one: Body) -> Body:
         inertia = one.inertia
         if part == ROTATION:
-            inertia = inertia.restated(tensor=r.T @ inertia.tensor @ r)
+            inertia = inertia.replace_unchecked(tensor=r.T @ inertia.tensor @ r)
         elif part == OFFSET:
-            inertia = inertia.restated(com=inertia.com - r.T @ joint.placement.position)
+            inertia = inertia.replace_unchecked(com=inertia.com - r.T @ joint.placement.position)
         elif not inertia.mass:
-            inertia = inertia.restated(tensor=np.zeros((3, 3)))
+            inertia = inertia.replace_unchecked(tensor=np.zeros((3, 3)))
         return replace(one, inertia=inertia)
 
     return subject.with_link(joint.child, lambda link: replace(link, bodies=tuple(map(body, link.bodies))))

@@ -58,7 +58,7 @@ def _has_products(inertia: Inertia) -> bool:
 
 
 def _opposite(inertia: Inertia) -> Inertia:
-    return inertia.restated(tensor=2.0 * np.diag(np.diag(inertia.tensor)) - inertia.tensor)
+    return inertia.replace_unchecked(tensor=2.0 * np.diag(np.diag(inertia.tensor)) - inertia.tensor)
 
 
 def _signs(subject: Subject, target: str, size: Array) -> Subject:
@@ -89,7 +89,7 @@ def _permuted(subject: Subject, target: str, size: Array) -> Subject:
     order[j] = i
 
     def change(inertia: Inertia) -> Inertia:
-        return inertia.restated(tensor=inertia.tensor[np.ix_(order, order)])
+        return inertia.replace_unchecked(tensor=inertia.tensor[np.ix_(order, order)])
 
     return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
 
@@ -107,7 +107,7 @@ def _component(subject: Subject, target: str, size: Array) -> Subject:
     def change(inertia: Inertia) -> Inertia:
         tensor = inertia.tensor.copy()
         tensor[k, k] *= factor
-        return inertia.restated(tensor=tensor)
+        return inertia.replace_unchecked(tensor=tensor)
 
     return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
 
@@ -120,7 +120,7 @@ def _mirrors(model: Model) -> list[str]:
 def _mirrored(subject: Subject, target: str, size: Array) -> Subject:
     name, axis = target.rsplit(": ", 1)
     signs = np.where(np.arange(3) == AXES.index(axis), -1.0, 1.0)
-    return subject.with_body(name, lambda b: replace(b, inertia=b.inertia.restated(com=b.inertia.com * signs)))
+    return subject.with_body(name, lambda b: replace(b, inertia=b.inertia.replace_unchecked(com=b.inertia.com * signs)))
 
 
 def _orders(model: Model) -> list[str]:
@@ -138,7 +138,7 @@ def _reordered(subject: Subject, target: str, size: Array) -> Subject:
             value = inertia.tensor[AXES.index(number[0]), AXES.index(number[1])]
             i, j = (AXES.index(axis) for axis in place)
             tensor[i, j] = tensor[j, i] = value
-        return inertia.restated(tensor=tensor)
+        return inertia.replace_unchecked(tensor=tensor)
 
     return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
 

@@ -153,7 +153,7 @@ def _lengths(subject: Subject, target: str, size: Array) -> Subject:
         return replace(one, placement=_long(one.placement, factor))
 
     def link(one: Link) -> Link:
-        made = tuple(replace(b, inertia=b.inertia.restated(com=b.inertia.com * factor)) for b in one.bodies)
+        made = tuple(replace(b, inertia=b.inertia.replace_unchecked(com=b.inertia.com * factor)) for b in one.bodies)
         beam = one.beam and replace(
             one.beam, length=one.beam.length * factor, placement=_long(one.beam.placement, factor)
         )
@@ -238,7 +238,7 @@ ROWS = (
     Cause(
         "centres of mass scaled",
         "the centre of mass of {target} is farther out by the fraction {size}",
-        _all_inertias(lambda inertia, factor: inertia.restated(com=inertia.com * factor)),
+        _all_inertias(lambda inertia, factor: inertia.replace_unchecked(com=inertia.com * factor)),
         _several(lambda inertia: bool(inertia.com.any())),
         shows=HOLD,
         fraction=True,
@@ -246,7 +246,7 @@ ROWS = (
     Cause(
         "inertia scale",
         "all inertia tensors differ by the fraction {size} (a unit)",
-        _all_inertias(lambda inertia, factor: inertia.restated(tensor=inertia.tensor * factor)),
+        _all_inertias(lambda inertia, factor: inertia.replace_unchecked(tensor=inertia.tensor * factor)),
         _several(lambda inertia: bool(inertia.tensor.any()), single=False),
         shows=QUICK,
         fraction=True,
@@ -254,7 +254,7 @@ ROWS = (
     Cause(
         "mass without inertia",
         "the mass of {target} differs by the fraction {size}, its inertia about the centre of mass does not",
-        _all_inertias(lambda inertia, factor: inertia.restated(mass=inertia.mass * factor)),
+        _all_inertias(lambda inertia, factor: inertia.replace_unchecked(mass=inertia.mass * factor)),
         _several(lambda inertia: bool(inertia.tensor.any())),
         shows=HOLD,
         fraction=True,

@@ -16,7 +16,7 @@ from crosscheck.causes.cause import Cause, Change, Targets, beams, more_than_not
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
 from flexinv.errors import InputError
-from flexinv.files.sections import rectangle_torsion
+from flexinv.files.sections import compute_rectangle_torsion
 from flexinv.model.mechanism import Beam, Section
 
 RING = "a stop and a rest long enough to ring: stiffness moves the frequency, mass moves the torque before it, too"
@@ -110,9 +110,9 @@ def _stretched(along: int) -> Part:
 
     def change(section: Section, factor: float) -> Section:
         y, z = _sizes(section)
-        before = np.array([rectangle_torsion(a, b) for a, b in zip(y, z, strict=True)])
+        before = np.array([compute_rectangle_torsion(a, b) for a, b in zip(y, z, strict=True)])
         fy, fz = (factor, 1.0) if along == 0 else (1.0, factor)
-        after = np.array([rectangle_torsion(a * fy, b * fz) for a, b in zip(y, z, strict=True)])
+        after = np.array([compute_rectangle_torsion(a * fy, b * fz) for a, b in zip(y, z, strict=True)])
         bending = (factor, factor**3) if along == 0 else (factor**3, factor)  # EI_y, EI_z
         stiffness = np.tile([factor, factor, factor, 1.0, *bending], (len(y), 1))
         stiffness[:, GJ] = after / before
@@ -141,7 +141,7 @@ def _is_rectangle(section: Section) -> bool:
             shear = row[GA_Y] / (factor * a * b)
             poisson = min(max(row[EA] / (a * b) / (2.0 * shear) - 1.0, 0.0), 0.5)
             factor = 10.0 * (1.0 + poisson) / (12.0 + 11.0 * poisson)
-        if abs(row[GJ] / (shear * rectangle_torsion(float(a), float(b))) - 1.0) > RECTANGLE:
+        if abs(row[GJ] / (shear * compute_rectangle_torsion(float(a), float(b))) - 1.0) > RECTANGLE:
             return False
     return True
 

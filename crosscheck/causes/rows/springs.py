@@ -44,7 +44,7 @@ def _part(field: str) -> Change:
 
 def _stiffer(spring: Spring, size: Array) -> Spring:
     factor = 1.0 + float(size[0])
-    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scaled(factor))
+    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scale_forces(factor))
 
 
 def _missing(subject: Subject, target: str, size: Array) -> Subject:

@@ -51,7 +51,7 @@ from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.record import Series, reaction_series, torque_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 
 LOOSE = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 
@@ -81,7 +81,7 @@ def follow_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]
     return list(_followed(case, mechanism))
 
 
-@kept_with_owner(most=2)
+@make_owner_cache(most=2)
 def _followed(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
     found = phases.follow_phases(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
     for _, state in found:  # several callers share them

@@ -8,9 +8,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import location, read_xml
+from flexinv.files.from_urdf import describe_location, read_xml
 from flexinv.files.regular_files import MISSING, describe_kind
-from flexinv.files.toml_tables import complaint
+from flexinv.files.toml_tables import make_input_error
 
 MOST_INCLUDES = 1000  # the scenes of mujoco_menagerie have up to six
 FOLDERS = ("meshdir", "texturedir", "assetdir")  # of <compiler>
@@ -50,13 +50,17 @@ class _Walk:
     def check_kind(self, place: Path, file: Path, element: Element) -> None:
         words = describe_kind(place)
         if words and words != MISSING and not words.startswith(("a name that", "a folder", "a link to")):
-            raise complaint(location(file, element), f"{place}, {words}", "a regular file", "the name of a file")
+            raise make_input_error(
+                describe_location(file, element), f"{place}, {words}", "a regular file", "the name of a file"
+            )
 
     def check_include(self, included: Path, file: Path, element: Element) -> None:
         self.included += 1
         if self.included > MOST_INCLUDES:
             given = f"more than {MOST_INCLUDES} files that are included"
-            raise complaint(location(file, element), given, f"at most {MOST_INCLUDES}", "each file included once")
+            raise make_input_error(
+                describe_location(file, element), given, f"at most {MOST_INCLUDES}", "each file included once"
+            )
         if describe_kind(included):
             return  # MuJoCo says what is missing
         try:
@@ -64,7 +68,7 @@ class _Walk:
         except InputError as error:
             raise InputError(f"{file}: <include>: {error}") from None
         if included.resolve() == self.start.resolve():
-            raise complaint(
-                location(file, element), "an include of the file itself", "another file", "no <include> of it"
+            raise make_input_error(
+                describe_location(file, element), "an include of the file itself", "another file", "no <include> of it"
             )
         self.check(included, root)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.shared.cross import cross
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Closure, Mechanism
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
@@ -97,7 +97,7 @@ class Tree(Protocol):
 # --------------------------------------------------------------------------------------------------- the equations
 
 
-@kept_with_owner()
+@make_owner_cache()
 def equations(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]:
     """Return the vectors u of positions and the pairs u, w of directions [-], in the two frames of a closure."""
     x, y, z = np.eye(3)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.shared.loop_closure import guessed
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Body, Mechanism
-from flexinv.model.motion import motion_at
+from flexinv.model.motion import evaluate_motion
 
 Array = NDArray[np.float64]
 TURN = 0.35  # [rad], [m] per configuration: joints that the motion leaves out stand at other places each time
@@ -21,7 +21,7 @@ def configurations(mechanism: Mechanism, case: Case) -> Array:
     They need not close any loop: masses, gravity and axes of the tree are asked, whatever ties its links.
     """
     time = np.linspace(0.0, case.end, COUNT)
-    q = guessed(mechanism, case, motion_at(case.motion, mechanism, time)[0])
+    q = guessed(mechanism, case, evaluate_motion(case.motion, mechanism, time)[0])
     given = set(case.motion.joints(mechanism))
     for k, joint in enumerate(j for j in mechanism.joints if j.nv and j.name not in given):
         if joint.nq == 1:

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, ParseError, tostring
 
 from defusedxml.ElementTree import fromstring
 
-from flexinv.files.lenient_xml import repaired_xml
+from flexinv.files.lenient_xml import replace_invalid_xml
 from flexinv.model.mechanism import WORLD, Body, Mechanism
 
 KEPT = ("link", "joint")
@@ -54,7 +54,7 @@ def _root(path: Path | None) -> Element:
     try:
         found: Element = fromstring(data)
     except ParseError:
-        found = fromstring(repaired_xml(data)[0])
+        found = fromstring(replace_invalid_xml(data)[0])
     return found
 
 

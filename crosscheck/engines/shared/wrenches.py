@@ -42,7 +42,7 @@ def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
     length = float(np.linalg.norm(gap))
     along = gap / length if length else gap
     rate = float(along @ (second.v - first.v))
-    pull = (float(spring.pull(np.asarray(length))) + spring.damping * rate) * along
+    pull = (float(spring.evaluate_pull(np.asarray(length))) + spring.damping * rate) * along
     yield Push(spring.first.link, first.x, pull, np.zeros(3))
     yield Push(spring.second.link, second.x, -pull, np.zeros(3))
 

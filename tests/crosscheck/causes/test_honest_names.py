@@ -148,7 +148,7 @@ def shifted(beam: Beam) -> Beam:
 def coms(mechanism: Mechanism) -> Mechanism:
     def link(one: Any) -> Any:
         bodies = tuple(
-            replace(b, inertia=b.inertia.restated(com=1.02 * b.inertia.com, tensor=b.inertia.tensor))
+            replace(b, inertia=b.inertia.replace_unchecked(com=1.02 * b.inertia.com, tensor=b.inertia.tensor))
             for b in one.bodies
         )
         return replace(one, bodies=bodies)
@@ -206,7 +206,7 @@ def test_where_the_certificate_contradicts_every_cause_none_is_named(tmp_path: P
     def heavy(one: Mechanism) -> Mechanism:
         (first, *rest) = one.links
         (body, *others) = first.bodies
-        more = replace(body, inertia=body.inertia.restated(mass=1.1 * body.inertia.mass))
+        more = replace(body, inertia=body.inertia.replace_unchecked(mass=1.1 * body.inertia.mass))
         return replace(one, links=(replace(first, bodies=(more, *others)), *rest))
 
     joints = tuple(replace(j, damping=j.damping + 0.1) if j.name == "knee" else j for j in mechanism.joints)

@@ -198,7 +198,7 @@ def test_a_parallel_axis_term_that_is_taken_off_twice_is_named(place: str, targe
     def without(body: Body) -> Body:
         inertia = body.inertia
         distance = inertia.com @ inertia.com * np.eye(3) - np.outer(inertia.com, inertia.com)
-        return replace(body, inertia=inertia.restated(tensor=inertia.tensor - inertia.mass * distance))
+        return replace(body, inertia=inertia.replace_unchecked(tensor=inertia.tensor - inertia.mass * distance))
 
     residual = model.difference(subject.with_body(target, without))
     naming = name(model, residual, 1e-9)

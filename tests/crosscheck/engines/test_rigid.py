@@ -310,8 +310,8 @@ def faults() -> dict[str, Callable[[Mechanism], Mechanism]]:
         "axes of a universal joint exchanged": joint(
             lambda j: replace(j, axis=j.second_axis, second_axis=j.axis), "wrist_joint"
         ),
-        "inertia turned": body(lambda i: i.restated(tensor=turn @ i.tensor @ turn.T)),
-        "mass about the wrong point": body(lambda i: i.restated(com=np.zeros(3))),
+        "inertia turned": body(lambda i: i.replace_unchecked(tensor=turn @ i.tensor @ turn.T)),
+        "mass about the wrong point": body(lambda i: i.replace_unchecked(com=np.zeros(3))),
         "payload lost": lambda m: replace(
             m, links=(*m.links[:3], replace(m.links[3], bodies=m.links[3].bodies[:1]), *m.links[4:])
         ),

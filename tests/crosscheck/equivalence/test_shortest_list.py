@@ -170,7 +170,7 @@ def halves(body: Inertia) -> tuple[Inertia, Inertia]:
 
 def test_a_body_is_named_alone_however_the_other_file_splits_what_is_fixed(tmp_path: Path) -> None:
     """A has two bodies, B four: each of A's is two of B's, of which one has A's name.  One centre of mass has another sign."""
-    wrong = LOWER_LINK.restated(com=np.array([0.02, -0.03, 0.1]))
+    wrong = LOWER_LINK.replace_unchecked(com=np.array([0.02, -0.03, 0.1]))
     for body, count in ((LOWER_LINK, 0), (wrong, 1)):
         lower, lower_part = halves(body)
         cap, cap_part = halves(CAP)
@@ -191,7 +191,7 @@ def test_a_body_is_named_alone_whatever_names_and_order_the_bodies_have(tmp_path
     """Two bodies are fixed to a link, in the other file in another order and under other names; one has another mass."""
     plate = Inertia(0.4, np.array([0.1, 0.0, 0.3]), np.diag([3e-4, 4e-4, 2e-4]))
     a = welded(tmp_path, "a.urdf", {"lower": LOWER_LINK, "cap": CAP, "plate": plate})
-    heavy = plate.restated(mass=0.5)
+    heavy = plate.replace_unchecked(mass=0.5)
     for name, bodies in (
         ("order", {"lower": LOWER_LINK, "plate": heavy, "cap": CAP}),
         ("names", {"lower": LOWER_LINK, "x": CAP, "y": heavy}),
@@ -260,8 +260,8 @@ def test_a_plinth_with_another_frame_is_no_difference(turn: float, tmp_path: Pat
 
 def test_one_of_two_bodies_may_have_a_tensor_that_no_body_has(tmp_path: Path) -> None:
     """Files of others hold such placeholders; what differs beside them is named."""
-    placeholder = CAP.restated(tensor=np.diag([4e-3, 3e-4, 2e-4]))
-    moved_on = placeholder.restated(com=np.array([0.0, 0.02, 0.06]))
+    placeholder = CAP.replace_unchecked(tensor=np.diag([4e-3, 3e-4, 2e-4]))
+    moved_on = placeholder.replace_unchecked(com=np.array([0.0, 0.02, 0.06]))
     com = (0.02, 0.03, 0.1)
     a = capped(tmp_path, "a.urdf", com, merged=False, cap=placeholder)
     b = capped(tmp_path, "b.urdf", com, merged=True, cap=moved_on)

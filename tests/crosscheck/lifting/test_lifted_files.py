@@ -16,12 +16,12 @@ from campaigns.lifted_judges import draw_states, judge_by_mujoco
 from crosscheck.equivalence.proof import LOST, PROVEN
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
-from flexinv.files.from_urdf import robots_folder
+from flexinv.files.from_urdf import find_robots_folder
 from flexinv.model.mechanism import Body
 
 DATA = Path(__file__).resolve().parents[2] / "data" / "lifting"
 # Arms, hands, legs, unlimited joints, mimics: every fourth URDF by size; the smallest has no links, and is refused.
-URDFS = sorted(robots_folder().rglob("*.urdf"), key=lambda path: (path.stat().st_size, path.name))[1::4]
+URDFS = sorted(find_robots_folder().rglob("*.urdf"), key=lambda path: (path.stat().st_size, path.name))[1::4]
 NAMED = ("ball_spring", "free_spring", "spring_cubic", "fluid", "gravcomp", "tendon_stiff", "tendon_armature")
 RIGHT = ("pendulum", "flag_gravity", "flag_spring", "motor", "motor_rotor", "ball", "coupling_square")
 

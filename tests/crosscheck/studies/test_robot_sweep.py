@@ -92,7 +92,7 @@ def test_mimic_joints_are_reported(table: list[RobotRow]) -> None:
 def test_the_table_is_json(table: list[RobotRow]) -> None:
     text = json.dumps([dataclasses.asdict(row) for row in table], allow_nan=False)
     assert BOLT in text
-    assert str(Path(robots.robots_folder())) not in text
+    assert str(Path(robots.find_robots_folder())) not in text
 
 
 def test_walkers_have_a_free_base() -> None:
@@ -156,7 +156,9 @@ def test_nothing_reaches_the_console(tmp_path: Path, capfd: pytest.CaptureFixtur
 
 
 def test_states_cover_what_they_say() -> None:
-    mechanism = from_urdf(robots.robots_folder() / "double_pendulum_description/urdf/double_pendulum_continuous.urdf")
+    mechanism = from_urdf(
+        robots.find_robots_folder() / "double_pendulum_description/urdf/double_pendulum_continuous.urdf"
+    )
     q, qd, qdd = random_states(mechanism, 1000, np.random.default_rng(0))
     np.testing.assert_allclose(q[:, 0] ** 2 + q[:, 1] ** 2, 1.0, rtol=0, atol=1e-15)
     assert np.abs(np.arctan2(q[:, 1], q[:, 0])).max() > 3.1

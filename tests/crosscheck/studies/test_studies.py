@@ -135,7 +135,7 @@ def test_phases_equal_their_separate_mechanisms(root: Path, engine: str) -> None
 @pytest.mark.slow
 def test_another_bar_is_a_deviation_of_the_closed_phase(root: Path) -> None:
     mechanism, case = carried(root)
-    links = [replace(x, bodies=(replace(b, inertia=b.inertia.restated(mass=4.001)),)) if x.name == "bar" else x
+    links = [replace(x, bodies=(replace(b, inertia=b.inertia.replace_unchecked(mass=4.001)),)) if x.name == "bar" else x
              for x in mechanism.links for b in x.bodies[:1] or (None,)]  # fmt: skip
     parts = switching.separate(replace(mechanism, links=tuple(links)), case)
     rows = list(switching.engine_rows("pinocchio", mechanism, case, parts, 1e-9))

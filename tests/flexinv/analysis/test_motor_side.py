@@ -14,7 +14,7 @@ import flexinv
 from flexinv.analysis.motor_side import evaluate_friction, motor_side
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.model.mechanism import Body, Drive, Inertia, Joint, Link, Mechanism, expanded
+from flexinv.model.mechanism import Body, Drive, Inertia, Joint, Link, Mechanism, build_drive_model
 
 Array = NDArray[np.float64]
 # Smooth to the fourth derivative at both ends: 0 to 1.
@@ -27,7 +27,9 @@ def rod(drive: Drive, gravity: float = 0.0) -> Mechanism:
     """A link of INERTIA about a vertical axis (or with gravity along -y) and its drive."""
     body = Body("rod", Inertia(2.0, np.array([0.25, 0.0, 0.0]), (INERTIA - 2.0 * 0.25**2) * np.eye(3)))
     joint = Joint("q", "revolute", "world", "rod", drive=drive)
-    return expanded(Mechanism("rod", (Link("rod", (body,)),), (joint,), gravity=np.array([0.0, -gravity, 0.0])))
+    return build_drive_model(
+        Mechanism("rod", (Link("rod", (body,)),), (joint,), gravity=np.array([0.0, -gravity, 0.0]))
+    )
 
 
 def sampled(values: Array, time: Array) -> flexinv.Motion:
@@ -139,7 +141,7 @@ def test_a_jerky_link_is_refused() -> None:
 def test_what_a_drive_cannot_stand_beside(change: dict[str, object], words: str) -> None:
     joint = replace(Joint("q", "revolute", "world", "rod", drive=replace(DRIVE, stiffness=0.0)), **change)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=words):
-        expanded(Mechanism("rod", (Link("rod"),), (joint,)))
+        build_drive_model(Mechanism("rod", (Link("rod"),), (joint,)))
 
 
 FILE = """
@@ -181,7 +183,7 @@ def slide(drive: Drive) -> Mechanism:
     """A carriage of 2 kg along x."""
     joint = Joint("q", "prismatic", "world", "rod", axis=np.array([1.0, 0.0, 0.0]), drive=drive)
     body = Body("rod", Inertia(2.0))
-    return expanded(Mechanism("slide", (Link("rod", (body,)),), (joint,), gravity=np.zeros(3)))
+    return build_drive_model(Mechanism("slide", (Link("rod", (body,)),), (joint,), gravity=np.zeros(3)))
 
 
 SCREW = Drive(ratio=400.0, rotor_inertia=1e-5, stiffness=2e3, torque_constant=0.08)  # rad/m, N/m
@@ -277,7 +279,7 @@ def test_a_drive_that_is_not_part_of_the_mechanism_is_refused(drive: Drive) -> N
     """What is built in Python may forget to expand it: no tool may leave out its rotor in silence."""
     joint, one = Joint("q", "revolute", "world", "rod", drive=drive), np.zeros(1)
     bare = Mechanism("rod", (Link("rod", (Body("rod", Inertia(1.0)),)),), (joint,))
-    words = r"joint 'q': its drive is not part of the mechanism yet; write flexinv.model.mechanism.expanded"
+    words = r"joint 'q': its drive is not part of the mechanism yet; write flexinv.model.mechanism.build_drive_model"
     for ask in (flexinv.joint_torques, flexinv.torque_regressor, flexinv.torque_derivatives):
         with pytest.raises(InputError, match=words):
             ask(bare, one, one, one)

@@ -14,7 +14,7 @@ from planar_examples import CLOSED_CASES, PAPER_CASES
 import flexinv
 from flexinv.kernels.memory import begin_shared_memory, make_adjacent_arrays
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism
-from flexinv.model.motion import motion_at
+from flexinv.model.motion import evaluate_motion
 from flexinv.planar.solver import PlanarMarch, _list_reusable
 from flexinv.typing import Array
 
@@ -194,10 +194,10 @@ def test_a_table_that_is_kept_is_that_of_the_joints() -> None:
         Mechanism(kind, (Link("link"),), (Joint("turn", kind, "world", "link"),)) for kind in ("revolute", "continuous")
     )
     time = 0.01 * np.arange(51)
-    table = motion_at(motion, angle, time)
-    assert motion_at(motion, replace(angle, name="another"), time)[0] is table[0]
+    table = evaluate_motion(motion, angle, time)
+    assert evaluate_motion(motion, replace(angle, name="another"), time)[0] is table[0]
     for mechanism in (angle, endless):
-        for kept, found in zip(motion_at(motion, mechanism, time), motion.evaluate(mechanism, time), strict=True):
+        for kept, found in zip(evaluate_motion(motion, mechanism, time), motion.evaluate(mechanism, time), strict=True):
             np.testing.assert_array_equal(kept, found)
     with pytest.raises(ValueError, match="read-only"):
         table[0][0] = 1.0

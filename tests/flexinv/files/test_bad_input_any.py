@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import pytest
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.from_urdf import from_urdf, robots_folder
+from flexinv.files.from_urdf import find_robots_folder, from_urdf
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
@@ -105,7 +105,7 @@ def test_any_cases(tmp_path: Path) -> None:
 
 def test_any_urdf(tmp_path: Path) -> None:
     """Elements left out, doubled or renamed, attributes left out or replaced; many of them do not matter."""
-    source = ElementTree.parse(robots_folder() / "panda_description" / "urdf" / "panda.urdf")
+    source = ElementTree.parse(find_robots_folder() / "panda_description" / "urdf" / "panda.urdf")
     chance, path, count = random.Random(13), tmp_path / "robot.urdf", 0
     for _ in range(ROUNDS):
         root = copy.deepcopy(source.getroot())

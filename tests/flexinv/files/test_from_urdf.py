@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.from_urdf import from_urdf, robots_folder
+from flexinv.files.from_urdf import find_robots_folder, from_urdf
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.typing import Array
 
 pin = pytest.importorskip("pinocchio")
-ROBOTS = robots_folder()
+ROBOTS = find_robots_folder()
 NAMES = sorted(str(p.relative_to(ROBOTS)) for p in ROBOTS.rglob("*.urdf"))
 EMPTY = "ur_description/urdf/ur3.urdf"  # <robot> without a name or links: urdfdom refuses it too
 
@@ -273,6 +273,6 @@ def test_the_comparison_sees_a_wrong_inertia() -> None:
     mechanism = quiet(ROBOTS / "panda_description/urdf/panda.urdf", base="free")
     link = mechanism.link_of["panda_link4"]
     body = link.bodies[0]
-    turned = replace(body, inertia=body.inertia.restated(com=-body.inertia.com))
+    turned = replace(body, inertia=body.inertia.replace_unchecked(com=-body.inertia.com))
     links = tuple(replace(other, bodies=(turned,)) if other is link else other for other in mechanism.links)
     assert np.abs(composite(replace(mechanism, links=links))[1] - composite(mechanism)[1]).max() > 1e-3

@@ -12,7 +12,7 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.files.bounded_xml import DEEPEST, MOST_ELEMENTS, Unbounded, parse_bounded
 from flexinv.files.from_urdf import read_xml
-from flexinv.files.lenient_xml import repaired_xml
+from flexinv.files.lenient_xml import replace_invalid_xml
 from flexinv.files.regular_files import NotRegular, read_regular
 from flexinv.files.toml_tables import read_toml
 
@@ -107,7 +107,7 @@ def test_prefixes_without_end_are_not_put_right(tmp_path: Path) -> None:
 def test_comments_and_sections_are_told_apart() -> None:
     """A comment within CDATA is text, and CDATA within a comment is comment."""
     text = b"<r><![CDATA[<!-- a -- b -->]]>\n<!-- <![CDATA[ c -- d -->\n<!-- e --></r>"
-    mended, words = repaired_xml(text)
+    mended, words = replace_invalid_xml(text)
     assert mended == text.replace(b"c -- d", b"c    d")
     assert words == ["line 2: -- within a comment"]
 

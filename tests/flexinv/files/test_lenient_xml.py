@@ -8,8 +8,8 @@ import pytest
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import read_xml, xml_repairs
-from flexinv.files.lenient_xml import repaired_xml
+from flexinv.files.from_urdf import list_xml_repairs, read_xml
+from flexinv.files.lenient_xml import replace_invalid_xml
 
 ARM = """<robot name="r">{}<link name="base"/><link name="a"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -36,7 +36,7 @@ def test_what_others_read_is_read_and_said(more: str, words: list[str], tmp_path
     path = tmp_path / "r.urdf"
     path.write_text(ARM.format(more))
     assert [joint.name for joint in flexinv.from_urdf(path).joints if joint.nv] == ["j"]
-    assert xml_repairs(path) == words
+    assert list_xml_repairs(path) == words
 
 
 def test_prefixes_get_the_address_that_readers_know(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_prefixes_get_the_address_that_readers_know(tmp_path: Path) -> None:
 )
 def test_what_is_right_stays_as_it_is(more: str, tmp_path: Path) -> None:
     data = ARM.format(more).encode()
-    assert repaired_xml(data) == (data, [])
+    assert replace_invalid_xml(data) == (data, [])
 
 
 @pytest.mark.parametrize("more", ["<link>", "<!-- a -- b --><link>", "<a & b/>", "<!-- never ends"])

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from flexinv.analysis.statics import Load, statics
 from flexinv.errors import InputError
-from flexinv.files.joints import JOINT_TABLES, rotation_from_rpy
+from flexinv.files.joints import JOINT_TABLES, compute_rpy_rotation
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.files.sections import rectangle_torsion
-from flexinv.files.toml_tables import Table, optional
-from flexinv.files.values import converted, correction, split_unit
+from flexinv.files.sections import compute_rectangle_torsion
+from flexinv.files.toml_tables import Table, make_optional_key
+from flexinv.files.values import convert_number, find_correction, split_unit
 from flexinv.model.joint_kinds import KINDS as COORDINATES
-from flexinv.model.links import impossible
+from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
@@ -78,10 +78,10 @@ def test_every_cloud_of_masses_has_a_possible_inertia() -> None:
     for _ in range(50):
         points = rng.normal(size=(2, 3)) if rng.random() < 0.5 else rng.normal(size=(6, 3))  # a line, or a cloud
         tensor = sum(p @ p * np.eye(3) - np.outer(p, p) for p in points - points.mean(axis=0))
-        assert impossible(tensor) == ""
+        assert describe_impossible_inertia(tensor) == ""
         moments, axes = np.linalg.eigh(tensor)
         moments[2] = (moments[0] + moments[1]) * 1.001
-        assert "exceeds the sum" in impossible((axes * moments) @ axes.T)
+        assert "exceeds the sum" in describe_impossible_inertia((axes * moments) @ axes.T)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,10 @@ def test_every_cloud_of_masses_has_a_possible_inertia() -> None:
 )
 def test_torsion_of_a_rectangle(ratio: float, factor: float) -> None:
     """J = factor a b^3 as tabulated by Timoshenko and Goodier to three or four digits."""
-    assert rectangle_torsion(ratio * 0.02, 0.02) == pytest.approx(factor * ratio * 0.02**4, abs=1e-4 * ratio * 0.02**4)
-    assert rectangle_torsion(0.02, ratio * 0.02) == rectangle_torsion(ratio * 0.02, 0.02)
+    assert compute_rectangle_torsion(ratio * 0.02, 0.02) == pytest.approx(
+        factor * ratio * 0.02**4, abs=1e-4 * ratio * 0.02**4
+    )
+    assert compute_rectangle_torsion(0.02, ratio * 0.02) == compute_rectangle_torsion(ratio * 0.02, 0.02)
 
 
 def section_of(tmp_path: Path, keys: str) -> tuple[Array, float, Array]:
@@ -287,7 +289,7 @@ def test_roll_pitch_yaw_are_urdfs() -> None:
     rng = np.random.default_rng(5)
     for rpy in rng.uniform(-4, 4, (20, 3)):
         expected = Rotation.from_euler("xyz", rpy).as_matrix()  # extrinsic, about fixed axes
-        assert np.abs(rotation_from_rpy(rpy) - expected).max() < 1e-15 * 4  # products of three rounded factors
+        assert np.abs(compute_rpy_rotation(rpy) - expected).max() < 1e-15 * 4  # products of three rounded factors
 
 
 def test_quarter_turns_in_degrees_are_exact(tmp_path: Path) -> None:
@@ -310,13 +312,16 @@ def test_unit_of_a_key(key: str, parts: tuple[str, str]) -> None:
 
 
 def test_conversion_of_units() -> None:
-    assert converted(400, "mm", "m") == 0.4
-    assert converted([90, 180], "deg", "rad") == [pytest.approx(np.pi / 2, rel=1e-11), pytest.approx(np.pi, rel=1e-11)]
-    assert converted({"y": 1}, "GPa", "Pa") == {"y": 1e9}
-    assert converted(1, "kg", "m") is None
-    assert converted("1", "mm", "m") is None
-    assert correction("size_mm", [1, 2], ["size_m", "mass_kg"]) == ("size_m", [0.001, 0.002])
-    assert correction("colour", 1, ["size_m"]) is None
+    assert convert_number(400, "mm", "m") == 0.4
+    assert convert_number([90, 180], "deg", "rad") == [
+        pytest.approx(np.pi / 2, rel=1e-11),
+        pytest.approx(np.pi, rel=1e-11),
+    ]
+    assert convert_number({"y": 1}, "GPa", "Pa") == {"y": 1e9}
+    assert convert_number(1, "kg", "m") is None
+    assert convert_number("1", "mm", "m") is None
+    assert find_correction("size_mm", [1, 2], ["size_m", "mass_kg"]) == ("size_m", [0.001, 0.002])
+    assert find_correction("colour", 1, ["size_m"]) is None
 
 
 def test_the_beginning_of_a_key_is_enough_to_guess_it() -> None:
@@ -330,11 +335,11 @@ def test_examples_of_keys_are_lines_that_can_be_written() -> None:
     """A value alone takes the name of its key, a list of words too; the head of a table and another key's line stand."""
 
     class Pairs(Table):
-        words: object = optional("two words", "[a, b]")
-        truths: object = optional("two truths", "[true, false]")
-        table: object = optional("a table", "[links.tip.tube]")
-        tables: object = optional("tables", "[[springs]]")
-        line: object = optional("another key", "rpy_deg = [0, 0, 90]")
+        words: object = make_optional_key("two words", "[a, b]")
+        truths: object = make_optional_key("two truths", "[true, false]")
+        table: object = make_optional_key("a table", "[links.tip.tube]")
+        tables: object = make_optional_key("tables", "[[springs]]")
+        line: object = make_optional_key("another key", "rpy_deg = [0, 0, 90]")
 
     told = {name: field.examples for name, field in Pairs.model_fields.items()}
     assert told == {

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import flexinv
-from flexinv.model.by_value import digest, is_same
+from flexinv.model.by_value import compute_hash, is_same
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 BENT = flexinv.load_mechanism(MODELS / "flex_one_link")
@@ -70,7 +70,7 @@ def test_a_copy_equals_its_original(name: str) -> None:
 def test_equal_data_have_one_hash() -> None:
     for one in (BENT, TURN, BENT.joints[0], flexinv.Load("link"), flexinv.prepare(RIGID)):
         assert hash(pickle.loads(pickle.dumps(one))) == hash(one)
-    assert digest(np.array([0.0])) == digest(np.array([-0.0]))
+    assert compute_hash(np.array([0.0])) == compute_hash(np.array([-0.0]))
 
 
 def test_other_data_are_not_equal() -> None:

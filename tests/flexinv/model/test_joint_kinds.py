@@ -20,7 +20,7 @@ from flexinv.kinematics.nodal_motion import (
     compute_rigid_motion,
     integrate_configuration,
 )
-from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, motion_subspace
+from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, compute_motion_subspace
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import sample_states
@@ -105,7 +105,7 @@ def jack(load: float = 3.0, closed: bool = False) -> Mechanism:
 @pytest.mark.parametrize("name", KINDS)
 def test_the_table_is_consistent(name: str) -> None:
     kind, axis = KINDS[name], np.array([0.6, 0.0, 0.8])
-    slide, turn = motion_subspace(kind.number, axis, 0.5)
+    slide, turn = compute_motion_subspace(kind.number, axis, 0.5)
     assert len(kind.units) == len(kind.v)
     assert len(slide) == len(turn) == VELOCITIES[kind.number]
     nodes = 2 if name == "universal" else 1
@@ -324,12 +324,12 @@ def test_natural_frequency_of_a_sprung_screw() -> None:
 
 def test_a_motor_turns_a_screw() -> None:
     """Through a gear: rotor and friction at the joint, squared and times the ratio."""
-    from flexinv.model.mechanism import Drive, expanded
+    from flexinv.model.mechanism import Drive, build_drive_model
 
     m = jack()
     drive = Drive(ratio=5.0, rotor_inertia=1e-3, stiffness=40.0, moves="motor")
     m = replace(m, joints=(replace(m.joints[0], rotor_inertia=0.0, damping=0.0, friction=0.0, drive=drive),))
-    motor, spring = expanded(m).joints
+    motor, spring = build_drive_model(m).joints
     assert (motor.kind, spring.kind, motor.pitch, spring.pitch) == ("helical", "helical", PITCH, PITCH)
     assert motor.rotor_inertia == pytest.approx(0.025)
 

@@ -13,7 +13,7 @@ import pytest
 from flexible_examples import arm
 
 from flexinv.kinematics.mesh import build
-from flexinv.model.owned_cache import ATTRIBUTE, kept_with_owner
+from flexinv.model.owned_cache import ATTRIBUTE, make_owner_cache
 from flexinv.planar.detection import find_plane
 
 
@@ -25,7 +25,7 @@ class Owner:
 CALLS: list[float] = []
 
 
-@kept_with_owner(most=2)
+@make_owner_cache(most=2)
 def raised(owner: Owner, power: float) -> float:
     CALLS.append(power)
     return owner.number**power
@@ -49,12 +49,12 @@ def test_copies_begin_without_results() -> None:
         assert other.__dict__[ATTRIBUTE] == {}
 
 
-@kept_with_owner()
+@make_owner_cache()
 def listed(owner: Owner, count: int) -> list[np.ndarray]:
     return [np.full(count, owner.number)]
 
 
-@kept_with_owner(frozen=False)
+@make_owner_cache(frozen=False)
 def work_space(owner: Owner) -> np.ndarray:
     return np.zeros(3)
 

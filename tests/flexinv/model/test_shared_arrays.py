@@ -15,7 +15,7 @@ import flexinv
 from flexinv.elements.quadrature import build_reference
 from flexinv.kinematics.mesh import build
 from flexinv.model.by_value import is_same
-from flexinv.model.owned_cache import freeze
+from flexinv.model.owned_cache import make_read_only
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 BENT, RIGID, LOOP, SPATIAL = (
@@ -91,5 +91,5 @@ def test_tables_that_all_share_cannot_be_written_to() -> None:
 
 def test_freezing_reaches_every_array() -> None:
     deep: Any = ({"a": [np.zeros(2)]}, np.ones(3), "text", 1.0)
-    assert freeze(deep) is deep
+    assert make_read_only(deep) is deep
     assert not any(part.flags.writeable for part in arrays(deep))

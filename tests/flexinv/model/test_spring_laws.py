@@ -23,20 +23,20 @@ HOLD = flexinv.Motion.point_to_point({"hold": 0.0}, {"hold": 0.0}, 0.1)
 def test_the_slope_is_that_of_the_pull(law: SpringLaw) -> None:
     """Central differences of 1e-6 m: 1e-12 of third derivatives, and rounding of 1e-16 over 1e-6; rows of the table left out."""
     length = np.linspace(0.26, 0.95, 29)
-    found = (law.pull(length + 1e-6, 0.5) - law.pull(length - 1e-6, 0.5)) / 2e-6
+    found = (law.evaluate_pull(length + 1e-6, 0.5) - law.evaluate_pull(length - 1e-6, 0.5)) / 2e-6
     assert np.allclose(law.slope(length, 0.5), found, rtol=1e-6, atol=1e-6)
 
 
 def test_a_gas_does_the_work_of_its_expansion() -> None:
     """Isothermal gas: the work from rest to l is force travel ln(1 / (1 - (l - rest) / travel))."""
     length = np.linspace(0.5, 0.9, 20001)
-    work = np.trapezoid(GasLaw(40.0, 0.8).pull(length, 0.5), length)
+    work = np.trapezoid(GasLaw(40.0, 0.8).evaluate_pull(length, 0.5), length)
     assert work == pytest.approx(40.0 * 0.8 * np.log(2.0), rel=1e-8)  # trapezoids of 2e-5 m
 
 
 def test_a_table_is_monotone_and_goes_through_its_rows() -> None:
-    assert np.allclose(TABLE.pull(TABLE.length, 0.0), TABLE.force, rtol=0, atol=1e-13)  # rounding
-    assert (np.diff(TABLE.pull(np.linspace(0.1, 1.2, 500), 0.0)) > 0).all()
+    assert np.allclose(TABLE.evaluate_pull(TABLE.length, 0.0), TABLE.force, rtol=0, atol=1e-13)  # rounding
+    assert (np.diff(TABLE.evaluate_pull(np.linspace(0.1, 1.2, 500), 0.0)) > 0).all()
 
 
 def slider(law: SpringLaw | None, stiffness: float = 0.0) -> Mechanism:
@@ -57,7 +57,7 @@ def slider(law: SpringLaw | None, stiffness: float = 0.0) -> Mechanism:
 def test_the_march_has_the_same_law_as_the_inverse_dynamics(law: SpringLaw) -> None:
     """The accelerations of the march are -pull / m with the pull of the formulas, to Newton's tolerance."""
     solution = flexinv.solve(slider(law), HOLD, step=1e-3, start={"slide": 0.45})
-    pull = law.pull(solution.q[:, 1] + 0.2, 0.5)
+    pull = law.evaluate_pull(solution.q[:, 1] + 0.2, 0.5)
     assert np.allclose(solution.qdd[:, 1], -pull / 2.0, rtol=1e-8, atol=1e-8)
     assert np.ptp(solution.q[:, 1]) > 0.01  # it has moved through a part of the law
 
@@ -71,7 +71,7 @@ def test_a_table_of_two_rows_is_a_linear_spring() -> None:
 
 def test_forces_that_double_are_seen() -> None:
     """A law of twice the force moves the mass elsewhere: the checks above can fail."""
-    laws = (GAS, GAS.scaled(2.0))
+    laws = (GAS, GAS.scale_forces(2.0))
     moved = [flexinv.solve(slider(law), HOLD, step=1e-3, start={"slide": 0.45}).q[-1, 1] for law in laws]
     assert abs(moved[0] - moved[1]) > 1e-3
 
@@ -119,6 +119,6 @@ def test_messages_about_laws(tmp_path: Path, case: Planted) -> None:
 def test_a_file_gives_the_law(tmp_path: Path) -> None:
     law = load(tmp_path, GOOD).springs[0].law
     assert isinstance(law, TableLaw)
-    assert law.pull(0.55, 0.0) == pytest.approx(2.5)
+    assert law.evaluate_pull(0.55, 0.0) == pytest.approx(2.5)
     gas = 'law = "gas"\nforce_N = 10\nrest_m = 0.6\ntravel_m = 0.5\n'
     assert load(tmp_path, GOOD[: GOOD.index('law = "table"')] + gas).springs[0].law == GasLaw(10.0, 0.5, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexinv.errors import InputError
-from flexinv.model.track import LAWS, Law, find_law, progress
+from flexinv.model.track import LAWS, Law, evaluate_progress, find_law
 
 ROUNDING = 4e-15  # a handful of operations on numbers up to 10
 # truncation h^6/140 times the 7th derivative of u', (2 pi)^7: 3e-15; rounding of u times the stencil's magnitudes
@@ -25,7 +25,7 @@ PEAKS = {
 
 
 def evaluate(law: Law, s: np.ndarray, left: bool = False) -> tuple[np.ndarray, ...]:
-    return progress(law, s, np.full(s.shape, left))
+    return evaluate_progress(law, s, np.full(s.shape, left))
 
 
 def worst_derivative_error(law: Law) -> float:

@@ -14,7 +14,7 @@ from flexinv import Mechanism, Path, follow
 from flexinv.analysis.motor_side import motor_side
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
-from flexinv.model.mechanism import Drive, Joint, expanded
+from flexinv.model.mechanism import Drive, Joint, build_drive_model
 from flexinv.tracking.follow import Following
 from flexinv.tracking.inverse_kinematics import resolve_frame
 
@@ -87,7 +87,7 @@ def driven(moves: str) -> Following:
     """The same arm: rotor and hub spring as a drive."""
     drive = Drive(ratio=RATIO, rotor_inertia=ROTOR / RATIO**2, stiffness=HUB, torque_constant=0.1, moves=moves)
     joint = Joint("hub", "revolute", "world", "link", drive=drive)
-    m = expanded(Mechanism("driven arm", (beam(8),), (joint,), gravity=np.zeros(3)))
+    m = build_drive_model(Mechanism("driven arm", (beam(8),), (joint,), gravity=np.zeros(3)))
     return followed(m)
 
 
@@ -116,7 +116,7 @@ def test_a_rigid_gear_is_followed(root: Folder) -> None:
     """Rigid links with a rotor in a joint: the torque holds what the rotor takes."""
     m = flexinv.load_mechanism(root / "models" / "rigid_3r")
     drive = Drive(ratio=50.0, rotor_inertia=1e-4)
-    geared = expanded(replace(m, joints=(replace(m.joints[0], drive=drive), *m.joints[1:])))
+    geared = build_drive_model(replace(m, joints=(replace(m.joints[0], drive=drive), *m.joints[1:])))
     line = Path.line([0.45, -0.1, 0], [0.35, 0.1, 0], 0.5)
     start = {j.name: angle for j, angle in zip(m.joints, (-0.8, 1.0, 0.5), strict=True)}
     name = m.links[-1].name
@@ -165,7 +165,7 @@ def test_drives_without_a_rotor_give_what_the_link_needs() -> None:
     for stiffness in (0.0, 50.0):
         drive = Drive(ratio=2.0, stiffness=stiffness, moves="motor")
         joint = Joint("hub", "revolute", "world", "link", drive=drive)
-        f = followed(expanded(Mechanism("light drive", (beam(6),), (joint,), gravity=np.zeros(3))))
+        f = followed(build_drive_model(Mechanism("light drive", (beam(6),), (joint,), gravity=np.zeros(3))))
         missed = f.frame.poses(f.solution.nodes).x - f.wanted
         # along the arc, which is what one drive can do
         assert np.abs(np.einsum("srt,sr->st", f.reach.within, missed)).max() < 1e-10

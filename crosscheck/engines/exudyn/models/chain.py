@@ -26,7 +26,7 @@ from crosscheck.engines.shared.cross import cross, cross_columns
 from crosscheck.engines.shared.loop_closure import Moving, Rows, Task
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
-from flexinv.model.owned_cache import kept_with_owner
+from flexinv.model.owned_cache import make_owner_cache
 
 Given = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -166,7 +166,7 @@ def closed_motion(
     return _closed(case, mechanism, time.tobytes()) if history is None else _followed(mechanism, case, time, history)
 
 
-@kept_with_owner(most=8)
+@make_owner_cache(most=8)
 def _closed(case: Case, mechanism: Mechanism, time: bytes) -> tuple[Array, Array, Array]:
     """The case's own motion: every run of it is shared out on the same one."""
     made = _followed(mechanism, case, np.frombuffer(time), None)
@@ -195,7 +195,7 @@ def closing_rows(mechanism: Mechanism, case: Case, positions: Array) -> list[tup
     return _closing_rows(case, mechanism, positions.tobytes())
 
 
-@kept_with_owner(most=8)
+@make_owner_cache(most=8)
 def _closing_rows(case: Case, mechanism: Mechanism, q: bytes) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
     tree = Tree(mechanism, case)
     rest = np.zeros(mechanism.nv)

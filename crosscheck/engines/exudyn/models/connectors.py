@@ -184,7 +184,7 @@ def _law(spring: Spring) -> Any:
     def pull(
         mbs: Any, t: float, item: int, longer: float, rate: float, stiffness: float, damping: float, f: float
     ) -> float:
-        return float(spring.pull(np.asarray(spring.rest + longer))) + damping * rate
+        return float(spring.evaluate_pull(np.asarray(spring.rest + longer))) + damping * rate
 
     return pull
 

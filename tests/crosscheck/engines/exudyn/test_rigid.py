@@ -98,10 +98,10 @@ def test_drives_are_part_of_the_effort_and_each_is_seen() -> None:
 
 
 FAULTS = {
-    "a payload of 1 % of a body": lambda b: replace(b, inertia=b.inertia.restated(mass=1.01 * b.inertia.mass)),
-    "a centre of mass 1 mm off": lambda b: replace(b, inertia=b.inertia.restated(com=b.inertia.com + 1e-3)),
+    "a payload of 1 % of a body": lambda b: replace(b, inertia=b.inertia.replace_unchecked(mass=1.01 * b.inertia.mass)),
+    "a centre of mass 1 mm off": lambda b: replace(b, inertia=b.inertia.replace_unchecked(com=b.inertia.com + 1e-3)),
     "an inertia about the wrong point": lambda b: replace(
-        b, inertia=b.inertia.restated(tensor=b.inertia.tensor + 0.01 * np.eye(3))
+        b, inertia=b.inertia.replace_unchecked(tensor=b.inertia.tensor + 0.01 * np.eye(3))
     ),
 }
 
