@@ -27,9 +27,9 @@ from faults import Fault, fits, plant
 from machines import ROOT, machine, names_of_machines
 from retelling import CHANGES, Told, told_first, turn_base, turn_world
 
-from crosscheck.engines.mujoco.export import text_of
+from crosscheck.engines.mujoco.export import build_mjcf
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.urdf_text import urdf
+from crosscheck.engines.shared.urdf_text import write_urdf
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED, Comparison
 from flexinv.errors import InputError
@@ -148,7 +148,7 @@ def _sayable(mechanism: Mechanism, form: str) -> bool:
         upright = np.array_equal(mechanism.gravity, [0.0, 0.0, -9.81])
         return not kinds & {"spherical", "helical"} and not springs and upright
     try:
-        return not text_of(mechanism)[0].floored
+        return not build_mjcf(mechanism)[0].floored
     except NotExported:
         return False
 
@@ -157,7 +157,7 @@ def _written(told: Told, form: str, folder: Path, name: str) -> Written:
     if form == "memory":
         return Written(told, form)
     path = folder / f"{name}.{'urdf' if form == 'urdf' else 'xml'}"
-    path.write_text(urdf(told.mechanism) if form == "urdf" else text_of(told.mechanism)[1])
+    path.write_text(write_urdf(told.mechanism) if form == "urdf" else build_mjcf(told.mechanism)[1])
     return Written(told, form, path)
 
 

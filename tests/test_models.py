@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import flexinv
-from crosscheck.engines import ENGINES, adapter, missing
+from crosscheck.engines import ENGINES, adapter, describe_missing_package
 from flexinv.files import case_schema, closures, joints, schema, sections
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -66,7 +66,9 @@ def test_model_states_its_sources(name: str) -> None:
 def test_model_has_a_second_engine(name: str) -> None:
     """At least one case is compared with an engine of others, or with a machine, in all that it states."""
     mechanism = load_mechanism(MODELS / name)
-    others = [e for e in ENGINES.values() if e.name != "flexinv" and not e.native and missing(e) is None]
+    others = [
+        e for e in ENGINES.values() if e.name != "flexinv" and not e.native and describe_missing_package(e) is None
+    ]
     found = [
         engine.name
         for case in load_cases(MODELS / name, mechanism).values()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
-from crosscheck.engines import calls
+from crosscheck.engines import open_bench_calls
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import load_cases
@@ -211,7 +211,7 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
 
     Raises ExudynFailure where none converges.
     """
-    exudyn = calls("exudyn")
+    exudyn = open_bench_calls("exudyn")
     march = exudyn.March(mechanism, motion, arm.formulation, elements, step, arm.end)
     found: list[tuple[float, Any, dict[str, Array]]] = []
     trouble = exudyn.ExudynFailure("nothing was tried")
@@ -229,7 +229,7 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
         raise trouble
     _, setting, tips = min(found, key=lambda one: one[0])
     name = {"ancf": "Exudyn, ANCF cable", "ge": "Exudyn, geometrically exact"}[arm.formulation]
-    return Run(name, elements, step, Call(march.runner(setting)), tips, str(setting))
+    return Run(name, elements, step, Call(march.make_runner(setting)), tips, str(setting))
 
 
 def _row(arm: Arm, run: Run) -> dict[str, Any]:

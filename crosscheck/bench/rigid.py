@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from crosscheck.bench.targets import faster, judged, metric, missing
 from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
-from crosscheck.engines import calls
+from crosscheck.engines import open_bench_calls
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, random_states, undamped
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.threads.affinity import count_processors
@@ -137,8 +137,8 @@ Method = tuple[Call, Callable[[], Array], int]
 
 def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Method]:
     """Return by name and threads: the call, what gives its torques (samples, nv) [N m], and its number of samples."""
-    pinocchio = calls("pinocchio")
-    mujoco = calls("mujoco")
+    pinocchio = open_bench_calls("pinocchio")
+    mujoco = open_bench_calls("mujoco")
     few: State = (state[0][:IN_A_LOOP], state[1][:IN_A_LOOP], state[2][:IN_A_LOOP])
     found: dict[tuple[str, int], Method] = {}
     counts = sorted({1, min(2, count_processors())})

@@ -13,7 +13,7 @@ import numpy as np
 from crosscheck.bench.rigid import ROBOTS
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
-from crosscheck.engines import calls as calls_of
+from crosscheck.engines import open_bench_calls as calls_of
 from crosscheck.studies.robot_sweep import random_states, undamped
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement

@@ -22,7 +22,7 @@ from crosscheck.bench.accuracy import EXTRAPOLATIONS, KEPT, Marches, distance, r
 from crosscheck.bench.flexible import slender, with_beams
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, in_turns, ratio
-from crosscheck.engines import calls
+from crosscheck.engines import open_bench_calls
 from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
 from flexinv.accuracy.refinement import Problem, StepGrid, apply_mesh
@@ -189,7 +189,7 @@ class Ladder:
         return max(0, self.begun[before] + len(self.made[before]) - AGAIN) if coarser >= 0 else 0
 
     def _run(self, elements: int, keeps: bool, finer: int) -> Reached | None:
-        exudyn = calls("exudyn")
+        exudyn = open_bench_calls("exudyn")
         finer = KEPT * max(1, round(finer / KEPT))
         steps = finer * self.grid.total
         end = float(self.grid.ends[-1])
@@ -223,7 +223,7 @@ def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: f
         yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
         return
     here, pair = ours
-    times = in_turns({"flexinv": Call(lambda: here.several(pair)), "Exudyn": Call(theirs.march.runner())}, seconds)
+    times = in_turns({"flexinv": Call(lambda: here.several(pair)), "Exudyn": Call(theirs.march.make_runner())}, seconds)
     order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
     setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
     own = {"method": "flexinv", "setting": setting, "error": here.error(here.several(pair))}

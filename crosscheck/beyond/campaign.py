@@ -15,7 +15,7 @@ from typing import Any
 from crosscheck.beyond.catalogue import Drawn, draw
 from crosscheck.beyond.judge import is_new, shares
 from crosscheck.beyond.trial import Place
-from crosscheck.engines import ENGINES, missing
+from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Children, ask, scratch
@@ -193,7 +193,7 @@ def _campaign(work: _Work, folder: Path) -> None:
 
 def _is_wanted(wanted: Wanted, place: Place, drawn: Drawn) -> bool:
     here = not wanted.mechanisms or place.mechanism in wanted.mechanisms
-    there = missing(ENGINES[place.engine]) is None
+    there = describe_missing_package(ENGINES[place.engine]) is None
     return here and there and (not wanted.only or drawn.number in wanted.only)
 
 

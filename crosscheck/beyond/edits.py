@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.shared.probe_states import carried
+from crosscheck.engines.shared.probe_states import collect_joint_bodies
 from flexinv.model.mechanism import (
     Beam,
     Body,
@@ -101,7 +101,7 @@ def moving(mechanism: Mechanism) -> list[tuple[Link, Body]]:
     links = mechanism.link_of
     return [
         (links[name], body)
-        for bodies in carried(mechanism).values()
+        for bodies in collect_joint_bodies(mechanism).values()
         for name, body in bodies
         if body.inertia.mass > 0.0
     ]

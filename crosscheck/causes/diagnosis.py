@@ -20,7 +20,7 @@ from crosscheck.causes.quantities import quantities
 from crosscheck.causes.repair import Repair, repair
 from crosscheck.causes.separate import separating
 from crosscheck.causes.subject import Array, Subject
-from crosscheck.engines import opened
+from crosscheck.engines import open_adapter
 from crosscheck.engines.base import Adapter
 from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
@@ -65,7 +65,7 @@ def diagnose(
 ) -> dict[str, Any]:
     """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values.
 
-    door : where the engine's adapter is (`crosscheck.engines.opened`), None for one of ours
+    door : where the engine's adapter is (`crosscheck.engines.open_adapter`), None for one of ours
     columns : those of the diagnosis before, where several are asked for in one process
     """
     found = named(folder, case, ours, theirs, columns)
@@ -73,7 +73,7 @@ def diagnose(
     settled = naming
     best = None
     if naming.named and found.shown:
-        behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
+        behind = None if door is None else open_adapter({**door, "engine": engine, "mechanism": folder})
         settled, best = proved(found, engine, behind)
     fits = settled.named
     return {

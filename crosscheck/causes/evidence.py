@@ -19,7 +19,7 @@ from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, effect, fit
 from crosscheck.causes.model import Model
 from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
-from crosscheck.engines.flexinv.certificate import attached, certify
+from crosscheck.engines.flexinv.certificate import certify, collect_attachment_data
 from crosscheck.measures.certificate import EACH, EXACT, PROBED, Certificate, checks
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -179,7 +179,9 @@ class Evidence:
         """Return the reference's certificate of a mechanism's tree, whichever joints have drives, and of its closures."""
         given = case.motion.joints(self.model.base.mechanism)  # a tree's drives are where its motion is
         joints = tuple(replace(j, actuated=j.actuated and j.name in given, weight=1.0) for j in harmed.joints)
-        return replace(certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **attached(harmed))
+        return replace(
+            certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **collect_attachment_data(harmed)
+        )
 
     def _column(self, said: Certificate) -> Array:
         """Return a certificate's numbers that both engines have, over the size of their line, as one column [-]."""

@@ -11,7 +11,7 @@ import numpy as np
 from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.subject import Array, States, Subject
 from crosscheck.engines.base import sample_times
-from crosscheck.engines.flexinv.adapter import solved
+from crosscheck.engines.flexinv.adapter import solve_case
 from crosscheck.measures.record import Record, Series, effort_units, fingerprint
 from crosscheck.verdicts.compare import signal_range
 from flexinv.analysis.solution import Solution
@@ -106,7 +106,7 @@ class Model:
     def series(self, subject: Subject) -> Mapping[str, Series]:
         """Return all that flexinv gives for a subject at all sample times, [N], [N m], [m], with the step of the columns."""
         case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=coarse_step(subject))
-        made = solved(case.meshed(subject.mechanism), case)[1]
+        made = solve_case(case.meshed(subject.mechanism), case)[1]
         return answered(Record("flexinv", time=sample_times(case), series=made), subject).series
 
     @cached_property

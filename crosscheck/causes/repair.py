@@ -15,7 +15,7 @@ from crosscheck.causes.fit import IMPOSSIBLE, Fit, corrected
 from crosscheck.causes.model import Model, answered
 from crosscheck.causes.subject import Array, Subject
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.engines.base import Adapter, repeatable
+from crosscheck.engines.base import Adapter, is_repeatable
 from crosscheck.measures.record import Record
 
 # Of corrections of a size: the model's long steps are wrong by a few per cent, and a square of that is below most bars.
@@ -88,7 +88,7 @@ def put_into_reference(model: Model, fit: Fit, record: Record, enough: float) ->
 
 def take_out(model: Model, fit: Fit, engine: str, reference: Record, door: Adapter | None) -> Repair:
     """Return the repair of the engine: its run with the opposite of the cause, where that is a mechanism that it runs."""
-    again = door is None or repeatable(door)
+    again = door is None or is_repeatable(door)
     if not again or not fit.cause.sized or fit.cause.plant is not None:
         return Repair(fit)
     opposite = _changed(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing

@@ -27,7 +27,7 @@ from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
 from crosscheck.engines.flexinv.certificate import certify
-from crosscheck.engines.shared.rounding import with_rounding
+from crosscheck.engines.shared.rounding import add_rounding_bars
 from crosscheck.measures.certificate import Certificate, checks
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record
@@ -145,7 +145,7 @@ def softened(setting: Setting, size: float) -> Record:
     mechanism = setting.subject.mechanism
     case = setting.subject.case
     engine = adapter(ENGINES[bench.engine])
-    soft = with_rounding(engine, ask(bench, setting.subject), mechanism, case, setting.subject.options)
+    soft = add_rounding_bars(engine, ask(bench, setting.subject), mechanism, case, setting.subject.options)
     mixed = {}
     for key, one in setting.clean.series.items():
         if one.quantity == "torque":

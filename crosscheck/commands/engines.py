@@ -12,7 +12,7 @@ from rich.table import Table
 
 from crosscheck.commands.shared.options import CONFIG, NAMED, doors_of
 from crosscheck.commands.shared.terminal import Console
-from crosscheck.engines import missing
+from crosscheck.engines import describe_missing_package
 from crosscheck.report.words import engines_alike
 from crosscheck.run.abilities import LIMIT as DESCRIBE
 from crosscheck.run.forking import ForkServers
@@ -37,7 +37,7 @@ def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
     rows: list[EngineRow] = []
     with closing(ForkServers()) as servers:  # what all adapters need is imported once
         for one in doors_of(models, config, engine).engines.values():
-            if (reason := missing(one)) is not None:
+            if (reason := describe_missing_package(one)) is not None:
                 rows.append(EngineRow(one.name, False, "missing", message=reason))
                 continue
             if one.adapter_key not in known:

@@ -8,7 +8,7 @@ import click
 
 from crosscheck.commands.shared.options import CONFIG, doors_of, one_task
 from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
-from crosscheck.engines import ENGINES, missing
+from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.reproduce import reproduce
 from flexinv.errors import InputError
@@ -45,7 +45,7 @@ def command(
     known = doors_of(models, config).engines
     if engine == REFERENCE or engine not in known:
         raise Failure(f"no export is called {engine!r}; known: {', '.join(n for n in known if n != REFERENCE)}")
-    if (reason := missing(known[engine])) is not None:
+    if (reason := describe_missing_package(known[engine])) is not None:
         raise Failure(f"{engine}: {reason}")
     folder = out or Path("exports") / f"{name}-{task.case.name}-{engine}"
     try:

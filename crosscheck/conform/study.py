@@ -10,7 +10,7 @@ from typing import Any
 
 from crosscheck.conform import ladder
 from crosscheck.doors.registry import RECORD
-from crosscheck.engines import ENGINES, Engine, missing
+from crosscheck.engines import ENGINES, Engine, describe_missing_package
 from crosscheck.measures.limits import REFERENCE, Verdict, worst
 from crosscheck.run.isolation import scratch
 from crosscheck.run.runner import run
@@ -36,7 +36,7 @@ COLUMNS = (
 def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return the tables of the report: differences over the range [-], times [s].
 
-    models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.opened`)
+    models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`)
     """
     wanted = climbing(engines)
     taking = {REFERENCE: ENGINES[REFERENCE], **wanted}
@@ -47,7 +47,7 @@ def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, A
 
 def climbing(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:
     """Return the engines that can be asked, by name: ours that are installed, then those of jobs."""
-    ours = {name: one for name, one in ENGINES.items() if name not in UNASKED and missing(one) is None}
+    ours = {name: one for name, one in ENGINES.items() if name not in UNASKED and describe_missing_package(one) is None}
     theirs = (
         Engine(str(j["engine"]), j["module"], "", "", False, False, j.get("settings"), j.get("path", "")) for j in jobs
     )

@@ -48,33 +48,35 @@ class Engine:
 
     @property
     def door(self) -> dict[str, Any]:
-        """The adapter in a job of a child process (`opened`)."""
+        """The adapter in a job of a child process (`open_adapter`)."""
         path = {"path": self.path} if self.path else {}
         return {"module": self.module, **path, **({} if self.settings is None else {"settings": dict(self.settings)})}
 
 
-def _engine(name: str, module: str, requires: str, package: str, native: bool = False, exports: bool = True) -> Engine:
+def _make_engine(
+    name: str, module: str, requires: str, package: str, native: bool = False, exports: bool = True
+) -> Engine:
     return Engine(name, f"crosscheck.engines.{module}", requires, f"python -m pip install {package}", native, exports)
 
 
 ENGINES: dict[str, Engine] = {
     e.name: e
     for e in (
-        _engine("flexinv", "flexinv.adapter", "flexinv", ".", exports=False),
-        _engine("pinocchio", "pinocchio.adapter", "pinocchio", "pin"),
-        _engine("mujoco", "mujoco.adapter", "mujoco", "mujoco"),
-        _engine("mujoco-equality", "mujoco.adapter", "mujoco", "mujoco", native=True),
-        _engine("mujoco-flex", "mujoco.flex", "mujoco", "mujoco"),
-        _engine("exudyn", "exudyn.adapter", "exudyn", "exudyn"),
-        _engine("exudyn-dae", "exudyn.adapter", "exudyn", "exudyn"),
-        _engine("exudyn-ancf", "exudyn.adapter", "exudyn", "exudyn"),
-        _engine("exudyn-ge", "exudyn.adapter", "exudyn", "exudyn"),
-        _engine("measured", "measured.adapter", "numpy", ".", exports=False),
+        _make_engine("flexinv", "flexinv.adapter", "flexinv", ".", exports=False),
+        _make_engine("pinocchio", "pinocchio.adapter", "pinocchio", "pin"),
+        _make_engine("mujoco", "mujoco.adapter", "mujoco", "mujoco"),
+        _make_engine("mujoco-equality", "mujoco.adapter", "mujoco", "mujoco", native=True),
+        _make_engine("mujoco-flex", "mujoco.flex", "mujoco", "mujoco"),
+        _make_engine("exudyn", "exudyn.adapter", "exudyn", "exudyn"),
+        _make_engine("exudyn-dae", "exudyn.adapter", "exudyn", "exudyn"),
+        _make_engine("exudyn-ancf", "exudyn.adapter", "exudyn", "exudyn"),
+        _make_engine("exudyn-ge", "exudyn.adapter", "exudyn", "exudyn"),
+        _make_engine("measured", "measured.adapter", "numpy", ".", exports=False),
     )
 }
 
 
-def missing(engine: Engine) -> str | None:
+def describe_missing_package(engine: Engine) -> str | None:
     """Return the advice to install the package that ``engine`` needs, or None when it is there (nothing is imported)."""
     if not engine.requires or importlib.util.find_spec(engine.requires) is not None:
         return None
@@ -83,17 +85,17 @@ def missing(engine: Engine) -> str | None:
 
 def adapter(engine: Engine) -> Adapter:
     """Import the adapter of ``engine``.  Raises ImportError where the engine is not installed."""
-    return loaded(engine.module)
+    return resolve_adapter(engine.module)
 
 
-def calls(engine: str) -> Any:
+def open_bench_calls(engine: str) -> Any:
     """Return the calls of one of our engines whose time `crosscheck bench` takes.  Raises ImportError."""
     bench = offered(adapter(ENGINES[engine]), "bench")
     assert bench is not None
     return bench()
 
 
-def loaded(name: str) -> Adapter:
+def resolve_adapter(name: str) -> Adapter:
     """Import an adapter: a module, ``module:object``, or ``module:class``, of which one is made.  Raises ImportError."""
     module, _, attribute = name.partition(":")
     found: Any = importlib.import_module(module)
@@ -104,11 +106,11 @@ def loaded(name: str) -> Adapter:
     return cast(Adapter, found() if isinstance(found, type) else found)
 
 
-def opened(job: Mapping[str, Any]) -> Adapter:
+def open_adapter(job: Mapping[str, Any]) -> Adapter:
     """Return the adapter of a job: ``module``, perhaps ``path``; of a door ``settings``, ``engine``, ``mechanism`` (folder)."""
     if (path := job.get("path", "")) and path not in sys.path:
         sys.path.insert(0, path)
     if "settings" not in job:
-        return loaded(job["module"])
+        return resolve_adapter(job["module"])
     door: Any = importlib.import_module(job["module"])
     return cast(Adapter, door.opened(job["engine"], job.get("mechanism", ""), job["settings"]))

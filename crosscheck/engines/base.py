@@ -101,7 +101,7 @@ def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:
     return found
 
 
-def repeatable(adapter: Adapter) -> bool:
+def is_repeatable(adapter: Adapter) -> bool:
     """Return True if an adapter computes: asked for another mechanism it gives another answer."""
     return bool(getattr(adapter, "repeatable", True))
 
@@ -111,7 +111,7 @@ def forkable(adapter: Adapter) -> bool:
     return bool(getattr(adapter, "forkable", True))
 
 
-def prepared(adapter: Adapter) -> None:
+def prepare_adapter(adapter: Adapter) -> None:
     """Import what every run of an adapter needs and it imports late: the module of its certificate."""
     if module := getattr(getattr(adapter, "certify", None), "module", ""):
         importlib.import_module(module)
@@ -134,6 +134,6 @@ class _Late:
         return getattr(importlib.import_module(self.module), self.member)(*words, **named)
 
 
-def module_beside(module: str) -> Callable[[], Any]:
+def make_lazy_module(module: str) -> Callable[[], Any]:
     """Return the member ``bench`` of an adapter whose calls are functions of a module, imported when it is asked for."""
     return functools.partial(importlib.import_module, module)

@@ -274,9 +274,9 @@ def placement_text(frame: Placement) -> str:
 
 
 def _rpy(rotation: Array) -> str:
-    from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
+    from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 
-    return vector_text(np.array(roll_pitch_yaw(rotation))) + " rpy"
+    return vector_text(np.array(compute_roll_pitch_yaw(rotation))) + " rpy"
 
 
 def _tensor(tensor: Array) -> str:

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from crosscheck.doors.packages import installed
-from crosscheck.engines import ENGINES, Engine, loaded, missing
+from crosscheck.engines import ENGINES, Engine, describe_missing_package, resolve_adapter
 from crosscheck.engines.base import offered
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.kit import lift_kit
@@ -228,7 +228,7 @@ def _engines() -> dict[str, Engine]:
 def _reader(path: Path, kind: str) -> str:
     engines = _engines()
     for name in READERS[kind]:
-        if name in engines and missing(engines[name]) is None:
+        if name in engines and describe_missing_package(engines[name]) is None:
             return name
     raise InputError(
         f"{path}\n  given:    {kind.upper()}, and no reader of it is installed\n"
@@ -240,10 +240,10 @@ def readers(kind: str) -> list[str]:
     """Return the engines that have a reader of their own for a format, those that are installed."""
     found = []
     for name, engine in _engines().items():
-        if "-" in name or missing(engine) is not None or name in ("measured", "flexinv"):
+        if "-" in name or describe_missing_package(engine) is not None or name in ("measured", "flexinv"):
             continue
         try:
-            adapter: Any = loaded(engine.module)
+            adapter: Any = resolve_adapter(engine.module)
         except ImportError:
             continue
         if offered(adapter, "lift") is not None and kind in getattr(adapter, "READS", ("urdf", "mjcf")):
@@ -258,9 +258,9 @@ def _by_engine(path: Path, name: str) -> Description:
     if name not in engines:
         known = ", ".join(n for n in engines if "-" not in n and n != "measured")
         raise InputError(f"{path}@{name}: no engine is called {name!r}; known: {known}")
-    if words := missing(engines[name]):
+    if words := describe_missing_package(engines[name]):
         raise InputError(f"{path}@{name}: {words}")
-    lift = offered(loaded(engines[name].module), "lift")
+    lift = offered(resolve_adapter(engines[name].module), "lift")
     if lift is None:
         raise InputError(
             f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(readers('urdf'))}"
@@ -275,7 +275,7 @@ def _live(source: Any) -> Description:
     for engine in _engines().values():
         if engine.requires not in sys.modules or "-" in engine.name:
             continue
-        adapter: Any = loaded(engine.module)
+        adapter: Any = resolve_adapter(engine.module)
         lifts = offered(adapter, "lifts")
         lift = offered(adapter, "lift")
         if lifts is not None and lift is not None and lifts(source):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.probe_states import configurations
-from crosscheck.engines.shared.urdf_text import urdf
+from crosscheck.engines.shared.urdf_text import write_urdf
 from crosscheck.kit import tree
 from crosscheck.kit.page import page
 from crosscheck.kit.resolved import case_file
@@ -92,7 +92,7 @@ def _urdf(mechanism: Mechanism) -> str | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return urdf(mechanism)
+            return write_urdf(mechanism)
     except NotExported:
         return None
 

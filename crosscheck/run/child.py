@@ -19,10 +19,10 @@ from typing import Any, cast
 import numpy as np
 
 from crosscheck.doors.outside_bars import of_door, of_package
-from crosscheck.engines import ENGINES, opened
+from crosscheck.engines import ENGINES, open_adapter
 from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.rounding import shaken, with_rounding
+from crosscheck.engines.shared.rounding import add_rounding_bars, build_perturbed_case
 from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
@@ -49,7 +49,7 @@ def run_case(job: dict[str, Any]) -> None:
     """Run one engine on one case and save its record."""
     name = job["engine"]
     try:
-        record = _run(job, opened(job))
+        record = _run(job, open_adapter(job))
     except Exception as error:
         traceback.print_exc()
         record = Record(engine=name, status="error", message=_words(error), certificate=_unrun(job))
@@ -62,7 +62,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     known = {"engine": name, "model_hash": fingerprint(mechanism, case.motion)}
     if way := job["options"].pop("shake", 0):
-        case = shaken(case, way)
+        case = build_perturbed_case(case, way)
     if (reason := refusal(adapter, mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, version=adapter.version(), **known)
     record = replace(_answer(job, adapter, mechanism, case), **known)
@@ -73,7 +73,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     stepped = "settings" in job and integrated(mechanism, case)  # the bars of a program's steps are its own business
     if stepped or not job["options"].get("error", True):
         return record
-    return with_rounding(adapter, record, mechanism, case, job["options"])
+    return add_rounding_bars(adapter, record, mechanism, case, job["options"])
 
 
 def refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> str | None:
@@ -100,7 +100,7 @@ def _unrun(job: dict[str, Any]) -> dict[str, Any]:
     try:
         mechanism = read_mechanism(job["mechanism"])
         case = load_cases(job["mechanism"], mechanism)[job["case"]]
-        return certified(opened(job), mechanism, case, job["engine"])
+        return certified(open_adapter(job), mechanism, case, job["engine"])
     except Exception as error:
         return {"problem": _words(error)}
 
@@ -130,14 +130,14 @@ def given(mechanism: Mechanism) -> dict[str, str]:
 
 def describe(job: dict[str, Any]) -> None:
     """Write the engine's version and what it can do."""
-    adapter = opened(job)
+    adapter = open_adapter(job)
     _write(job, {"version": adapter.version(), "abilities": adapter.abilities()})
 
 
 def abilities(job: dict[str, Any]) -> None:
     """Write what the adapter is, then for every case why it cannot do it (null where it can): a line of JSON each."""
     with Path(job["out"]).open("w", encoding="utf-8", buffering=1) as lines:
-        adapter = opened(job)
+        adapter = open_adapter(job)
         lines.write(json.dumps({"version": adapter.version(), "abilities": adapter.abilities()}) + "\n")
         asked = pickle.loads(Path(job["out"]).with_suffix(".asked").read_bytes())
         for (folder, engine), (mechanism, case) in zip(job["cases"], asked, strict=True):
@@ -148,7 +148,7 @@ def abilities(job: dict[str, Any]) -> None:
 def _refused(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why an engine cannot do a case; None also where that cannot be asked: its run will say so."""
     try:
-        return refusal(opened(job), mechanism, case, job["engine"])
+        return refusal(open_adapter(job), mechanism, case, job["engine"])
     except Exception:
         traceback.print_exc()
         return None
@@ -162,7 +162,7 @@ def study(job: dict[str, Any]) -> None:
 
 def export(job: dict[str, Any]) -> None:
     """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
-    adapter = opened(job)
+    adapter = open_adapter(job)
     mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     expected = load(Path(job["expected"])).series

@@ -32,8 +32,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from crosscheck.engines import loaded
-from crosscheck.engines.base import forkable, prepared
+from crosscheck.engines import resolve_adapter
+from crosscheck.engines.base import forkable, prepare_adapter
 from crosscheck.run import child
 from crosscheck.run.processes import (
     become_subreaper,
@@ -67,7 +67,7 @@ def serve(number: int, refusal: str) -> NoReturn:
 def prepare(door: Mapping[str, Any]) -> str:
     """Import what jobs of a door need and return "", or why none may be forked from here.
 
-    door : module, perhaps path (`crosscheck.engines.opened`); settings, where it is a door's module, which is imported alone
+    door : module, perhaps path (`crosscheck.engines.open_adapter`); settings, where it is a door's module, which is imported alone
     """
     try:
         if (path := door.get("path", "")) and path not in sys.path:
@@ -75,10 +75,10 @@ def prepare(door: Mapping[str, Any]) -> str:
         if "settings" in door or door.get("plain"):
             importlib.import_module(door["module"])
         else:
-            adapter = loaded(door["module"])
+            adapter = resolve_adapter(door["module"])
             if not forkable(adapter):
                 return "its adapter says that it must not be forked"
-            prepared(adapter)
+            prepare_adapter(adapter)
         if (kernels := sys.modules.get(KERNELS)) is not None:
             kernels.start_runtime()
     except Exception as error:

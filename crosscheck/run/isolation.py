@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines import Engine, missing
+from crosscheck.engines import Engine, describe_missing_package
 from crosscheck.measures.record import Record, RecordError, Status, check, load
 from crosscheck.output_folder import remove_tree
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
@@ -145,7 +145,7 @@ def run_engine(
     task : mechanism (folder), case (name), options; time : (samples,) [s]; limit : [s]
     """
     failed = Record(engine=engine.name, status="error")
-    if (reason := missing(engine)) is not None:
+    if (reason := describe_missing_package(engine)) is not None:
         return Attempt(replace(failed, message=f"not installed: {reason}"))
     job = {"kind": "run", **engine.door, "engine": engine.name, **task}
     with scratch() as folder:

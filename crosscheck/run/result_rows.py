@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from crosscheck.engines import missing
+from crosscheck.engines import describe_missing_package
 from crosscheck.measures.limits import find, references, unused
 from crosscheck.measures.record import Record, RecordError, load
 from crosscheck.measures.spectrum import RINGING, peaks, ringing
@@ -104,7 +104,9 @@ def opening(work: Work, command: str) -> Results:
     plan = work.plan
     options = work.options
     broken = [CaseRow(name, "", problem=message) for name, message in plan.broken]
-    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in work.engines.values()]
+    rows = [
+        EngineRow(e.name, (m := describe_missing_package(e)) is None, message=m or "") for e in work.engines.values()
+    ]
     return Results(
         started=store.now(),
         command=command,

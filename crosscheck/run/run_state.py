@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck import output_folder as owned
-from crosscheck.engines import Engine, missing
+from crosscheck.engines import Engine, describe_missing_package
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, save
@@ -82,7 +82,7 @@ class State:
         for kind, task, engine in left:
             if kind == "run":
                 pairs.setdefault(engine.adapter_key, []).append((task, engine))
-        adapters = {e.adapter_key: e for e in self.work.engines.values() if missing(e) is None}
+        adapters = {e.adapter_key: e for e in self.work.engines.values() if describe_missing_package(e) is None}
         for key, engine in sorted(adapters.items()):
             yield "abilities", engine, tuple(pairs.get(key, ()))
 

@@ -17,7 +17,7 @@ from typing import Any
 class Study:
     """A named study: the function of a module, and what it is called with (JSON values).
 
-    asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.opened`)
+    asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.open_adapter`)
     """
 
     name: str

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines import ENGINES, adapter, missing, opened
+from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import offered
 from crosscheck.engines.shared.replay import Drive
 from crosscheck.measures.mechanisms import read_mechanism
@@ -50,7 +50,7 @@ COLUMNS = (
 def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return the table of the report; distances over the length of the path [-].
 
-    engines : jobs of the project's own engines (`crosscheck.engines.opened`), of which those take part that replay
+    engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`), of which those take part that replay
     """
     rows: list[dict[str, Any]] = []
     for folder in sorted(file.parent for file in Folder(models).glob("*/mechanism.toml")):
@@ -130,7 +130,7 @@ def replays(flexible: bool) -> dict[str, Replayed]:
     """Return the replays of a feed-forward, by engine, flexinv itself first: tips by link (samples, 3) [m]."""
     out: dict[str, Replayed] = {"flexinv": lambda m, found, name: found.replay(name).tip}
     for engine in ("exudyn-ge",) if flexible else ("pinocchio", "mujoco"):
-        if missing(ENGINES[engine]) is None:
+        if describe_missing_package(ENGINES[engine]) is None:
             out[engine] = {"exudyn-ge": _exudyn, "pinocchio": _pinocchio, "mujoco": _mujoco}[engine]
     return out
 
@@ -150,7 +150,7 @@ def outside(engines: Sequence[Mapping[str, Any]]) -> dict[str, Replayed]:
 def _replays(job: Mapping[str, Any]) -> bool:
     """Return True if an engine has a replay, or cannot even be opened: then its row says why."""
     try:
-        return offered(opened(job), "replay") is not None
+        return offered(open_adapter(job), "replay") is not None
     except Exception:
         return True
 
@@ -175,7 +175,7 @@ def _outside(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) 
 def replay_given(file: str) -> dict[str, Any]:
     """Return the answer of a child process about the replay in a file: tips by link (samples, 3) [m], or why there are none."""
     job, mechanism, drive = pickle.loads(Folder(file).read_bytes())
-    replay = offered(opened(job), "replay")
+    replay = offered(open_adapter(job), "replay")
     assert replay is not None
     try:
         tips = replay(mechanism, drive)

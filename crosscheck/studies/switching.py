@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import null_space, qr
 
-from crosscheck.engines import ENGINES, adapter, missing
+from crosscheck.engines import ENGINES, adapter, describe_missing_package
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared import phases
 from crosscheck.measures.mechanisms import read_mechanism
@@ -119,7 +119,7 @@ def case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
     return [
         row
         for name in BOUNDS
-        if missing(ENGINES[name]) is None and (rest or name not in IN_TIME)
+        if describe_missing_package(ENGINES[name]) is None and (rest or name not in IN_TIME)
         for row in engine_rows(name, mechanism, case, parts, BOUNDS[name] if rest else CONTRADICTION)
     ]
 
@@ -172,13 +172,13 @@ def separate(mechanism: Mechanism, case: Case) -> list[Separate]:
     """Return the mechanism of every phase with its case; times [s] start anew in each."""
     time = sample_times(case)
     s = solve(mechanism, case.motion, case.sample, end=case.end, start=case.start)
-    bounds = phases.bounds(mechanism, time)
+    bounds = phases.list_phase_bounds(mechanism, time)
     return [_separate(s, case, first, last) for first, last in pairwise(bounds)]
 
 
 def _separate(solution: Solution, case: Case, first: int, last: int) -> Separate:
     time = sample_times(case)
-    now = _left_alone(phases.acting(solution.mechanism, float(time[first])), case)
+    now = _left_alone(phases.apply_active_closures(solution.mechanism, float(time[first])), case)
     names = _given(solution, now, case, (first + last) // 2)
     motion = Excerpt(case.motion.tracks, case.motion.duration, float(time[first]), frozenset(names))
     start = {
@@ -189,7 +189,7 @@ def _separate(solution: Solution, case: Case, first: int, last: int) -> Separate
     end = (last - 1 - first) * case.sample
     own = replace(case, motion=motion, start=start, end=end)
     still = not (np.abs(solution.qd[first]).max() > 1e-6 or np.abs(solution.qdd[first]).max() > 1e-3)
-    acting = tuple(c.name for c in phases.acting(solution.mechanism, float(time[first])).closures)
+    acting = tuple(c.name for c in phases.apply_active_closures(solution.mechanism, float(time[first])).closures)
     return Separate(now, own, slice(first, last), acting, still)
 
 

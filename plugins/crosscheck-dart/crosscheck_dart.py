@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import beside, sample_times
 from crosscheck.engines.shared.prescribed import (
-    beyond_a_tree,
+    compute_spring_effort,
+    convert_to_scalars,
+    describe_nontree_parts,
     missing_motion,
     passive_effort,
     rotor_effort,
-    scalar_positions,
-    spring_effort,
 )
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
@@ -77,7 +77,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     others = sorted({joint.kind for joint in mechanism.joints} - set(KINDS))
     if others:
         return f"this adapter has no {', '.join(others)} joints"
-    return beyond_a_tree(mechanism, sprung=True) or missing_motion(mechanism, case)
+    return describe_nontree_parts(mechanism, sprung=True) or missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
@@ -86,7 +86,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
     start = clock.perf_counter()
     built = build(mechanism)
     q, v, a = case.motion.evaluate(mechanism, time)
-    angles = scalar_positions(mechanism, q)
+    angles = convert_to_scalars(mechanism, q)
     bodies, tips = (
         np.empty((time.size, mechanism.nv)),
         {link.name: np.empty((time.size, 3)) for link in mechanism.links},
@@ -96,7 +96,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         for link in mechanism.links:
             tips[link.name][k] = (built.bodies[link.name].getWorldTransform().matrix() @ [*link.tip, 1.0])[:3]
     wall = clock.perf_counter() - start
-    drives = passive_effort(mechanism, v) + rotor_effort(mechanism, a) + spring_effort(mechanism, q)
+    drives = passive_effort(mechanism, v) + rotor_effort(mechanism, a) + compute_spring_effort(mechanism, q)
     series = torque_series(mechanism, bodies + drives)
     for name, place in tips.items():
         series |= vector_series(f"tip/{name}", "m", place)
@@ -110,7 +110,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     weights = {name: float(built.bodies[name].getMass()) for name in moving}
     com, matrices, gravity = [], [], []
     axes: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv}
-    for angles in scalar_positions(mechanism, configurations(mechanism, case)):
+    for angles in convert_to_scalars(mechanism, configurations(mechanism, case)):
         place(built, angles, 0.0 * angles)
         total = sum(weights.values()) or 1.0
         com.append(sum(weights[n] * np.ravel(built.bodies[n].getCOM()) for n in moving) / total)

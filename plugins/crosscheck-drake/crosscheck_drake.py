@@ -26,12 +26,12 @@ from pydrake.multibody import tree
 
 from crosscheck.engines.base import beside, sample_times
 from crosscheck.engines.shared.prescribed import (
-    beyond_a_tree,
+    compute_spring_effort,
+    convert_to_scalars,
+    describe_nontree_parts,
     missing_motion,
     passive_effort,
     rotor_effort,
-    scalar_positions,
-    spring_effort,
 )
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
@@ -75,7 +75,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return f"Drake has rigid bodies only here; flexible: {', '.join(link.name for link in mechanism.beams)}"
     if others := sorted({joint.kind for joint in mechanism.joints} - set(KINDS)):
         return f"this adapter has no {', '.join(others)} joints"
-    return beyond_a_tree(mechanism, sprung=True) or missing_motion(mechanism, case)
+    return describe_nontree_parts(mechanism, sprung=True) or missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
@@ -84,7 +84,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
     start = clock.perf_counter()
     built = build(mechanism)
     q, v, a = case.motion.evaluate(mechanism, time)
-    angles = scalar_positions(mechanism, q)
+    angles = convert_to_scalars(mechanism, q)
     bodies, tips = (
         np.empty((time.size, mechanism.nv)),
         {link.name: np.empty((time.size, 3)) for link in mechanism.links},
@@ -95,7 +95,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
             pose = built.plant.EvalBodyPoseInWorld(built.context, built.bodies[link.name])
             tips[link.name][k] = pose.multiply(link.tip)
     wall = clock.perf_counter() - start
-    drives = passive_effort(mechanism, v) + rotor_effort(mechanism, a) + spring_effort(mechanism, q)
+    drives = passive_effort(mechanism, v) + rotor_effort(mechanism, a) + compute_spring_effort(mechanism, q)
     series = torque_series(mechanism, bodies + drives)
     for name, place in tips.items():
         series |= vector_series(f"tip/{name}", "m", place)
@@ -108,7 +108,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     rotors = np.diag([j.rotor_inertia for j in mechanism.joints if j.nv])
     matrices, gravity = [], []
     axes: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv}
-    for angles in scalar_positions(mechanism, configurations(mechanism, case)):
+    for angles in convert_to_scalars(mechanism, configurations(mechanism, case)):
         put(built, angles, 0.0 * angles)
         matrices.append(built.plant.CalcMassMatrix(built.context)[np.ix_(built.order, built.order)] + rotors)
         gravity.append(-built.plant.CalcGravityGeneralizedForces(built.context)[built.order])

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared.prescribed import (
-    beyond_a_tree,
+    compute_spring_effort,
+    convert_to_scalars,
+    describe_nontree_parts,
     missing_motion,
     passive_effort,
-    scalar_positions,
-    spring_effort,
 )
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
@@ -84,14 +84,14 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     others = sorted({joint.kind for joint in mechanism.joints} - set(ADD))
     if others:
         return f"this adapter has no {', '.join(others)} joints"
-    return beyond_a_tree(mechanism, sprung=True) or missing_motion(mechanism, case)
+    return describe_nontree_parts(mechanism, sprung=True) or missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
     """Return torque [N m], [N] and tip [m] on the sample times of the case, with error bars."""
     time = sample_times(case)
     q, v, a = case.motion.evaluate(mechanism, time)
-    angles = scalar_positions(mechanism, q)
+    angles = convert_to_scalars(mechanism, q)
     start = clock.perf_counter()
     bodies, bars = np.empty_like(v), np.empty_like(v)
     places = {link.name: np.empty((time.size, 3)) for link in mechanism.links}
@@ -103,7 +103,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         for link in mechanism.links:
             places[link.name][part] = moved(frames[:, built.links[link.name]], np.asarray(link.tip, dtype=float))
     wall = clock.perf_counter() - start
-    drives = passive_effort(mechanism, v) + spring_effort(mechanism, q)
+    drives = passive_effort(mechanism, v) + compute_spring_effort(mechanism, q)
     series = torque_series(mechanism, bodies + drives, bars)
     for name, place in places.items():
         reach = UNIT * LOST * np.abs(place).max(initial=0.0)

@@ -19,7 +19,7 @@ import time as clock
 
 import exudyn as exu
 
-from crosscheck.engines.base import Options, beside, module_beside, sample_times
+from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn import phases as exudyn_phases
 from crosscheck.engines.exudyn import rigid as exudyn_rigid
@@ -27,8 +27,8 @@ from crosscheck.engines.exudyn import switched as exudyn_switched
 from crosscheck.engines.exudyn.integration import quiet
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, Made, in_time, layout_of
-from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, Made, build_start_layout, integrate_tree
+from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, fingerprint, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
@@ -38,7 +38,7 @@ from flexinv.model.mechanism import Mechanism
 certify = beside("crosscheck.engines.exudyn.certificate", "certify")
 export = beside("crosscheck.engines.exudyn.export", "export")
 replay = beside("crosscheck.engines.exudyn.replay", "replay")
-bench = module_beside("crosscheck.engines.exudyn.bench")
+bench = make_lazy_module("crosscheck.engines.exudyn.bench")
 lift = beside("crosscheck.engines.exudyn.lift", "lift")
 lifts = beside("crosscheck.engines.exudyn.lift", "lifts")
 READS = ()  # formats of files; models come in memory
@@ -60,10 +60,10 @@ def abilities() -> str:
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this case, or None."""
-    beyond = beyond_a_tree(mechanism)
-    if beyond and engine == DAE and exudyn_phases.switched(mechanism):
+    beyond = describe_nontree_parts(mechanism)
+    if beyond and engine == DAE and exudyn_phases.has_switched_closures(mechanism):
         return exudyn_phases.unsupported(mechanism, case)
-    if beyond and engine != TREE and mechanism.beams and exudyn_phases.switched(mechanism):
+    if beyond and engine != TREE and mechanism.beams and exudyn_phases.has_switched_closures(mechanism):
         return exudyn_switched.unsupported(mechanism, case, engine)
     if beyond and engine != TREE:
         return exudyn_loops.unsupported(mechanism, case, engine)
@@ -73,16 +73,16 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if engine in (TREE, DAE):
         if names:
             return f"{engine} has rigid bodies only; flexible here: {names}"
-        return None if engine == TREE else _unsupported(mechanism, case, engine)
-    return _unsupported(mechanism, case, engine) if names else f"no link is a beam: see {TREE} and {DAE}"
+        return None if engine == TREE else _describe_refusal(mechanism, case, engine)
+    return _describe_refusal(mechanism, case, engine) if names else f"no link is a beam: see {TREE} and {DAE}"
 
 
-def _unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+def _describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why there is no model in time, or None; the tree of rigid bodies has no such limits."""
-    layout = layout_of(mechanism, case)
-    if not isinstance(exudyn_planar.plane_of(mechanism, layout), str):
+    layout = build_start_layout(mechanism, case)
+    if not isinstance(exudyn_planar.find_plane(mechanism, layout), str):
         return None
-    left_out = exudyn_spatial.damping_left_out(mechanism) if engine == EXACT else None
+    left_out = exudyn_spatial.describe_damping_loss(mechanism) if engine == EXACT else None
     return exudyn_spatial.unsupported(mechanism) or left_out
 
 
@@ -90,7 +90,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] on the sample times."""
     check_resolved(mechanism)
     with quiet():
-        made = _made(mechanism, case, engine, options)
+        made = _run_formulation(mechanism, case, engine, options)
     return Record(
         engine=engine,
         version=version(),
@@ -103,22 +103,22 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     )
 
 
-def _made(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def _run_formulation(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
     if engine == TREE:
-        return _tree(mechanism, case)
-    if mechanism.beams and exudyn_phases.switched(mechanism):
-        return exudyn_switched.in_time(mechanism, case, engine, options)
-    if exudyn_phases.switched(mechanism):
-        return exudyn_phases.in_time(mechanism, case, options)
-    if beyond_a_tree(mechanism):
-        return exudyn_loops.in_time(mechanism, case, engine, options)
-    return in_time(mechanism, case, engine, options)
+        return _run_tree(mechanism, case)
+    if mechanism.beams and exudyn_phases.has_switched_closures(mechanism):
+        return exudyn_switched.integrate_switched_beams(mechanism, case, engine, options)
+    if exudyn_phases.has_switched_closures(mechanism):
+        return exudyn_phases.integrate_phases(mechanism, case, options)
+    if describe_nontree_parts(mechanism):
+        return exudyn_loops.integrate_loops(mechanism, case, engine, options)
+    return integrate_tree(mechanism, case, engine, options)
 
 
-def _tree(mechanism: Mechanism, case: Case) -> Made:
+def _run_tree(mechanism: Mechanism, case: Case) -> Made:
     q, qd, qdd = case.motion.evaluate(mechanism, sample_times(case))
     start = clock.perf_counter()
-    result = exudyn_rigid.inverse_dynamics(mechanism, q, qd, qdd, wrench="wrench" in case.quantities)
+    result = exudyn_rigid.compute_inverse_dynamics(mechanism, q, qd, qdd, wrench="wrench" in case.quantities)
     wall = clock.perf_counter() - start
     drive = rotor_effort(mechanism, qdd) + passive_effort(mechanism, qd)
     made = torque_series(mechanism, result.torque + drive)

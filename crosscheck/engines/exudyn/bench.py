@@ -17,12 +17,12 @@ import numpy as np
 from exudyn.itemInterface import SensorNode
 from numpy.typing import NDArray
 
-from crosscheck.engines.exudyn.integration import ExudynFailure, Plan, quiet, settings
-from crosscheck.engines.exudyn.loops import Model, drive_efforts, integrated, model_of
+from crosscheck.engines.exudyn.integration import ExudynFailure, Plan, build_solver_settings, quiet
+from crosscheck.engines.exudyn.loops import Model, build_model, compute_drive_efforts, integrate_model
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.models.frames import joint_q, scalar_coordinate
-from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.models.frames import compute_scalar_coordinate, take_joint_q
+from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.run_in_time import ANCF, EXACT
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Joint, Mechanism
@@ -68,23 +68,23 @@ class March:
         kinds = [(True, False), (False, False), *([(True, True)] if self.elements <= 16 else [])]
         return [Setting(modified, dense, tolerance) for tolerance in TOLERANCES for modified, dense in kinds]
 
-    def runner(self, setting: Setting) -> Callable[[], None]:
+    def make_runner(self, setting: Setting) -> Callable[[], None]:
         """Return a function that marches from the start to the end.  Raises ExudynFailure where Newton fails."""
-        return self.runs(_simulation(self, setting), str(setting))
+        return self.runs(_build_simulation_settings(self, setting), str(setting))
 
     def runs(self, simulation: Any, setting: str) -> Callable[[], None]:
         """Return a function that marches by Exudyn's own settings, which errors call ``setting``."""
-        mbs, _ = self._built(sensors=False)
-        return self._runner(mbs, simulation, setting)
+        mbs, _ = self._build_system(sensors=False)
+        return self._make_solver_call(mbs, simulation, setting)
 
     def tips(self, setting: Setting, every: float) -> dict[str, Array]:
         """Return the positions of the beams' ends, (samples, 3) [m], every so many seconds [s]."""
-        mbs, sensors = self._built(sensors=True)
-        self._runner(mbs, _simulation(self, setting), str(setting))()
+        mbs, sensors = self._build_system(sensors=True)
+        self._make_solver_call(mbs, _build_simulation_settings(self, setting), str(setting))()
         rows = slice(None, None, round(every / self.step))
         return {name: place(np.array(mbs.GetSensorStoredData(s))[rows, 1:4]) for name, (s, place) in sensors.items()}
 
-    def _runner(self, mbs: Any, simulation: Any, setting: str) -> Callable[[], None]:
+    def _make_solver_call(self, mbs: Any, simulation: Any, setting: str) -> Callable[[], None]:
         def run() -> None:
             with quiet():
                 try:
@@ -96,18 +96,18 @@ class March:
 
         return run
 
-    def _built(self, sensors: bool) -> tuple[Any, dict[str, Any]]:
+    def _build_system(self, sensors: bool) -> tuple[Any, dict[str, Any]]:
         steps = round(self.end / self.step)
         q, qd, _ = self.motion.evaluate(self.mechanism, self.step * np.arange(steps + 2))
-        layout = lay_out(self.mechanism, q[0], qd[0])
-        plane = exudyn_planar.plane_of(self.mechanism, layout)
+        layout = build_layout(self.mechanism, q[0], qd[0])
+        plane = exudyn_planar.find_plane(self.mechanism, layout)
         with quiet():
             if isinstance(plane, str):
-                return _spatial(self, layout, q, sensors)
-            return _planar(self, layout, plane, q, sensors)
+                return _build_spatial_march(self, layout, q, sensors)
+            return _build_planar_march(self, layout, plane, q, sensors)
 
 
-def quietly(call: Callable[[], object]) -> Callable[[], object]:
+def make_quiet_call(call: Callable[[], object]) -> Callable[[], object]:
     """Return a call that prints nothing [-]."""
 
     def run() -> object:
@@ -144,34 +144,34 @@ class TorqueMarch:
 
     def torques(self) -> Array:
         """Return the efforts (samples + 1, nv) [N m], [N].  Raises ExudynFailure where Newton fails."""
-        model = self._model()
+        model = self._build_model()
         with quiet():
-            outcome = integrated(model, self.elements, self.plan)
-        return drive_efforts(
+            outcome = integrate_model(model, self.elements, self.plan)
+        return compute_drive_efforts(
             model, outcome, np.asarray(self.plan.sample * np.arange(self.samples + 1), dtype=np.float64)
         )
 
-    def _model(self) -> Model:
-        return model_of(self.mechanism, self.case, {"ancf": ANCF, "ge": EXACT}[self.formulation])
+    def _build_model(self) -> Model:
+        return build_model(self.mechanism, self.case, {"ancf": ANCF, "ge": EXACT}[self.formulation])
 
-    def runner(self) -> Callable[[], object]:
+    def make_runner(self) -> Callable[[], object]:
         """Return a function that marches from the start to the end.  Raises ExudynFailure where Newton fails.
 
         Of open chains it is SolveDynamic alone, without sensors; of loops all but finding the start.
         """
         if self.mechanism.closures:
-            model = self._model()
+            model = self._build_model()
             plan = self.plan
-            return quietly(lambda: integrated(model, self.elements, plan))
+            return make_quiet_call(lambda: integrate_model(model, self.elements, plan))
         motion = self.case.motion
         march = March(self.mechanism, motion, self.formulation, self.elements, self.end / self.steps, self.end)
-        return march.runs(settings(self.plan), f"{self.steps} steps")
+        return march.runs(build_solver_settings(self.plan), f"{self.steps} steps")
 
     def __str__(self) -> str:
         return f"{self.elements} elements, {self.steps} steps, Jacobian {'kept' if self.keeps else 'once a step'}"
 
 
-def _simulation(march: March, setting: Setting) -> Any:
+def _build_simulation_settings(march: March, setting: Setting) -> Any:
     s = exu.SimulationSettings()
     t = s.timeIntegration
     t.endTime = march.end
@@ -188,48 +188,52 @@ def _simulation(march: March, setting: Setting) -> Any:
     return s
 
 
-def _planar(march: March, layout: Layout, plane: Array, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
+def _build_planar_march(
+    march: March, layout: Layout, plane: Array, q: Array, sensors: bool
+) -> tuple[Any, dict[str, Any]]:
     """The adapter's model in the plane; once per step the offsets of all motors are set."""
     d = exudyn_planar.build(march.mechanism, layout, plane, march.formulation == "ancf", march.elements)
     mbs = d.model.mbs
     motors = []
-    for joint in _moving(march.mechanism):
+    for joint in _list_moving_joints(march.mechanism):
         axis = layout.start(layout.joint[joint.name]).rotation @ joint.axis
-        angle = float(plane[:, 2] @ axis) * scalar_coordinate(joint, joint_q(march.mechanism, joint, q))
+        angle = float(plane[:, 2] @ axis) * compute_scalar_coordinate(joint, take_joint_q(march.mechanism, joint, q))
         motors.append((d.model.joint[joint.name][1], (angle - angle[0]).tolist()))
     per_step = 1.0 / march.step
 
-    def prescribe(mbs: Any, t: float) -> bool:
+    def update_offsets(mbs: Any, t: float) -> bool:
         k = round(t * per_step)
         for number, offsets in motors:
             mbs.SetObjectParameter(number, "offset", offsets[k])
         return True
 
-    mbs.SetPreStepUserFunction(prescribe)
-    return mbs, _watched(d, sensors, lambda name, flat: exudyn_planar.in_world(d, layout.root[name], flat))
+    mbs.SetPreStepUserFunction(update_offsets)
+    return mbs, _add_tip_sensors(
+        d, sensors, lambda name, flat: exudyn_planar.convert_to_world(d, layout.root[name], flat)
+    )
 
 
-def _spatial(march: March, layout: Layout, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
+def _build_spatial_march(march: March, layout: Layout, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
     """The adapter's model in space; every joint has its user function, which looks a list up."""
     d = exudyn_spatial.build(march.mechanism, layout, march.formulation == "ancf", march.elements)
     mbs = d.model.mbs
     per_step = 1.0 / march.step
-    for joint in _moving(march.mechanism):
-        own = joint_q(march.mechanism, joint, q)
-        for number, rows in zip(d.model.joint[joint.name], exudyn_spatial._offsets(d, joint, own), strict=True):
-            mbs.SetObjectParameter(number, "offsetUserFunction", _looked_up(rows.tolist(), per_step))
-    return mbs, _watched(d, sensors, lambda name, place: place)
+    for joint in _list_moving_joints(march.mechanism):
+        own = take_joint_q(march.mechanism, joint, q)
+        for number, rows in zip(d.model.joint[joint.name], exudyn_spatial._compute_offsets(d, joint, own), strict=True):
+            mbs.SetObjectParameter(number, "offsetUserFunction", _make_row_lookup(rows.tolist(), per_step))
+    return mbs, _add_tip_sensors(d, sensors, lambda name, place: place)
 
 
-def _looked_up(rows: list[list[float]], per_step: float) -> Any:
+def _make_row_lookup(rows: list[list[float]], per_step: float) -> Any:
     return lambda mbs, t, item, parameters: rows[round(t * per_step)]
 
 
-def _moving(mechanism: Mechanism) -> list[Joint]:
+def _list_moving_joints(mechanism: Mechanism) -> list[Joint]:
     return [joint for joint in mechanism.joints if joint.nv]
 
 
-def _watched(drawing: Any, sensors: bool, place: Callable[[str, Array], Array]) -> dict[str, Any]:
+def _add_tip_sensors(drawing: Any, sensors: bool, place: Callable[[str, Array], Array]) -> dict[str, Any]:
     """Sensors of the ends of all beams, and what turns their data into places in the world."""
     if not sensors:
         return {}

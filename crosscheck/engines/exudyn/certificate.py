@@ -9,10 +9,10 @@ import numpy as np
 from crosscheck.engines.exudyn import rigid as exudyn_rigid
 from crosscheck.engines.exudyn import static_probes as exudyn_probe
 from crosscheck.engines.exudyn import weights as exudyn_weights
-from crosscheck.engines.exudyn.ends import ends
+from crosscheck.engines.exudyn.ends import read_connector_ends
 from crosscheck.engines.exudyn.integration import quiet
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT
-from crosscheck.engines.shared.prescribed import passive, rotor_effort
+from crosscheck.engines.shared.prescribed import collect_passive_elements, rotor_effort
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
 from flexinv.files.load_cases import Case
@@ -24,17 +24,21 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     mass and stiffness [N], [N m^2].  The models in time have redundant coordinates and no mass matrix of the joints'."""
     if engine in (ANCF, EXACT, DAE):
         with quiet():
-            own = passive(mechanism)
-            read = ends(mechanism, case, engine)
+            own = collect_passive_elements(mechanism)
+            read = read_connector_ends(mechanism, case, engine)
             own |= read | {"springs": own["springs"] | read.get("springs", {})}  # those in joints are no connectors
-            found = replace(exudyn_weights.weigh(mechanism, case, engine), **own)
-            return found if engine == DAE else replace(found, stiffness=exudyn_probe.stiffness(mechanism, case, engine))
+            found = replace(exudyn_weights.build_weight_certificate(mechanism, case, engine), **own)
+            return (
+                found
+                if engine == DAE
+                else replace(found, stiffness=exudyn_probe.compute_probe_stiffness(mechanism, case, engine))
+            )
     q = configurations(mechanism, case)
     rest = np.zeros((len(q), mechanism.nv))
     units = np.eye(mechanism.nv)
-    gravity = exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque
+    gravity = exudyn_rigid.compute_inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque
     columns = [
-        exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest + unit, wrench=False).torque
+        exudyn_rigid.compute_inverse_dynamics(mechanism, q, rest, rest + unit, wrench=False).torque
         - gravity
         + rotor_effort(mechanism, rest + unit)
         for unit in units
@@ -43,7 +47,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     mass = np.array([inertia[3, 3] for inertia in tree.inertias])
     last = {j.name: tree.link[j.child][0] for j in mechanism.joints if j.nv}
     # T66 of a joint's own frame into that of its child: inertias turn and move with it.
-    seats = {j.name: exudyn_rigid.transform66(tree.link[j.child][1]) for j in mechanism.joints if j.nv}
+    seats = {j.name: exudyn_rigid.build_transform66(tree.link[j.child][1]) for j in mechanism.joints if j.nv}
     lumps = {n: np.linalg.inv(seats[n]).T @ tree.inertias[index] @ np.linalg.inv(seats[n]) for n, index in last.items()}
     return Certificate(
         mass=float(mass.sum()),
@@ -53,5 +57,5 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         mass_matrix=np.stack(columns, axis=2),
         gravity=gravity,
         order=tuple(sorted(last, key=lambda name: last[name])),
-        **passive(mechanism),
+        **collect_passive_elements(mechanism),
     )

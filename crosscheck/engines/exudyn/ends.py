@@ -14,7 +14,7 @@ from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array
-from crosscheck.engines.exudyn.models.layout import attached
+from crosscheck.engines.exudyn.models.layout import find_attachment_frame
 from crosscheck.engines.exudyn.run_in_time import ANCF
 from crosscheck.engines.shared.loop_closure import AssemblyError
 from flexinv.files.load_cases import Case
@@ -26,12 +26,12 @@ Drawing = exudyn_planar.Drawing | exudyn_spatial.Drawing
 TURNING = ("revolute", "prismatic", "cylindrical")
 
 
-def ends(mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
+def read_connector_ends(mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
     """Return closure points [m], closure axes [-], and springs between points [N/m], [m], [N s/m]; those that it has."""
     if not (mechanism.closures or mechanism.springs) or any(c.active for c in mechanism.closures):
         return {}
     try:
-        d = _drawn(mechanism, case, engine)
+        d = _build_model(mechanism, case, engine)
     except AssemblyError:  # the run itself says that the loops do not close
         return {}
     points: dict[str, Array] = {}
@@ -39,15 +39,15 @@ def ends(mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
     for closure in (c for c in mechanism.closures if c.name in d.model.closure):
         numbers = d.model.mbs.GetObject(d.model.closure[closure.name])["markerNumbers"]
         for end, at, number in zip(("first", "second"), (closure.first, closure.second), numbers, strict=True):
-            points[f"{closure.name}: {end}"] = _point(d, at, d.model.mbs.GetMarker(number))
+            points[f"{closure.name}: {end}"] = _read_marker_point(d, at, d.model.mbs.GetMarker(number))
             if isinstance(d, exudyn_spatial.Drawing) and closure.kind in TURNING:
-                axes[f"{closure.name}: {end}"] = _axis(d, at, d.model.mbs.GetMarker(number))
-    return {"closure_points": points, "closure_axes": axes, "springs": _springs(d)}
+                axes[f"{closure.name}: {end}"] = _read_marker_axis(d, at, d.model.mbs.GetMarker(number))
+    return {"closure_points": points, "closure_axes": axes, "springs": _read_springs(d)}
 
 
-def _drawn(mechanism: Mechanism, case: Case, engine: str) -> Drawing:
+def _build_model(mechanism: Mechanism, case: Case, engine: str) -> Drawing:
     """Return the engine's model as a run builds it."""
-    model = exudyn_loops.model_of(mechanism, case, engine)
+    model = exudyn_loops.build_model(mechanism, case, engine)
     if model.plane is None:
         held = model.held
         free = frozenset(model.free)
@@ -55,9 +55,9 @@ def _drawn(mechanism: Mechanism, case: Case, engine: str) -> Drawing:
     return exudyn_planar.build(mechanism, model.layout, model.plane, engine == ANCF, ELEMENTS, model.free)
 
 
-def _point(drawing: Drawing, at: Attachment, marker: Any) -> Array:
+def _read_marker_point(drawing: Drawing, at: Attachment, marker: Any) -> Array:
     """Return the position of a marker in the frame of the link (or section) that carries an attachment, (3,) [m]."""
-    seat = attached(drawing.layout, Attachment(at.link, Placement(), at.station))
+    seat = find_attachment_frame(drawing.layout, Attachment(at.link, Placement(), at.station))
     local = np.array(marker["localPosition"])
     group = drawing.layout.groups[seat.group]
     centre = group.inertia.com if seat.group else np.zeros(3)
@@ -65,18 +65,18 @@ def _point(drawing: Drawing, at: Attachment, marker: Any) -> Array:
         return np.asarray(seat.placement.rotation.T @ (local + centre - seat.placement.position))
     start = group.start
     here = drawing.plane.T @ (start.position + start.rotation @ centre) * (1, 1, 0) if seat.group else np.zeros(3)
-    height = drawing.plane[:, 2] @ drawing.layout.start(attached(drawing.layout, at)).position
+    height = drawing.plane[:, 2] @ drawing.layout.start(find_attachment_frame(drawing.layout, at)).position
     link = drawing.layout.start(seat)
     return np.asarray(link.rotation.T @ (drawing.plane @ (local + here + np.array([0.0, 0.0, height])) - link.position))
 
 
-def _axis(drawing: Drawing, at: Attachment, marker: Any) -> Array:
+def _read_marker_axis(drawing: Drawing, at: Attachment, marker: Any) -> Array:
     """Return the x axis of a marker of the space in the frame of the link that carries an attachment, (3,) [-]."""
-    seat = attached(drawing.layout, Attachment(at.link, Placement(), at.station))
+    seat = find_attachment_frame(drawing.layout, Attachment(at.link, Placement(), at.station))
     return np.asarray(seat.placement.rotation.T @ np.array(marker["localHT"])[:3, 0])
 
 
-def _springs(drawing: Drawing) -> dict[str, float]:
+def _read_springs(drawing: Drawing) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, number in drawing.model.spring.items():
         made = drawing.model.mbs.GetObject(number)

@@ -25,15 +25,15 @@ from crosscheck.engines.exudyn import integration as exudyn_solve
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn import phases as exudyn_phases
 from crosscheck.engines.exudyn import rigid as exudyn_rigid
-from crosscheck.engines.exudyn.integration import Plan, grid
-from crosscheck.engines.exudyn.lead_in import history_of
+from crosscheck.engines.exudyn.integration import Plan, compute_step_times
+from crosscheck.engines.exudyn.lead_in import build_history
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models.frames import compose
 from crosscheck.engines.exudyn.models.layout import Layout
-from crosscheck.engines.exudyn.run_in_time import TREE, choose, layout_of
-from crosscheck.engines.exudyn.script import Recorded, recording, source
+from crosscheck.engines.exudyn.run_in_time import TREE, build_start_layout, choose
+from crosscheck.engines.exudyn.script import Recorded, collect_runs, write_model_code
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, write
-from crosscheck.engines.shared.prescribed import beyond_a_tree
+from crosscheck.engines.shared.prescribed import describe_nontree_parts
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism, Placement
 
@@ -65,31 +65,33 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         check_rigid(mechanism, engine)
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
-    if mechanism.beams and exudyn_phases.switched(mechanism):
+    if mechanism.beams and exudyn_phases.has_switched_closures(mechanism):
         raise NotExported(
             "beams with closures that act for a while: every phase begins with the state of the one before"
         )
     time = sample_times(case)
-    motion = Motion(time, *_state(mechanism, case, time), effort, mechanism.coordinate_names, mechanism.velocity_names)
+    motion = Motion(
+        time, *_evaluate_state(mechanism, case, time), effort, mechanism.coordinate_names, mechanism.velocity_names
+    )
     settings: dict[str, Any] = {"engine": engine}
     if engine == TREE:
-        _tree(mechanism, motion, settings | _passive(mechanism, frozenset()), folder)
+        _write_tree(mechanism, motion, settings | _collect_joint_properties(mechanism, frozenset()), folder)
     else:
-        _in_time(mechanism, case, engine, motion, settings, folder)
+        _write_time_model(mechanism, case, engine, motion, settings, folder)
 
 
-def _state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
+def _evaluate_state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], ... of all joints, those that rigid loops move, too."""
-    if exudyn_phases.switched(mechanism):
-        parts = [state for _, state in exudyn_phases.follow_phases(mechanism, case)]
+    if exudyn_phases.has_switched_closures(mechanism):
+        parts = [state for _, state in exudyn_phases.solve_phases(mechanism, case)]
         q, qd, qdd = (np.concatenate([part[k] for part in parts]) for k in range(3))
         return q, qd, qdd
     if mechanism.closures and mechanism.is_rigid:
-        return exudyn_chain.closed_motion(mechanism, case, time)
+        return exudyn_chain.evaluate_closed_motion(mechanism, case, time)
     return case.motion.evaluate(mechanism, time)
 
 
-def _passive(mechanism: Mechanism, without: frozenset[str]) -> dict[str, Any]:
+def _collect_joint_properties(mechanism: Mechanism, without: frozenset[str]) -> dict[str, Any]:
     """Return the properties of the joints themselves [kg m^2], [N m s/rad], [N m], ..., zero for joints in ``without``."""
     own = [(j, 0.0 if j.name in without else 1.0) for j in mechanism.joints for _ in range(j.nv)]
     made: dict[str, Any] = {
@@ -114,86 +116,86 @@ class Look:
     free: frozenset[str] = frozenset()
 
 
-def _look(mechanism: Mechanism, case: Case, engine: str) -> Look:
-    if exudyn_phases.switched(mechanism):
-        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.follow_phases(mechanism, case))
+def _build_look(mechanism: Mechanism, case: Case, engine: str) -> Look:
+    if exudyn_phases.has_switched_closures(mechanism):
+        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.solve_phases(mechanism, case))
         return Look(followed.layout, None, followed.switching.free)
-    if beyond_a_tree(mechanism) is None:
-        return Look(layout_of(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
-    history = history_of(mechanism, case, exudyn_loops.coarsest(case, PLAIN))
-    model = exudyn_loops.model_of(mechanism, case, engine, history)
+    if describe_nontree_parts(mechanism) is None:
+        return Look(build_start_layout(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
+    history = build_history(mechanism, case, exudyn_loops.compute_coarsest_step(case, PLAIN))
+    model = exudyn_loops.build_model(mechanism, case, engine, history)
     return Look(model.layout, model.plane, frozenset(model.free))
 
 
-def _tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder: Path) -> None:
+def _write_tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder: Path) -> None:
     tree = exudyn_rigid.build(mechanism, wrench=False)
-    angle, rate, rate2 = exudyn_rigid.elementary(mechanism, tree, motion.q, motion.v, motion.a)
+    angle, rate, rate2 = exudyn_rigid.compute_elementary_motion(mechanism, tree, motion.q, motion.v, motion.a)
     moving: dict[str, Any] = {}
     for name, (first, before, after) in tree.moving.items():
-        places = zip(*exudyn_rigid.moving_pose(mechanism, mechanism.joint_of[name], motion.q), strict=True)
+        places = zip(*exudyn_rigid.compute_moving_pose(mechanism, mechanism.joint_of[name], motion.q), strict=True)
         frames = [compose(compose(before, Placement(*place)), after) for place in places]
-        moving[f"moving_{first}"] = np.array([exudyn_rigid.transform66(frame) for frame in frames])
+        moving[f"moving_{first}"] = np.array([exudyn_rigid.build_transform66(frame) for frame in frames])
     moving |= {"transforms": np.array(tree.transforms), "inertias": np.array(tree.inertias)}
-    moving |= {"share": exudyn_rigid.shares(mechanism, tree), "angle": angle, "rate": rate, "rate2": rate2}
+    moving |= {"share": exudyn_rigid.build_share_matrix(mechanism, tree), "angle": angle, "rate": rate, "rate2": rate2}
     write_arrays(folder / "model.npz", moving)
     settings |= {"types": tree.types, "parents": [int(p) for p in tree.parents], "gravity": mechanism.gravity.tolist()}
     write(folder, motion, "run_exudyn_tree.py.txt", {}, settings)
 
 
-def _in_time(
+def _write_time_model(
     mechanism: Mechanism, case: Case, engine: str, motion: Motion, settings: dict[str, Any], folder: Path
 ) -> None:
-    look = _look(mechanism, case, engine)
+    look = _build_look(mechanism, case, engine)
     for joint in mechanism.joints:
         if joint.nv and joint.kind not in COORDINATES and joint.name not in look.free:
             raise NotExported(
                 f"joint {joint.name!r}: its efforts depend on the position of a {joint.kind} joint; for models in time "
                 f"{', '.join(COORDINATES)} joints are exported"
             )
-    with recording() as runs:
+    with collect_runs() as runs:
         adapter.run(mechanism, case, engine, PLAIN)
-    kept = _last_tries(runs)
-    texts = [source(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
-    told = inspect.getsource(exudyn_solve.settings)
+    kept = _list_final_runs(runs)
+    texts = [write_model_code(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
+    told = inspect.getsource(exudyn_solve.build_solver_settings)
     arrays: dict[str, Array] = {}
     for k, run in enumerate(kept):
         for d, driver in enumerate(run.drivers):
-            arrays[f"offset_{k}_{d}"] = _table(run.plan, driver.offset, 0, 0)
+            arrays[f"offset_{k}_{d}"] = _sample_user_function(run.plan, driver.offset, 0, 0)
             if driver.rate is not None:
-                arrays[f"rate_{k}_{d}"] = _table(run.plan, driver.rate, 0, 0)
+                arrays[f"rate_{k}_{d}"] = _sample_user_function(run.plan, driver.rate, 0, 0)
         for number, load in run.loads.items():
-            arrays[f"load_{k}_{int(number)}"] = _table(run.plan, load, None)
+            arrays[f"load_{k}_{int(number)}"] = _sample_user_function(run.plan, load, None)
     write_arrays(folder / "drivers.npz", arrays)
     settings["runs"] = [_run(mechanism, look, run) for run in kept]
     settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
     if look.free and not mechanism.is_rigid:
         settings["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
     # beside beams, damping and springs of joints without a drive are connectors of the model
-    settings |= _passive(mechanism, frozenset() if mechanism.is_rigid else look.free)
+    settings |= _collect_joint_properties(mechanism, frozenset() if mechanism.is_rigid else look.free)
     if mechanism.closures and mechanism.is_rigid:
-        shares = _shares(mechanism, case, motion.q)
+        shares = _compute_drive_shares(mechanism, case, motion.q)
         write_arrays(folder / "shares.npz", {"shares": shares})  # (sample, drive, joint)
     text = "\n\n".join([HEAD, told, *texts])
     write(folder, motion, "run_exudyn.py.txt", {"model.py": text}, settings)
 
 
-def _shares(mechanism: Mechanism, case: Case, q: Array) -> Array:
+def _compute_drive_shares(mechanism: Mechanism, case: Case, q: Array) -> Array:
     """Return the drives' efforts per effort of joints that the motion gives, (samples, nv, nv) [-]; q : (samples, nq)."""
-    if exudyn_phases.switched(mechanism):
-        return exudyn_phases.shares(mechanism, exudyn_phases.follow_phases(mechanism, case))
+    if exudyn_phases.has_switched_closures(mechanism):
+        return exudyn_phases.compute_drive_shares(mechanism, exudyn_phases.solve_phases(mechanism, case))
     units = (np.tile(unit, (len(q), 1)) for unit in np.eye(mechanism.nv))
-    return np.stack([exudyn_chain.shared(mechanism, case, q, unit) for unit in units], axis=2)
+    return np.stack([exudyn_chain.split_sampled_efforts(mechanism, case, q, unit) for unit in units], axis=2)
 
 
-def _last_tries(runs: list[Recorded]) -> list[Recorded]:
+def _list_final_runs(runs: list[Recorded]) -> list[Recorded]:
     """Return the run that held of every model: a stalled one is repeated at once with a looser tolerance."""
     last = {(run.plan.step, len(run.calls)): run for run in runs}
     return list(last.values())
 
 
-def _table(plan: Plan, function: Callable[..., Any], *more: Any) -> Array:
+def _sample_user_function(plan: Plan, function: Callable[..., Any], *more: Any) -> Array:
     """Return the values of a user function at every step, (steps + 1, columns)."""
-    return np.array([np.atleast_1d(function(None, float(t), *more)) for t in grid(plan) + plan.lead])
+    return np.array([np.atleast_1d(function(None, float(t), *more)) for t in compute_step_times(plan) + plan.lead])
 
 
 TOLD = (

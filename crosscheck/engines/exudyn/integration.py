@@ -25,7 +25,7 @@ import numpy as np
 from exudyn.solver import SolverSuccess
 from numpy.typing import NDArray
 
-from crosscheck.engines.exudyn.script import solved
+from crosscheck.engines.exudyn.script import add_solve_record
 
 Array = NDArray[np.float64]
 Key = tuple[Any, ...]
@@ -112,13 +112,13 @@ class Driver:
     rate: Any = None
 
 
-def grid(plan: Plan) -> Array:
+def compute_step_times(plan: Plan) -> Array:
     """Return the times of all steps, (steps + 1,) [s]; Exudyn counts from 0 (it takes no negative time): lead is added."""
     before = round(plan.lead / plan.step)
     return np.arange(-before, plan.steps + 1 - before, dtype=np.float64) * plan.step
 
 
-def step_size(sample: float, wanted: float) -> float:
+def compute_step_size(sample: float, wanted: float) -> float:
     """Return the largest step [s] up to ``wanted`` that divides the sample spacing [s]."""
     # A wanted step that divides the spacing up to rounding is taken as it is.
     return float(sample / np.ceil(sample / wanted * (1 - 1e-9)))
@@ -135,7 +135,7 @@ def quiet() -> Iterator[None]:
         exu.config.printToConsole = before
 
 
-def settings(plan: Plan) -> Any:
+def build_solver_settings(plan: Plan) -> Any:
     """Return Exudyn's simulation settings."""
     s = exu.SimulationSettings()
     t = s.timeIntegration
@@ -174,8 +174,8 @@ def integrate(
     begin : puts the system where it begins, once its drivers know the motion
     Raises ExudynFailure where Newton does not converge, the run stops early or a value is not finite.
     """
-    solved(mbs, plan, drivers, motions, reactions, loads)
-    resting = _static(mbs, plan, drivers, reactions, loads) if plan.static_start else {}
+    add_solve_record(mbs, plan, drivers, motions, reactions, loads)
+    resting = _solve_static_start(mbs, plan, drivers, reactions, loads) if plan.static_start else {}
     for number, load in loads.items():
         mbs.SetLoadParameter(number, "loadVectorUserFunction", load)
     for driver in drivers:
@@ -185,8 +185,8 @@ def integrate(
     if begin is not None:
         begin(mbs)
     kind = exu.DynamicSolverType.TrapezoidalIndex2 if plan.index2 else exu.DynamicSolverType.GeneralizedAlpha
-    with _reasons(mbs, "dynamicSolver"):
-        mbs.SolveDynamic(settings(plan), solverType=kind)
+    with _convert_solver_errors(mbs, "dynamicSolver"):
+        mbs.SolveDynamic(build_solver_settings(plan), solverType=kind)
     seen = {key: _read(mbs, sensor, plan) for key, sensor in (motions | reactions).items()}
     for key in reactions:
         if plan.extrapolate:
@@ -198,7 +198,7 @@ def integrate(
     return {key: data[before::stride] for key, data in seen.items()}
 
 
-def _static(
+def _solve_static_start(
     mbs: Any, plan: Plan, drivers: list[Driver], reactions: Sensors, loads: Mapping[Any, Any]
 ) -> dict[Key, Array]:
     """Move the start to static equilibrium, with the loads of t = 0, and return the reactions there.
@@ -209,13 +209,13 @@ def _static(
         mbs.SetObjectParameter(driver.number, "offsetUserFunction", 0)
     for number in loads:
         mbs.SetLoadParameter(number, "loadVectorUserFunction", 0)
-    with _reasons(mbs, "staticSolver"):
-        mbs.SolveStatic(settings(plan), updateInitialValues=True)
+    with _convert_solver_errors(mbs, "staticSolver"):
+        mbs.SolveStatic(build_solver_settings(plan), updateInitialValues=True)
     return {key: -np.array(mbs.GetSensorValues(sensor), dtype=np.float64) for key, sensor in reactions.items()}
 
 
 @contextmanager
-def _reasons(mbs: Any, solver: str) -> Iterator[None]:
+def _convert_solver_errors(mbs: Any, solver: str) -> Iterator[None]:
     """Turn Exudyn's exceptions into one that gives the reason which only the solver object knows."""
     try:
         yield
@@ -229,7 +229,7 @@ def _reasons(mbs: Any, solver: str) -> Iterator[None]:
 
 def _read(mbs: Any, sensor: Any, plan: Plan) -> Array:
     data = np.array(mbs.GetSensorStoredData(sensor), dtype=np.float64)
-    wanted = grid(plan) + plan.lead
+    wanted = compute_step_times(plan) + plan.lead
     if len(data) != len(wanted) or np.abs(data[:, 0] - wanted).max() > SAME_TIME * plan.step:
         last = data[-1, 0] if len(data) else 0.0
         of = f"{len(data)} of {len(wanted)} steps, the last at t = {last:.6g} of {plan.end:.6g} s"

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from crosscheck.engines.exudyn.models.frames import Array, joint_q, scalar_coordinate
+from crosscheck.engines.exudyn.models.frames import Array, compute_scalar_coordinate, take_joint_q
 from crosscheck.engines.shared import loop_closure as assembly
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Joint, Mechanism
@@ -54,31 +54,31 @@ class History:
         for name, place in (self.before or {}).items():
             joint = self.mechanism.joint_of[name]
             own = self.mechanism.v_slices[name]
-            q[early, self.mechanism.q_slices[name]] = _coordinates(joint, place(s))
+            q[early, self.mechanism.q_slices[name]] = _convert_to_coordinates(joint, place(s))
             qd[early, own] = (place.deriv()(s) / self.lead)[:, None]
             qdd[early, own] = (place.deriv(2)(s) / self.lead**2)[:, None]
         return q, qd, qdd
 
 
-def _coordinates(joint: Joint, value: Array) -> Array:
+def _convert_to_coordinates(joint: Joint, value: Array) -> Array:
     if joint.kind == "continuous":
         return np.stack([np.cos(value), np.sin(value)], axis=1)  # (sample, cos or sin)
     return value[:, None]
 
 
-def in_motion(mechanism: Mechanism, case: Case) -> list[Joint]:
+def list_joints_in_motion(mechanism: Mechanism, case: Case) -> list[Joint]:
     """Return the driven joints that start with speed or acceleration."""
     _, qd, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
     moving = np.zeros(mechanism.nv, dtype=bool)
     for rate in (qd, qdd):
         moving |= np.abs(rate[0]) > (REFUSED if mechanism.beams else STARTED) * np.abs(rate).max(axis=0)
-    free = assembly.left_out(mechanism, case)
+    free = assembly.find_unprescribed_joints(mechanism, case)
     return [j for j in mechanism.joints if j.nv and j.name not in free and moving[mechanism.v_slices[j.name]].any()]
 
 
 def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why a start in motion cannot be led into, or None."""
-    joints = in_motion(mechanism, case)
+    joints = list_joints_in_motion(mechanism, case)
     if not joints or not mechanism.closures:
         return None
     words = "starts in motion: Exudyn finds its initial accelerations without those of the motion and takes none from outside"
@@ -88,9 +88,9 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     return f"joint {odd[0].name} {words}; a lead-in is there for joints of one coordinate" if odd else None
 
 
-def history_of(mechanism: Mechanism, case: Case, step: float) -> History:
+def build_history(mechanism: Mechanism, case: Case, step: float) -> History:
     """Return the motion with a lead-in where it needs one.  step : of the coarsest run [s]"""
-    joints = in_motion(mechanism, case)
+    joints = list_joints_in_motion(mechanism, case)
     if not joints or not mechanism.closures:
         return History(mechanism, case)
     _, qd, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
@@ -99,10 +99,15 @@ def history_of(mechanism: Mechanism, case: Case, step: float) -> History:
     acceleration = np.where(largest > 0.0, largest, np.inf)
     longest = float((RISE * speed / acceleration).max())
     lead = step * max(STEPS, int(np.ceil(min(longest, case.end) / step)))
-    return History(mechanism, case, lead, {joint.name: _place(mechanism, case, joint, lead, step) for joint in joints})
+    return History(
+        mechanism,
+        case,
+        lead,
+        {joint.name: _fit_lead_polynomial(mechanism, case, joint, lead, step) for joint in joints},
+    )
 
 
-def _place(mechanism: Mechanism, case: Case, joint: Joint, lead: float, step: float) -> Polynomial:
+def _fit_lead_polynomial(mechanism: Mechanism, case: Case, joint: Joint, lead: float, step: float) -> Polynomial:
     """Return the coordinate before 0 as a polynomial of s."""
     q, qd, qdd = case.motion.evaluate(mechanism, step * np.arange(3.0))
     own = mechanism.v_slices[joint.name].start
@@ -113,11 +118,11 @@ def _place(mechanism: Mechanism, case: Case, joint: Joint, lead: float, step: fl
     first = a - 3 * v
     second = (jerk - 6 * v - 6 * first) / 2
     travelled: Polynomial = (s**3 * (v + first * (s - 1) + second * (s - 1) ** 2)).integ()
-    now = scalar_coordinate(joint, joint_q(mechanism, joint, q))[0]
+    now = compute_scalar_coordinate(joint, take_joint_q(mechanism, joint, q))[0]
     place: Polynomial = travelled - travelled(1.0) + now
     return place
 
 
-def delayed(mechanism: Mechanism, lead: float) -> Mechanism:
+def move_force_times(mechanism: Mechanism, lead: float) -> Mechanism:
     """Return a mechanism whose given forces come later by a lead-in [s], in the time that Exudyn counts from its start."""
     return replace(mechanism, forces=tuple(replace(f, time=f.time + lead) for f in mechanism.forces))

@@ -21,7 +21,7 @@ from exudyn.kinematicTree import KinematicTree66
 from exudyn.rigidBodyUtilities import T66toHT
 from exudyn.robotics import Robot
 
-from crosscheck.engines.exudyn.own_dynamics import dynamics_of
+from crosscheck.engines.exudyn.own_dynamics import build_dynamics
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import inverse, moved, on
@@ -54,7 +54,7 @@ def lift(source: Any, label: str = "") -> Description:
         raise InputError(
             f"{source}: Exudyn reads no files of robots; give a kinematic tree, a Robot or a MainSystem in Python"
         )
-    parts, gravity, told = _parts(source)
+    parts, gravity, told = _read_parts(source)
     name = label or type(source).__name__
     joints = [
         Between(
@@ -67,22 +67,22 @@ def lift(source: Any, label: str = "") -> Description:
     mechanism = assembled(name, bodies, joints, np.array(gravity, dtype=float), {})
     found = Description(name, mechanism, "live", "exudyn")
     try:
-        return replace(found, dynamics=dynamics_of(source, told, mechanism))
+        return replace(found, dynamics=build_dynamics(source, told, mechanism))
     except InputError as error:
         return replace(found, unproven=str(error))
 
 
-def _parts(source: Any) -> tuple[list[Part], Any, dict[str, Any] | None]:
+def _read_parts(source: Any) -> tuple[list[Part], Any, dict[str, Any] | None]:
     """Parts, gravity [m/s^2], and the dictionary of an object of a system."""
     if isinstance(source, KinematicTree66):
-        return list(_of_tree66(source)), source.gravity, None
+        return list(_read_tree66(source)), source.gravity, None
     if isinstance(source, Robot):
-        return list(_of_robot(source)), source.gravity, None
-    told = _of_system(source) if isinstance(source, exu.MainSystem) else source.GetDictionary()
-    return list(_of_item(told)), told["gravity"], told
+        return list(_read_robot(source)), source.gravity, None
+    told = _find_system_tree(source) if isinstance(source, exu.MainSystem) else source.GetDictionary()
+    return list(_read_tree_object(told)), told["gravity"], told
 
 
-def _of_tree66(tree: Any) -> Iterator[Part]:
+def _read_tree66(tree: Any) -> Iterator[Part]:
     for k, kind in enumerate(tree.jointTypes):
         back = np.asarray(T66toHT(np.asarray(tree.transformations[k])))  # child X parent: the parent in the child
         about = np.asarray(tree.inertias[k])
@@ -94,22 +94,22 @@ def _of_tree66(tree: Any) -> Iterator[Part]:
         yield Part(kind, int(tree.parents[k]), at, Inertia.stated(mass, com, tensor))
 
 
-def _of_robot(robot: Any) -> Iterator[Part]:
-    behind = [_placement(link.localHT) for link in robot.links]
+def _read_robot(robot: Any) -> Iterator[Part]:
+    behind = [_convert_placement(link.localHT) for link in robot.links]
     for k, link in enumerate(robot.links):
         parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
-        carrier = behind[parent] if parent >= 0 else _placement(robot.GetBaseHT())
+        carrier = behind[parent] if parent >= 0 else _convert_placement(robot.GetBaseHT())
         own = Inertia.stated(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
-        yield Part(link.jointType, parent, on(carrier, _placement(link.preHT)), moved(behind[k], own))
+        yield Part(link.jointType, parent, on(carrier, _convert_placement(link.preHT)), moved(behind[k], own))
 
 
-def _placement(transformation: Any) -> Placement:
+def _convert_placement(transformation: Any) -> Placement:
     full = transformation.HT44() if hasattr(transformation, "HT44") else transformation
     pose = np.array(full, dtype=float)
     return Placement(pose[:3, 3], pose[:3, :3])
 
 
-def _of_system(system: Any) -> dict[str, Any]:
+def _find_system_tree(system: Any) -> dict[str, Any]:
     count = system.systemData.NumberOfObjects()
     trees = [told for k in range(count) if (told := system.GetObject(k))["objectType"] == "KinematicTree"]
     if len(trees) != 1:
@@ -120,7 +120,7 @@ def _of_system(system: Any) -> dict[str, Any]:
     return found
 
 
-def _of_item(told: dict[str, Any]) -> Iterator[Part]:
+def _read_tree_object(told: dict[str, Any]) -> Iterator[Part]:
     base = Placement(np.array(told.get("baseOffset", np.zeros(3)), dtype=float))
     for k, kind in enumerate(told["jointTypes"]):
         word = str(kind).rpartition(".")[2]
@@ -128,20 +128,22 @@ def _of_item(told: dict[str, Any]) -> Iterator[Part]:
         if name is None:
             raise InputError(f"joint {k} of the tree is {word}: expected Revolute or Prismatic about X, Y or Z")
         parent = int(told["linkParents"][k])
-        at = _joint_frame(told, k)
-        own = [np.array(_listed(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
+        at = _read_joint_frame(told, k)
+        own = [np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
         yield Part(
             name, parent, at if parent >= 0 else on(base, at), Inertia.stated(float(told["linkMasses"][k]), *own)
         )
 
 
-def _joint_frame(told: dict[str, Any], k: int) -> Placement:
-    if told.get("jointHTs") is not None and len(_listed(told["jointHTs"])):
-        return _placement(_listed(told["jointHTs"])[k])
-    offset, turn = (np.array(_listed(told[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations"))
+def _read_joint_frame(told: dict[str, Any], k: int) -> Placement:
+    if told.get("jointHTs") is not None and len(_convert_to_lists(told["jointHTs"])):
+        return _convert_placement(_convert_to_lists(told["jointHTs"])[k])
+    offset, turn = (
+        np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations")
+    )
     return Placement(offset, turn)
 
 
-def _listed(items: Any) -> Any:
+def _convert_to_lists(items: Any) -> Any:
     """Exudyn's lists of vectors and matrices as plain ones."""
     return items.GetPythonObject() if hasattr(items, "GetPythonObject") else items

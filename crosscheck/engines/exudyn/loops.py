@@ -29,19 +29,19 @@ import numpy as np
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn import lead_in as exudyn_lead
-from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, grid, step_size
-from crosscheck.engines.exudyn.lead_in import History, delayed, history_of, in_motion
+from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, compute_step_size, compute_step_times
+from crosscheck.engines.exudyn.lead_in import History, build_history, list_joints_in_motion, move_force_times
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import planar_connectors as exudyn_flat
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.models.frames import Array, effort_axes, joint_q, scalar_coordinate
-from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, compute_scalar_coordinate, take_joint_q
+from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, Made, link_series
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, Made, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
-from crosscheck.engines.shared.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
+from crosscheck.engines.shared.prescribed import compute_spring_effort, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.record import Series, reaction_series, torque_series, wrench_series
 from flexinv.files.load_cases import Case
@@ -88,11 +88,11 @@ class Model:
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this mechanism with closures, springs or forces in time, or None."""
-    if reason := _wrong_engine(mechanism, engine):
+    if reason := _describe_wrong_engine(mechanism, engine):
         return reason
     if not mechanism.closures and (reason := missing_motion(mechanism, case)):
         return reason
-    if reason := _switched(mechanism):
+    if reason := _describe_switched_closures(mechanism):
         return reason
     if strange := [c.name for c in mechanism.closures if c.kind not in exudyn_closing.HELD]:
         return f"closures without a connector of Exudyn between redundant coordinates: {', '.join(strange)}"
@@ -100,99 +100,100 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return reason
     if (
         reason := exudyn_spatial.unsupported(mechanism)
-        or _lean(mechanism, case)
+        or _describe_leaning_axes(mechanism, case)
         or exudyn_lead.unsupported(mechanism, case)
     ):
         return reason
-    return _unsupported_beams(mechanism, case, engine) if mechanism.beams else None
+    return _describe_beam_refusal(mechanism, case, engine) if mechanism.beams else None
 
 
-def _wrong_engine(mechanism: Mechanism, engine: str) -> str | None:
+def _describe_wrong_engine(mechanism: Mechanism, engine: str) -> str | None:
     beams = ", ".join(link.name for link in mechanism.beams)
     if engine == DAE and beams:
         return f"{engine} has rigid bodies only; flexible here: {beams}"
     return None if engine == DAE or beams else f"no link is a beam: see {DAE}"
 
 
-def _switched(mechanism: Mechanism) -> str | None:
+def _describe_switched_closures(mechanism: Mechanism) -> str | None:
     names = [c.name for c in mechanism.closures if c.active]
     return f"closures act all the time here; switched: {', '.join(names)}" if names else None
 
 
-def _lean(mechanism: Mechanism, case: Case) -> str | None:
+def _describe_leaning_axes(mechanism: Mechanism, case: Case) -> str | None:
     for joint in mechanism.joints:
         lean = joint.kind == "universal" and abs(joint.axis @ joint.second_axis) > PERPENDICULAR
-        if lean and joint.name in assembly.left_out(mechanism, case):
+        if lean and joint.name in assembly.find_unprescribed_joints(mechanism, case):
             return f"joint {joint.name}: a connector holds the axes of a universal joint perpendicular; these lean"
     return None
 
 
-def _unsupported_beams(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+def _describe_beam_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why beams with closures, springs or forces cannot be done, or None."""
-    free = assembly.left_out(mechanism, case)
+    free = assembly.find_unprescribed_joints(mechanism, case)
     wrong = [j.name for j in mechanism.joints if j.nv and j.actuated is (j.name in free)]
     if mechanism.closures and wrong:
         return f"with beams the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
-    if reason := exudyn_flat.not_moved(mechanism, frozenset(free)):
+    if reason := exudyn_flat.describe_unmodelled_effort(mechanism, frozenset(free)):
         return reason
-    left_out = exudyn_spatial.damping_left_out(mechanism) if engine == EXACT else None
-    if left_out and _in_space(mechanism, case):
+    left_out = exudyn_spatial.describe_damping_loss(mechanism) if engine == EXACT else None
+    if left_out and _is_spatial(mechanism, case):
         return left_out
     hindered = [j.name for j in mechanism.joints if j.name in free and (j.damping or j.stiffness)]
-    if hindered and _in_space(mechanism, case):
+    if hindered and _is_spatial(mechanism, case):
         return f"joint {hindered[0]}: damping and springs of joints without a drive have a connector in the plane only"
     return None
 
 
-def _in_space(mechanism: Mechanism, case: Case) -> bool:
+def _is_spatial(mechanism: Mechanism, case: Case) -> bool:
     try:
-        return model_of(mechanism, case).plane is None
+        return build_model(mechanism, case).plane is None
     except assembly.AssemblyError:  # the run itself says that the loops do not close
         return False
 
 
-def model_of(mechanism: Mechanism, case: Case, engine: str = DAE, history: History | None = None) -> Model:
+def build_model(mechanism: Mechanism, case: Case, engine: str = DAE, history: History | None = None) -> Model:
     """Return the system to integrate.  Raises AssemblyError where the loops do not close at the start."""
     history = history or History(mechanism, case)
-    q, qd, _ = _led_into(mechanism, case, history)
-    layout = lay_out(mechanism, q, qd)
-    left_out = assembly.left_out(mechanism, case)
+    q, qd, _ = _find_start_state(mechanism, case, history)
+    layout = build_layout(mechanism, q, qd)
+    left_out = assembly.find_unprescribed_joints(mechanism, case)
     joints = [j for j in mechanism.joints if j.name in left_out]
     free = {
-        j.name: float(scalar_coordinate(j, joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0 for j in joints
+        j.name: float(compute_scalar_coordinate(j, take_joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0
+        for j in joints
     }
-    plane = exudyn_planar.plane_of(mechanism, layout, frozenset(free))
+    plane = exudyn_planar.find_plane(mechanism, layout, frozenset(free))
     if mechanism.beams:  # a beam in a loop leaves no equation to follow from the others
         held = {c.name: list(exudyn_closing.HELD[c.kind]) for c in mechanism.closures}
         return Model(history, engine, layout, None if isinstance(plane, str) else plane, free, held)
-    held = exudyn_closing.independent(mechanism, case) if mechanism.closures else {}
+    held = exudyn_closing.find_independent_axes(mechanism, case) if mechanism.closures else {}
     # in the plane, where some of the equations of its connectors are redundant too, the spatial model leaves them out
-    flat = not isinstance(plane, str) and sum(map(sum, held.values())) == exudyn_flat.equations(mechanism)
+    flat = not isinstance(plane, str) and sum(map(sum, held.values())) == exudyn_flat.count_equations(mechanism)
     return Model(history, engine, layout, plane if flat and not isinstance(plane, str) else None, free, held)
 
 
-def _led_into(mechanism: Mechanism, case: Case, history: History) -> tuple[Array, Array, Array]:
+def _find_start_state(mechanism: Mechanism, case: Case, history: History) -> tuple[Array, Array, Array]:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] where the run starts: closed at 0 and followed back to there."""
     back = np.linspace(0.0, -history.lead, LEAD_POINTS) if history.lead else np.zeros(1)
-    q, qd, qdd = exudyn_chain.closed_motion(mechanism, case, back, history)
+    q, qd, qdd = exudyn_chain.evaluate_closed_motion(mechanism, case, back, history)
     return q[-1], qd[-1], qdd[-1]
 
 
-def coarsest(case: Case, options: Options) -> float:
+def compute_coarsest_step(case: Case, options: Options) -> float:
     """Return the step of the first run [s]."""
     wanted = float(options.get("step", case.end / STEPS)) / 2 ** int(options.get("refinement", 0))
-    return step_size(case.sample, wanted * (2 if options.get("error", True) else 1))
+    return compute_step_size(case.sample, wanted * (2 if options.get("error", True) else 1))
 
 
-def plans_of(model: Model, options: Options) -> list[Plan]:
+def plan_runs(model: Model, options: Options) -> list[Plan]:
     """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
     case = model.case
     lead = model.history.lead
     jumps = [t for t in case.motion.jumps if t < case.end and (t > 0.0 or not lead)]
-    moving = not lead and bool(in_motion(model.mechanism, case))
+    moving = not lead and bool(list_joints_in_motion(model.mechanism, case))
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
-        step=coarsest(case, options),
+        step=compute_coarsest_step(case, options),
         sample=case.sample,
         index2=model.plane is not None and not jumps and not moving,
         spectral_radius=0.5,
@@ -204,57 +205,57 @@ def plans_of(model: Model, options: Options) -> list[Plan]:
     return [replace(plan, step=plan.step / 2**k) for k in range(3 if options.get("error", True) else 2)]
 
 
-def elements_of(runs: int, options: Options) -> list[int]:
+def list_mesh_sizes(runs: int, options: Options) -> list[int]:
     """Return the elements per beam [-] of the runs, from coarse to fine."""
     usual = int(options.get("elements", ELEMENTS)) * 2 ** int(options.get("refinement", 0))
     return [max(1, usual * 2**k // 2 ** (runs - 2)) for k in range(runs)]
 
 
-def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
     """Return torque [N m] or [N], tip [m] and, where unique, wrench [N], [N m], each with its bar.
 
     Of beams also deflection [m] and axial force [N].
     """
     start = clock.perf_counter()
-    model = model_of(mechanism, case, engine, history_of(mechanism, case, coarsest(case, options)))
-    plans = plans_of(model, options)
-    elements = elements_of(len(plans), options)
-    done = [_march(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
-    series_of = flexible_series if mechanism.beams else _rigid_series
+    model = build_model(mechanism, case, engine, build_history(mechanism, case, compute_coarsest_step(case, options)))
+    plans = plan_runs(model, options)
+    elements = list_mesh_sizes(len(plans), options)
+    done = [_integrate_with_retries(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
+    series_of = collect_flexible_series if mechanism.beams else _collect_rigid_series
     runs = [series_of(model, outcome) for outcome, _ in done]
     made, budget = with_bars(limit_of(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")])
-    told = _settings(model, [plan for _, plan in done])
+    told = _describe_settings(model, [plan for _, plan in done])
     if mechanism.beams:
         told |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
     return Made(made, told, clock.perf_counter() - start, budget)
 
 
-def _march(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
+def _integrate_with_retries(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
     for tolerance in NEWTON[:-1]:
         one = replace(plan, tolerance=tolerance)
         with contextlib.suppress(NewtonStalled):
-            return integrated(model, elements, one), one
+            return integrate_model(model, elements, one), one
     last = replace(plan, tolerance=NEWTON[-1])
-    return integrated(model, elements, last), last
+    return integrate_model(model, elements, last), last
 
 
-def integrated(model: Model, elements: int, plan: Plan) -> Outcome:
+def integrate_model(model: Model, elements: int, plan: Plan) -> Outcome:
     """Return the outcome of a model with so many elements per beam [-] along its motion [m, rad, s, N]."""
-    m = delayed(model.mechanism, plan.lead)
+    m = move_force_times(model.mechanism, plan.lead)
     layout = model.layout
     ancf = model.engine == ANCF
-    q, qd, _ = model.history(grid(plan))
+    q, qd, _ = model.history(compute_step_times(plan))
     if model.plane is None:
         drawing = exudyn_spatial.build(m, layout, ancf, elements, frozenset(model.free), model.held)
         return exudyn_spatial.run(drawing, plan, q)
     return exudyn_planar.run(exudyn_planar.build(m, layout, model.plane, ancf, elements, model.free), plan, q, qd)
 
 
-def flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
+def collect_flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
     """Return the series of one run of a mechanism with beams [N m], [N], [m]."""
     m = model.mechanism
-    torque = drive_efforts(model, outcome, sample_times(model.case))
-    made = torque_series(m, torque) | link_series(m, model.layout, outcome)
+    torque = compute_drive_efforts(model, outcome, sample_times(model.case))
+    made = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
     for name, wrench in outcome.wrench.items():
         made |= wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
@@ -263,43 +264,48 @@ def flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
     return made
 
 
-def drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:
+def compute_drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:
     """Return the efforts (samples, nv) [N m], [N] of the drives of a mechanism with beams at ``time`` (samples,) [s]."""
     m = model.mechanism
     q, qd, qdd = model.case.motion.evaluate(m, time)
-    own = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+    own = rotor_effort(m, qdd) + passive_effort(m, qd) + compute_spring_effort(m, q)
     given = np.array([j.name not in model.free for j in m.joints for _ in range(j.nv)], dtype=bool)
-    return _drives(model, outcome, q) + np.where(given, own, 0.0)
+    return _compute_connector_efforts(model, outcome, q) + np.where(given, own, 0.0)
 
 
-def _drives(model: Model, outcome: Outcome, q: Array) -> Array:
+def _compute_connector_efforts(model: Model, outcome: Outcome, q: Array) -> Array:
     """Return the efforts of the drives' connectors, (samples, nv) [N m] or [N]; q : (samples, nq)."""
     m = model.mechanism
     torque = np.zeros((len(q), m.nv))
     for name, wrench in outcome.wrench.items():
         if name not in model.free:
-            axes = np.concatenate(effort_axes(m.joint_of[name], joint_q(m, m.joint_of[name], q)), axis=2)
+            axes = np.concatenate(compute_effort_axes(m.joint_of[name], take_joint_q(m, m.joint_of[name], q)), axis=2)
             torque[:, m.v_slices[name]] = np.einsum("svc,sc->sv", axes, wrench)  # (sample, coordinate)
     return torque
 
 
-def _rigid_series(model: Model, outcome: Outcome) -> dict[str, Series]:
+def _collect_rigid_series(model: Model, outcome: Outcome) -> dict[str, Series]:
     m = model.mechanism
-    q, qd, qdd = exudyn_chain.closed_motion(m, model.case, sample_times(model.case))
-    torque = _drives(model, outcome, q) + rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+    q, qd, qdd = exudyn_chain.evaluate_closed_motion(m, model.case, sample_times(model.case))
+    torque = (
+        _compute_connector_efforts(model, outcome, q)
+        + rotor_effort(m, qdd)
+        + passive_effort(m, qd)
+        + compute_spring_effort(m, q)
+    )
     made: dict[str, Series] = {}
     for name, wrench in outcome.wrench.items():
         made |= wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
         made |= reaction_series(name, wrench)
     if m.closures:
-        torque = exudyn_chain.shared(m, model.case, q, torque)
-    if model.left_out or (m.closures and not _driven(model)):
+        torque = exudyn_chain.split_sampled_efforts(m, model.case, q, torque)
+    if model.left_out or (m.closures and not _has_collocated_drives(model)):
         made = {}  # not the reactions that belong to these efforts
-    return torque_series(m, torque) | made | link_series(m, model.layout, outcome)
+    return torque_series(m, torque) | made | collect_link_series(m, model.layout, outcome)
 
 
-def _driven(model: Model) -> bool:
+def _has_collocated_drives(model: Model) -> bool:
     """Return True if drives stand on the very joints that the motion gives, and take nothing on the others."""
     m = model.mechanism
     given = all(j.actuated is (j.name not in model.free) for j in m.joints if j.nv)
@@ -309,7 +315,7 @@ def _driven(model: Model) -> bool:
     return given and quiet
 
 
-def _settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
+def _describe_settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
     flat = model.plane is not None
     return {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
@@ -318,12 +324,12 @@ def _settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
         "step_s": [plan.step for plan in plans],
         "integrator": plans[0].integrator,
         "newton_tolerance": [plan.tolerance for plan in plans],
-        "start": _told_start(plans[0]),
+        "start": _describe_start(plans[0]),
         "extrapolation": "(4 fine - coarse) / 3: the error is of order h^2",
     }
 
 
-def _told_start(plan: Plan) -> str:
+def _describe_start(plan: Plan) -> str:
     if plan.lead:
         return f"in motion, led into from rest over {plan.lead:.3g} s before"
     return "in motion: the first some 20 steps are a transient" if plan.extrapolate else "at rest"

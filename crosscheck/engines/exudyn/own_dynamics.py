@@ -23,15 +23,15 @@ from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
 
-def dynamics_of(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> Answers:
+def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> Answers:
     """Return the dynamics of a tree in the coordinates of its mechanism.
 
     told : the dictionary of an object of a system, None for a ``KinematicTree66`` and a ``Robot``
     Raises InputError where Exudyn does not take the object into a system of its own.
     """
-    order = _order(mechanism)
+    order = _find_joint_order(mechanism)
     if isinstance(source, KinematicTree66):
-        return Answers(f"Exudyn {exu.__version__}", _of_tree66(source, order))
+        return Answers(f"Exudyn {exu.__version__}", _make_tree66_inverse(source, order))
     system = exu.SystemContainer().AddSystem()
     try:
         if isinstance(source, Robot):
@@ -41,10 +41,10 @@ def dynamics_of(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) 
         system.Assemble()
     except (ValueError, RuntimeError, KeyError) as error:
         raise InputError(f"Exudyn: {' '.join(str(error).split())[:300]}") from None
-    return Answers(f"Exudyn {exu.__version__}", _of_system(system, order))
+    return Answers(f"Exudyn {exu.__version__}", _make_system_inverse(system, order))
 
 
-def _order(mechanism: Mechanism) -> Array:
+def _find_joint_order(mechanism: Mechanism) -> Array:
     """Number of the tree's joint by coordinate of the mechanism: joint K is called "joint K"."""
     return np.array([int(joint.name.split()[-1]) for joint in mechanism.joints if joint.nv])
 
@@ -59,10 +59,10 @@ def _add(system: Any, told: dict[str, Any]) -> None:
     system.AddObject({**told, "nodeNumber": system.AddNode(node)})
 
 
-def _of_tree66(tree: Any, order: Array) -> Any:
+def _make_tree66_inverse(tree: Any, order: Array) -> Any:
     stated = np.array(tree.gravity, dtype=float)
 
-    def inverse(q: Array, qd: Array, qdd: Array, gravity: Array | None, without: Collection[str]) -> Array:
+    def compute_efforts(q: Array, qd: Array, qdd: Array, gravity: Array | None, without: Collection[str]) -> Array:
         place, rate, push = (np.empty(len(order)) for _ in range(3))
         place[order] = q
         rate[order] = qd
@@ -75,14 +75,14 @@ def _of_tree66(tree: Any, order: Array) -> Any:
         found: Array = (mass @ push + force)[order]
         return found
 
-    return inverse
+    return compute_efforts
 
 
-def _of_system(system: Any, order: Array) -> Any:
+def _make_system_inverse(system: Any, order: Array) -> Any:
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
 
-    def inverse(q: Array, qd: Array, qdd: Array, gravity: Array | None, without: Collection[str]) -> Array:
+    def compute_efforts(q: Array, qd: Array, qdd: Array, gravity: Array | None, without: Collection[str]) -> Array:
         place, rate, push = (np.empty(len(order)) for _ in range(3))
         place[order] = q
         rate[order] = qd
@@ -102,4 +102,4 @@ def _of_system(system: Any, order: Array) -> Any:
         found: Array = (mass @ push - pull)[order]
         return found
 
-    return inverse
+    return compute_efforts

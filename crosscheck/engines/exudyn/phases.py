@@ -34,19 +34,19 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn import lead_in as exudyn_lead
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn import script as exudyn_script
-from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, grid, step_size
+from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, compute_step_size, compute_step_times
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.models.frames import Array, effort_axes, joint_q
-from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, take_joint_q
+from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import DAE, Made, link_series
+from crosscheck.engines.exudyn.run_in_time import DAE, Made, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.phases import Phase, State
-from crosscheck.engines.shared.prescribed import passive_effort, rotor_effort, spring_effort
-from crosscheck.engines.shared.wrenches import closing, reactions
+from crosscheck.engines.shared.prescribed import compute_spring_effort, passive_effort, rotor_effort
+from crosscheck.engines.shared.wrenches import compute_closure_forces, compute_reactions
 from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.record import Series, reaction_series, torque_series
 from flexinv.files.load_cases import Case
@@ -76,31 +76,31 @@ class Switching:
         return self.acting[max(now - 1, 0)]
 
 
-def follow_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
+def solve_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
     """Return all phases with q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints."""
-    return list(_followed(case, mechanism))
+    return list(_solve_phases(case, mechanism))
 
 
 @make_owner_cache(most=2)
-def _followed(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
-    found = phases.follow_phases(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
+def _solve_phases(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
+    found = phases.solve_phases(mechanism, case, sample_times(case), exudyn_chain.evaluate_closed_motion)
     for _, state in found:  # several callers share them
         for part in state:
             part.flags.writeable = False
     return found
 
 
-def switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
+def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
     """Return the variants of closures and which connectors act in which phase."""
     variants: dict[tuple[str, tuple[int, ...]], Closure] = {}
     acting = []
-    given = [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
+    given = [j for j in mechanism.joints if j.nv and j.name not in assembly.find_unprescribed_joints(mechanism, case)]
     for phase, (q, _, _) in followed:
         middle = q[len(q) // 2]
-        driven = drives(phase, given, middle)
+        driven = choose_drives(phase, given, middle)
         on = {j.name for j in mechanism.joints if j.nv and (j.name in driven or j not in given)}
-        kept = exudyn_closing.independent_at(phase.mechanism, phase.case, middle)
-        loose = [_loose(j) for j in given if j.name not in driven]
+        kept = exudyn_closing.find_independent_axes_at(phase.mechanism, phase.case, middle)
+        loose = [_make_free_connector(j) for j in given if j.name not in driven]
         for closure, axes in [
             *((c, tuple(kept[c.name])) for c in phase.mechanism.closures),
             *((c, exudyn_closing.HELD[c.kind]) for c in loose),
@@ -112,21 +112,21 @@ def switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, Stat
     return Switching(
         mechanism=replace(mechanism, closures=tuple(variants.values())),
         held={c.name: list(axes) for (_, axes), c in variants.items()},
-        free=frozenset(assembly.left_out(mechanism, case)),
+        free=frozenset(assembly.find_unprescribed_joints(mechanism, case)),
         acting=acting,
         starts=[float(phase.time[0]) for phase, _ in followed],
     )
 
 
-def drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
+def choose_drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
     """Return the joints with prescribed motion that have drives in a phase: as many as it has degrees of freedom.
 
     Those whose coordinates the motions that the closures allow tell apart best, at q (nq,) [rad], [m].
     """
     m = phase.mechanism
     tree = exudyn_chain.Tree(m, phase.case)
-    g = assembly.rows_of(m.closures, tree.pairs(q, np.zeros(m.nv))).g
-    motions = assembly.null_space(g)
+    g = assembly.assemble_rows(m.closures, tree.pairs(q, np.zeros(m.nv))).g
+    motions = assembly.compute_null_space(g)
     columns = np.array([k for j in given for k in range(m.v_slices[j.name].start, m.v_slices[j.name].stop)])
     _, _, order = scipy.linalg.qr(motions[columns].T, pivoting=True, mode="economic")
     chosen = set(columns[order[: motions.shape[1]]].tolist())
@@ -138,47 +138,47 @@ def drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
     return names
 
 
-def _loose(joint: Joint) -> Closure:
+def _make_free_connector(joint: Joint) -> Closure:
     """A joint without its drive, as a connector with a free axis."""
     ends = Attachment(joint.parent, joint.placement), Attachment(joint.child)
     return Closure(f"{joint.name}/loose", LOOSE[joint.kind], *ends, axis=joint.axis)
 
 
-def switched(mechanism: Mechanism) -> bool:
+def has_switched_closures(mechanism: Mechanism) -> bool:
     """Return True if closures act only for a while."""
     return any(c.active for c in mechanism.closures)
 
 
 def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why the switching cannot be done, or None."""
-    given = [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
+    given = [j for j in mechanism.joints if j.nv and j.name not in assembly.find_unprescribed_joints(mechanism, case)]
     if wrong := [j.name for j in given if j.kind not in LOOSE]:
         return f"where closures switch, joints with a motion are hinges or slides here; others: {', '.join(wrong)}"
     if hard := [c.name for c in mechanism.closures if c.impact != "error"]:
         return f"a jump of velocity rings in index 3; closures with an impact: {', '.join(hard)}"
-    if moving := [j.name for j in exudyn_lead.in_motion(mechanism, case)]:
+    if moving := [j.name for j in exudyn_lead.list_joints_in_motion(mechanism, case)]:
         return f"mechanisms that open and close start at rest here; in motion: {', '.join(moving)}"
     always = tuple(replace(c, active=()) for c in mechanism.closures)
     return exudyn_loops.unsupported(replace(mechanism, closures=always), case, DAE)
 
 
-def in_time(mechanism: Mechanism, case: Case, options: Options) -> Made:
+def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> Made:
     """Return torque [N m] or [N], tip [m] and determinate reactions [N], [N m], each with its bar."""
     start = clock.perf_counter()
-    run = Run(mechanism, case, follow_phases(mechanism, case))
-    done = [run.march(plan) for plan in plans(mechanism, case, options)]
+    run = Run(mechanism, case, solve_phases(mechanism, case))
+    done = [run.march(plan) for plan in plan_runs(mechanism, case, options)]
     runs = [run.series(outcome) for outcome, _ in done]
     made, budget = with_bars(limit_of(runs), [Family("step", runs, "limit")])
     return Made(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
 
 
-def plans(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
+def plan_runs(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
     """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
     wanted = float(options.get("step", case.end / exudyn_loops.STEPS)) / 2 ** int(options.get("refinement", 0))
     behind = 1 if options.get("error", True) else 0
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
-        step=step_size(case.sample, wanted * 2**behind),
+        step=compute_step_size(case.sample, wanted * 2**behind),
         sample=case.sample,
         index2=False,
         spectral_radius=0.5,
@@ -199,13 +199,13 @@ class Run:
     @cached_property
     def switching(self) -> Switching:
         """Return the schedule of the connectors."""
-        return switching(self.mechanism, self.case, self.followed)
+        return plan_switching(self.mechanism, self.case, self.followed)
 
     @cached_property
     def layout(self) -> Layout:
         """Bodies where they start."""
         q, qd, _ = (part[0] for part in self.followed[0][1])
-        return lay_out(self.mechanism, q, qd)
+        return build_layout(self.mechanism, q, qd)
 
     def march(self, plan: Plan) -> tuple[Outcome, Plan]:
         """Integrate; the plan comes back with the tolerance that held."""
@@ -221,26 +221,26 @@ class Run:
         d = exudyn_spatial.build(s.mechanism, self.layout, False, 1, s.free, s.held)
         connectors = {name: numbers for name, numbers in d.model.joint.items() if name not in s.free}
         connectors |= {name: (number,) for name, number in d.model.closure.items()}
-        switch(d.model.mbs, connectors, s, plan)
-        return exudyn_spatial.run(d, plan, self.case.motion.evaluate(s.mechanism, grid(plan))[0])
+        add_switching(d.model.mbs, connectors, s, plan)
+        return exudyn_spatial.run(d, plan, self.case.motion.evaluate(s.mechanism, compute_step_times(plan))[0])
 
     def series(self, outcome: Outcome) -> dict[str, Series]:
         """Return the series of one run, efforts and reactions shared out phase by phase."""
         m = self.mechanism
         q, qd, qdd = (np.concatenate(parts) for parts in zip(*(state for _, state in self.followed), strict=True))
-        torque = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+        torque = rotor_effort(m, qdd) + passive_effort(m, qd) + compute_spring_effort(m, q)
         for joint in (m.joint_of[name] for name in outcome.wrench if name not in self.switching.free):
-            axes = np.concatenate(effort_axes(joint, joint_q(m, joint, q)), axis=2)
+            axes = np.concatenate(compute_effort_axes(joint, take_joint_q(m, joint, q)), axis=2)
             torque[:, m.v_slices[joint.name]] += np.einsum("svc,sc->sv", axes, outcome.wrench[joint.name])
         made: dict[str, Series] = {}
-        reaction = {c.name: _sum(outcome.closure, c.name, len(q)) for c in m.closures}
+        reaction = {c.name: _compute_closure_wrench(outcome.closure, c.name, len(q)) for c in m.closures}
         for phase, _ in self.followed:
-            torque[phase.samples], change = _shared(phase, q[phase.samples], torque[phase.samples])
+            torque[phase.samples], change = _split_phase_efforts(phase, q[phase.samples], torque[phase.samples])
             for name, wrench in change.items():
                 reaction[name][phase.samples] += wrench
         for name, wrench in reaction.items():
             made |= reaction_series(name, wrench)
-        return torque_series(m, torque) | made | link_series(m, self.layout, outcome)
+        return torque_series(m, torque) | made | collect_link_series(m, self.layout, outcome)
 
     def settings(self, plans: list[Plan]) -> dict[str, Any]:
         """Return the engine's settings, for the reader of the report."""
@@ -256,7 +256,7 @@ class Run:
         }
 
 
-def switch(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switching, plan: Plan) -> None:
+def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switching, plan: Plan) -> None:
     """Let only those connectors (name -> object numbers) act whose phase it is, from the start and before every step."""
 
     def turn(on: frozenset[str], before: frozenset[str] | None) -> None:
@@ -268,44 +268,44 @@ def switch(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switchin
     numbers = {name: tuple(map(int, own)) for name, own in connectors.items()}
     acting = (tuple(n for name in numbers if name in on for n in numbers[name]) for on in switching.acting)
     taken = tuple(n for own in numbers.values() for n in own)
-    exudyn_script.switches(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
+    exudyn_script.add_switch_record(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
     state = [switching.at(0.0)]
     turn(state[0], None)
 
-    def before_step(mbs: Any, t: float) -> bool:
+    def update_connectors(mbs: Any, t: float) -> bool:
         on = switching.at(t)
         if on != state[0]:
             turn(on, state[0])
             state[0] = on
         return True
 
-    mbs.SetPreStepUserFunction(before_step)
+    mbs.SetPreStepUserFunction(update_connectors)
 
 
-def _sum(wrenches: dict[str, Array], closure: str, samples: int) -> Array:
+def _compute_closure_wrench(wrenches: dict[str, Array], closure: str, samples: int) -> Array:
     """Return the sum of the wrenches of all variants of a closure, (samples, 6)."""
     parts = [wrench for name, wrench in wrenches.items() if name.rsplit("/", 1)[0] == closure]
     return np.asarray(sum(parts, np.zeros((samples, 6))))
 
 
-def shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
+def compute_drive_shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
     """Return the drives' efforts per effort of the joints that the motion gives, (samples, nv, nv) [-]."""
     q = np.concatenate([state[0] for _, state in followed])
     made = np.zeros((len(q), mechanism.nv, mechanism.nv))
     for phase, _ in followed:
         own = q[phase.samples]
         for k, unit in enumerate(np.eye(mechanism.nv)):
-            made[phase.samples, :, k] = _shared(phase, own, np.tile(unit, (len(own), 1)))[0]
+            made[phase.samples, :, k] = _split_phase_efforts(phase, own, np.tile(unit, (len(own), 1)))[0]
     return made
 
 
-def _shared(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:
+def _split_phase_efforts(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:
     """Efforts (samples, nv) of the drives, and what this share adds to the closures' wrenches (samples, 6)."""
     m = phase.mechanism
     made = np.empty_like(torque)
     wrench = np.empty((len(q), len(m.closures), 6))
-    for k, (pairs, rows) in enumerate(exudyn_chain.closing_rows(m, phase.case, q)):
-        made[k] = assembly.share_out(rows.g, torque[k], m.actuated, m.weights)
-        change = assembly.multipliers(rows.g, torque[k], made[k])
-        wrench[k] = reactions(closing(m, pairs, rows, change), pairs)
+    for k, (pairs, rows) in enumerate(exudyn_chain.list_closure_rows(m, phase.case, q)):
+        made[k] = assembly.split_efforts(rows.g, torque[k], m.actuated, m.weights)
+        change = assembly.solve_multipliers(rows.g, torque[k], made[k])
+        wrench[k] = compute_reactions(compute_closure_forces(m, pairs, rows, change), pairs)
     return made, {c.name: wrench[:, k] for k, c in enumerate(m.closures)}

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from exudyn.itemInterface import LoadCoordinate, MarkerNodeCoordinate
 
-from crosscheck.engines.exudyn.integration import Plan, Table, integrate, quiet, step_size
+from crosscheck.engines.exudyn.integration import Plan, Table, compute_step_size, integrate, quiet
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
-from crosscheck.engines.exudyn.models.layout import lay_out
+from crosscheck.engines.exudyn.models.layout import build_layout
 from crosscheck.engines.exudyn.models.planar import Drawing
 from crosscheck.engines.exudyn.run_in_time import NEWTON
 from crosscheck.engines.shared.replay import Array, Drive
@@ -29,7 +29,7 @@ def unsupported(mechanism: Mechanism, q: Array) -> str | None:
         return (
             "replayed in Exudyn are open arms without gravity, springs between points and forces, which rest straight"
         )
-    plane = exudyn_planar.plane_of(mechanism, lay_out(mechanism, q, np.zeros(mechanism.nv)))
+    plane = exudyn_planar.find_plane(mechanism, build_layout(mechanism, q, np.zeros(mechanism.nv)))
     return plane if isinstance(plane, str) else None
 
 
@@ -41,44 +41,46 @@ def replay(mechanism: Mechanism, drive: Drive, elements: int, step: float, cable
     """
     if reason := unsupported(mechanism, drive.q):
         raise ValueError(reason)
-    layout = lay_out(mechanism, drive.q, np.zeros(mechanism.nv))
-    plane = exudyn_planar.plane_of(mechanism, layout)
+    layout = build_layout(mechanism, drive.q, np.zeros(mechanism.nv))
+    plane = exudyn_planar.find_plane(mechanism, layout)
     assert not isinstance(plane, str)
     end = drive.spacing * (len(drive.torque) - 1)
-    plan = Plan(end, step_size(drive.spacing, step), drive.spacing, index2=True, spectral_radius=0.5, tolerance=NEWTON)
+    plan = Plan(
+        end, compute_step_size(drive.spacing, step), drive.spacing, index2=True, spectral_radius=0.5, tolerance=NEWTON
+    )
     start = {j.name: float(drive.q[mechanism.q_slices[j.name]][0]) for j in mechanism.joints if j.nv}
     with quiet():
         d = exudyn_planar.build(mechanism, layout, plane, cable, elements, start)
-        _push(d, drive, plan)
-        seen = integrate(d.model.mbs, plan, [], *exudyn_planar.sensors(d))
-    return {name: exudyn_planar.in_world(d, layout.root[name], seen["end", name]) for name in d.model.beam}
+        _add_drive_loads(d, drive, plan)
+        seen = integrate(d.model.mbs, plan, [], *exudyn_planar.add_sensors(d))
+    return {name: exudyn_planar.convert_to_world(d, layout.root[name], seen["end", name]) for name in d.model.beam}
 
 
-def _push(drawing: Drawing, drive: Drive, plan: Plan) -> None:
+def _add_drive_loads(drawing: Drawing, drive: Drive, plan: Plan) -> None:
     """Add the loads of all drives and assemble once more."""
     given = drive.spacing * np.arange(len(drive.torque))
     times = plan.step * np.arange(plan.steps + 1)
     driven = [joint for joint in drawing.mechanism.joints if joint.nv and joint.actuated]
     for joint, torque in zip(driven, drive.torque.T, strict=True):
         table = Table(plan.step, np.interp(times, given, torque)[:, None])
-        sign = exudyn_planar.sign_of(drawing, joint)
-        _load(drawing, _child(drawing, joint), table, sign)
-        _load(drawing, drawing.layout.joint[joint.name].group, table, -sign)
+        sign = exudyn_planar.compute_axis_sign(drawing, joint)
+        _add_load(drawing, _find_child_group(drawing, joint), table, sign)
+        _add_load(drawing, drawing.layout.joint[joint.name].group, table, -sign)
     drawing.model.mbs.Assemble()
 
 
-def _child(drawing: Drawing, joint: Joint) -> int:
+def _find_child_group(drawing: Drawing, joint: Joint) -> int:
     return next(k for k, group in enumerate(drawing.layout.groups) if group.joint == joint.name)
 
 
-def _load(drawing: Drawing, group: int, table: Table, sign: float) -> None:
+def _add_load(drawing: Drawing, group: int, table: Table, sign: float) -> None:
     if group == 0:  # the world
         return
     marker = drawing.model.mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=drawing.model.node[group], coordinate=2))
     drawing.model.mbs.AddLoad(
-        LoadCoordinate(markerNumber=marker, load=1.0, loadUserFunction=_user_function(table, sign))
+        LoadCoordinate(markerNumber=marker, load=1.0, loadUserFunction=_make_load_function(table, sign))
     )
 
 
-def _user_function(table: Table, sign: float) -> Any:
+def _make_load_function(table: Table, sign: float) -> Any:
     return lambda mbs, time, load: sign * float(table(time)[0])

@@ -29,14 +29,14 @@ from exudyn.rigidBodyUtilities import HT2T66Inverse, T66toHT
 
 from crosscheck.engines.exudyn.models.frames import (
     Array,
-    combine,
+    build_frame_along,
     compose,
-    frame_along,
+    compute_joint_pose,
+    compute_joint_twist,
+    compute_scalar_coordinate,
     inverse,
-    joint_pose,
-    joint_q,
-    joint_twist,
-    scalar_coordinate,
+    join_inertias,
+    take_joint_q,
 )
 from flexinv.model.mechanism import WORLD, Inertia, Joint, Mechanism, Placement
 
@@ -85,22 +85,22 @@ def build(mechanism: Mechanism, wrench: bool) -> Tree:
         carrier, frame = tree.link[joint.parent]
         frame = compose(frame, joint.placement)
         first = mechanism.v_slices[joint.name].start
-        elements = list(_elements(joint))
+        elements = list(_list_elementary_joints(joint))
         if elements and elements[0].kind != "Rz":
             tree.moving[joint.name] = (len(tree.types), frame, elements[0].frame)
         for one in elements:
-            carrier = _append(tree, one.kind, carrier, compose(frame, one.frame))
+            carrier = _add_elementary_joint(tree, one.kind, carrier, compose(frame, one.frame))
             frame = inverse(one.frame)
             tree.share[first + one.coordinate, carrier] = one.share
         if wrench and joint.nv:
             tree.probe[joint.name] = len(tree.types)
             for kind in LOCAL:
-                carrier = _append(tree, kind, carrier, frame)
+                carrier = _add_elementary_joint(tree, kind, carrier, frame)
                 frame = Placement()
         tree.link[joint.child] = (carrier, frame)
         if carrier >= 0:
-            bodies = combine([(b.inertia, Placement()) for b in mechanism.link_of[joint.child].bodies])
-            tree.inertias[carrier] = tree.inertias[carrier] + inertia66(bodies, frame)
+            bodies = join_inertias([(b.inertia, Placement()) for b in mechanism.link_of[joint.child].bodies])
+            tree.inertias[carrier] = tree.inertias[carrier] + build_inertia66(bodies, frame)
     return tree
 
 
@@ -113,30 +113,30 @@ class Element(NamedTuple):
     share: float
 
 
-def _elements(joint: Joint) -> Iterator[Element]:
+def _list_elementary_joints(joint: Joint) -> Iterator[Element]:
     """Yield the elementary joints that make up a joint; one with a single coordinate slides and turns as its twist says."""
     if joint.kind in BALL:
         yield from (Element(kind, Placement(), k, 1.0) for k, kind in enumerate(LOCAL[-joint.nv :]))
     elif joint.kind == "universal":
         for k, axis in enumerate((joint.axis, joint.second_axis)):
-            yield Element("Rz", Placement(np.zeros(3), frame_along(axis) @ Z_FIRST.T), k, 1.0)
+            yield Element("Rz", Placement(np.zeros(3), build_frame_along(axis) @ Z_FIRST.T), k, 1.0)
     elif joint.nv:
-        along = Placement(np.zeros(3), frame_along(joint.axis) @ Z_FIRST.T)
-        twist = joint_twist(joint, np.zeros(joint.nq), np.ones(1))
+        along = Placement(np.zeros(3), build_frame_along(joint.axis) @ Z_FIRST.T)
+        twist = compute_joint_twist(joint, np.zeros(joint.nq), np.ones(1))
         for kind, part in zip(("Pz", "Rz"), twist, strict=True):
             if part.any():
                 yield Element(kind, along, 0, float(part @ joint.axis))
 
 
-def _append(tree: Tree, kind: str, parent: int, frame: Placement) -> int:
+def _add_elementary_joint(tree: Tree, kind: str, parent: int, frame: Placement) -> int:
     tree.types.append(kind)
-    tree.transforms.append(transform66(frame))
+    tree.transforms.append(build_transform66(frame))
     tree.inertias.append(np.zeros((6, 6)))
     tree.parents.append(parent)
     return len(tree.types) - 1
 
 
-def transform66(frame: Placement) -> Array:
+def build_transform66(frame: Placement) -> Array:
     """Return Exudyn's transformation (6, 6) of a frame in its parent's frame."""
     h = np.eye(4)
     h[:3, :3] = frame.rotation
@@ -144,13 +144,13 @@ def transform66(frame: Placement) -> Array:
     return np.asarray(HT2T66Inverse(h))
 
 
-def inertia66(body: Inertia, frame: Placement) -> Array:
+def build_inertia66(body: Inertia, frame: Placement) -> Array:
     """Return Exudyn's inertia (6, 6) of a body whose frame is ``frame`` in the frame of the elementary joint."""
     com = frame.position + frame.rotation @ body.com
     return np.asarray(MassCOMinertia2T66(body.mass, com, frame.rotation @ body.tensor @ frame.rotation.T))
 
 
-def inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wrench: bool = True) -> RigidResult:
+def compute_inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wrench: bool = True) -> RigidResult:
     """Return M(q) qdd + f(q, qd) of the bodies at every sample, wrenches at moving joints, tips.
 
     q : (samples, nq); qd, qdd : (samples, nv); units of ``RigidResult``
@@ -158,32 +158,32 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wren
     tree = build(mechanism, wrench)
     effort = np.zeros((len(q), len(tree.types)))
     tip = {link.name: np.zeros((len(q), 3)) for link in mechanism.links}
-    moved = {n: moving_pose(mechanism, mechanism.joint_of[n], q) for n in tree.moving}
-    angle, rate, rate2 = elementary(mechanism, tree, q, qd, qdd)
-    share = shares(mechanism, tree)
+    moved = {n: compute_moving_pose(mechanism, mechanism.joint_of[n], q) for n in tree.moving}
+    angle, rate, rate2 = compute_elementary_motion(mechanism, tree, q, qd, qdd)
+    share = build_share_matrix(mechanism, tree)
     for s in range(len(q)):
         transforms = list(tree.transforms)
         for name, (first, before, after) in tree.moving.items():
             pose = Placement(moved[name][0][s], moved[name][1][s])
-            transforms[first] = transform66(compose(compose(before, pose), after))
+            transforms[first] = build_transform66(compose(compose(before, pose), after))
         exu = KinematicTree66(tree.types, transforms, tree.inertias, tree.parents, gravity=mechanism.gravity)
         mass, force = exu.ComputeMassMatrixAndForceTerms(angle[s], rate[s])
         effort[s] = mass @ rate2[s] + force
-        _tips(mechanism, tree, transforms, angle[s], {name: t[s] for name, t in tip.items()})
+        _fill_tips(mechanism, tree, transforms, angle[s], {name: t[s] for name, t in tip.items()})
     probes = {name: effort[:, k : k + 6] for name, k in tree.probe.items()}
     return RigidResult(effort @ share.T, probes, tip)
 
 
-def moving_pose(mechanism: Mechanism, joint: Joint, q: Array) -> tuple[Array, Array]:
+def compute_moving_pose(mechanism: Mechanism, joint: Joint, q: Array) -> tuple[Array, Array]:
     """Return position (samples, 3) [m] and rotation (samples, 3, 3) of the frame in ``Tree.moving`` for q (samples, nq).
 
     A ball's is the child's; of a joint that slides only the way is in it, and what turns turns behind it.
     """
-    p, r = joint_pose(joint, joint_q(mechanism, joint, q))
+    p, r = compute_joint_pose(joint, take_joint_q(mechanism, joint, q))
     return (p, r) if joint.kind in BALL else (p, np.tile(np.eye(3), (len(q), 1, 1)))
 
 
-def shares(mechanism: Mechanism, tree: Tree) -> Array:
+def build_share_matrix(mechanism: Mechanism, tree: Tree) -> Array:
     """Return ``Tree.share`` as a matrix (nv, elementary joints) [-], [m/rad]."""
     out = np.zeros((mechanism.nv, len(tree.types)))
     for (v, element), share in tree.share.items():
@@ -191,16 +191,18 @@ def shares(mechanism: Mechanism, tree: Tree) -> Array:
     return out
 
 
-def elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+def compute_elementary_motion(
+    mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array
+) -> tuple[Array, Array, Array]:
     """Return coordinates, rates and accelerations [rad], [m], [s] of the elementary joints, (samples, elementary)."""
-    share = shares(mechanism, tree)
+    share = build_share_matrix(mechanism, tree)
     angle = np.zeros((len(q), len(tree.types)))
     rate = qd @ share
     rate2 = qdd @ share
     for joint in mechanism.joints:
         v = mechanism.v_slices[joint.name]
         at = np.flatnonzero(share[v].any(axis=0))
-        part = joint_q(mechanism, joint, q)
+        part = take_joint_q(mechanism, joint, q)
         if joint.kind in BALL:
             w = qd[:, v][:, -3:]
             turns = np.stack([-w[:, 1] * w[:, 2], w[:, 0] * w[:, 2], -w[:, 0] * w[:, 1]], axis=1)  # (sample, xyz)
@@ -211,11 +213,11 @@ def elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array
             angle[:, at] = part
         elif joint.nv:
             turning = at[[tree.types[element] == "Rz" for element in at]]
-            angle[:, turning] = scalar_coordinate(joint, part)[:, None] * share[v, turning]
+            angle[:, turning] = compute_scalar_coordinate(joint, part)[:, None] * share[v, turning]
     return angle, rate, rate2
 
 
-def _tips(mechanism: Mechanism, tree: Tree, transforms: list[Array], angle: Array, tip: dict[str, Array]) -> None:
+def _fill_tips(mechanism: Mechanism, tree: Tree, transforms: list[Array], angle: Array, tip: dict[str, Array]) -> None:
     """Fill in the tips by chaining Exudyn's own transformations from the world outward."""
     chain: list[Array] = []
     for kind, parent, fixed, a in zip(tree.types, tree.parents, transforms, angle, strict=True):

@@ -10,11 +10,18 @@ from typing import Any
 import numpy as np
 
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.engines.exudyn.integration import SAME_TIME, ExudynFailure, NewtonStalled, Plan, grid, step_size
+from crosscheck.engines.exudyn.integration import (
+    SAME_TIME,
+    ExudynFailure,
+    NewtonStalled,
+    Plan,
+    compute_step_size,
+    compute_step_times,
+)
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.models.frames import Array, axis_pose, effort_axes, joint_q
-from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, compute_section_pose, take_joint_q
+from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
 from crosscheck.engines.shared.prescribed import passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, limit_of, with_bars
@@ -56,10 +63,10 @@ class Made:
     budget: dict[str, Any] = field(default_factory=dict)
 
 
-def layout_of(mechanism: Mechanism, case: Case) -> Layout:
+def build_start_layout(mechanism: Mechanism, case: Case) -> Layout:
     """Return the layout at the start of a case."""
     q, qd, _ = case.motion.evaluate(mechanism, np.zeros(1))
-    return lay_out(mechanism, q[0], qd[0])
+    return build_layout(mechanism, q[0], qd[0])
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     within some 20 steps (at 0.9 within some hundred).  Three runs, each with twice the elements and half the step of
     the one before, give the error bars; option "error" False leaves out those that the result itself does not need.
     """
-    plane = exudyn_planar.plane_of(mechanism, layout_of(mechanism, case))
+    plane = exudyn_planar.find_plane(mechanism, build_start_layout(mechanism, case))
     flat = not isinstance(plane, str)
     finer = 2 ** int(options.get("refinement", 0))
     ahead = 0 if flat or engine == DAE else 1  # beams in space are of low order: one run beyond, for the extrapolation
@@ -98,7 +105,7 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     radius = options.get("spectral_radius")  # where it is asked for, the integrator that has one is taken
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
-        step=coarsest(case, wanted, 2**behind),
+        step=compute_coarsest_step(case, wanted, 2**behind),
         sample=case.sample,
         index2=flat and not case.motion.jumps and not moving and radius is None,
         spectral_radius=RADIUS if radius is None else float(radius),
@@ -112,64 +119,64 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     return Choice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
 
 
-def coarsest(case: Case, wanted: float, times: int) -> float:
+def compute_coarsest_step(case: Case, wanted: float, times: int) -> float:
     """Return the step [s] of the coarsest run, ``times`` as long as that wanted, or less: it meets samples and jumps.
 
     With jumps the finest step is at most the case's own, which is made to meet them.
     """
     if not case.motion.jumps:
-        return step_size(case.sample, wanted * times)
+        return compute_step_size(case.sample, wanted * times)
     # After a jump the transient of some 20 steps has to be over within a sample: the finest run is no coarser than asked.
-    fewest = round(case.sample / step_size(case.sample, step_size(case.step, wanted) * times))
+    fewest = round(case.sample / compute_step_size(case.sample, compute_step_size(case.step, wanted) * times))
     for step in (case.sample / count for count in range(fewest, 2 * fewest)):
         parts = [jump / step for jump in case.motion.jumps if jump < case.end]
         if all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts):
             return step
-    return step_size(case.step, wanted * times)
+    return compute_step_size(case.step, wanted * times)
 
 
-def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
     """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] by time integration."""
     choice = choose(mechanism, case, engine, options)
-    layout = layout_of(mechanism, case)
+    layout = build_start_layout(mechanism, case)
     start = clock.perf_counter()
     done = []
     for k, (n, plan) in enumerate(zip(choice.elements, choice.plans, strict=True)):
         # The coarse runs are there for the error bars: where they fail, the bars come from those that are left.
         spare = k < len(choice.plans) - (2 if choice.limit else 1)
         with contextlib.suppress(*(ExudynFailure,) if spare else ()):
-            done.append(_march(mechanism, case, layout, choice, n, plan))
+            done.append(_integrate_with_retries(mechanism, case, layout, choice, n, plan))
     wall = clock.perf_counter() - start
-    made = [_series(mechanism, case, layout, outcome) for outcome, _ in done]
+    made = [_collect_series(mechanism, case, layout, outcome) for outcome, _ in done]
     values = limit_of(made) if choice.limit else made[-1]
     family = Family("step" if engine == DAE else "mesh and step", made, "limit" if choice.limit else -1)
     bars, budget = with_bars(values, [family])
-    return Made(bars, _settings(choice, [plan for _, plan in done]), wall, budget)
+    return Made(bars, _describe_settings(choice, [plan for _, plan in done]), wall, budget)
 
 
-def _march(
+def _integrate_with_retries(
     mechanism: Mechanism, case: Case, layout: Layout, choice: Choice, n: int, plan: Plan
 ) -> tuple[Outcome, Plan]:
     """Integrate one model of n elements per beam; return its outcome and the plan whose Newton tolerance held."""
     plans = [replace(plan, tolerance=plan.tolerance * 10.0**k) for k in range(TRIES)]
     for one in plans[:-1]:
         with contextlib.suppress(NewtonStalled):
-            return integrated(mechanism, case.motion, layout, choice, n, one), one
-    return integrated(mechanism, case.motion, layout, choice, n, plans[-1]), plans[-1]
+            return integrate_model(mechanism, case.motion, layout, choice, n, one), one
+    return integrate_model(mechanism, case.motion, layout, choice, n, plans[-1]), plans[-1]
 
 
-def integrated(
+def integrate_model(
     mechanism: Mechanism, motion: Motion, layout: Layout, choice: Choice, elements: int, plan: Plan
 ) -> Outcome:
     """Return the outcome of a model with so many elements per beam [-] along a motion [m, rad, s, N]."""
-    q, qd, _ = motion.evaluate(mechanism, grid(plan))
+    q, qd, _ = motion.evaluate(mechanism, compute_step_times(plan))
     ancf = choice.engine == ANCF
     if choice.plane is None:
         return exudyn_spatial.run(exudyn_spatial.build(mechanism, layout, ancf, elements), plan, q)
     return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, elements), plan, q, qd)
 
 
-def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
+def _describe_settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
     """Return the engine's settings, for the reader of the report."""
     plan = plans[0]
     flat = choice.plane is not None
@@ -189,28 +196,28 @@ def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
     return told
 
 
-def _series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) -> dict[str, Series]:
+def _collect_series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) -> dict[str, Series]:
     """Return the series of one run."""
     made: dict[str, Series] = {}
     for name, wrench in outcome.wrench.items():
         made |= wrench_series(name, wrench)
-    torque = efforts(mechanism, case.motion, sample_times(case), outcome)
-    return torque_series(mechanism, torque) | made | link_series(mechanism, layout, outcome)
+    torque = compute_drive_efforts(mechanism, case.motion, sample_times(case), outcome)
+    return torque_series(mechanism, torque) | made | collect_link_series(mechanism, layout, outcome)
 
 
-def efforts(mechanism: Mechanism, motion: Motion, time: Array, outcome: Outcome) -> Array:
+def compute_drive_efforts(mechanism: Mechanism, motion: Motion, time: Array, outcome: Outcome) -> Array:
     """Return the efforts (samples, nv) [N m], [N] of the drives that give a run's wrenches at ``time`` (samples,) [s]."""
     q, qd, qdd = motion.evaluate(mechanism, time)
     torque = rotor_effort(mechanism, qdd) + passive_effort(mechanism, qd)
     for name, wrench in outcome.wrench.items():
         joint = mechanism.joint_of[name]
-        force, moment = effort_axes(joint, joint_q(mechanism, joint, q))
+        force, moment = compute_effort_axes(joint, take_joint_q(mechanism, joint, q))
         both = np.einsum("svc,sc->sv", np.concatenate([force, moment], axis=2), wrench)  # (sample, coordinate)
         torque[:, mechanism.v_slices[name]] += both
     return np.asarray(torque)
 
 
-def link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[str, Series]:
+def collect_link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[str, Series]:
     """Return tips of all links, and of beams deflections [m] and axial forces [N]."""
     made: dict[str, Series] = {}
     for link in mechanism.links:
@@ -223,22 +230,22 @@ def link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[
             continue
         end = outcome.end[link.name]
         made |= vector_series(f"tip/{link.name}", "m", end)
-        made |= vector_series(f"deflection/{link.name}", "m", _deflection(link.beam, origin, axes, end))
-        made |= series(f"axial/{link.name}", "N", _axial(mechanism, link.name, outcome))
+        made |= vector_series(f"deflection/{link.name}", "m", _compute_deflection(link.beam, origin, axes, end))
+        made |= series(f"axial/{link.name}", "N", _take_axial_force(mechanism, link.name, outcome))
     return made
 
 
-def _deflection(beam: Beam, origin: Array, axes: Array, end: Array) -> Array:
+def _compute_deflection(beam: Beam, origin: Array, axes: Array, end: Array) -> Array:
     """Return the end of a beam in the frame of its root minus where it lies undeformed, (samples, 3) [m].
 
     origin, axes : of the link's frame in the world (samples, 3) [m], (samples, 3, 3); end : (samples, 3) [m]
     """
     root = origin + axes @ beam.placement.position
     ahead = np.einsum("sij,si->sj", axes @ beam.placement.rotation, end - root)  # (sample, xyz of the root)
-    return np.asarray(ahead - axis_pose(beam, beam.length).position)
+    return np.asarray(ahead - compute_section_pose(beam, beam.length).position)
 
 
-def _axial(mechanism: Mechanism, name: str, outcome: Outcome) -> Array:
+def _take_axial_force(mechanism: Mechanism, name: str, outcome: Outcome) -> Array:
     """Return the x component of the force on the beam's root, of its joint or, fixed, of its clamp (samples,) [N]."""
     carrier = next(j.name for j in mechanism.joints if j.child == name)
     return outcome.wrench[carrier][:, 0] if carrier in outcome.wrench else outcome.root[name][:, 0]

@@ -1,4 +1,4 @@
-"""Record of a run in Exudyn: every item that was added and the solver's settings, while ``recording`` is on.
+"""Record of a run in Exudyn: every item that was added and the solver's settings, while ``collect_runs`` is on.
 
 with recording() as runs:
     exudyn.run(...)                 -> runs: one Recorded per solve, in order
@@ -38,7 +38,7 @@ RUNS: ContextVar[list[Recorded] | None] = ContextVar("RUNS", default=None)
 
 
 @contextmanager
-def recording() -> Iterator[list[Recorded]]:
+def collect_runs() -> Iterator[list[Recorded]]:
     """Record every solve inside."""
     runs: list[Recorded] = []
     token = RUNS.set(runs)
@@ -69,12 +69,12 @@ class Listener:
         return add
 
 
-def listening(mbs: Any) -> Any:
+def make_listener(mbs: Any) -> Any:
     """Return the system, or one that listens while recording is on."""
     return mbs if RUNS.get() is None else Listener(mbs)
 
 
-def solved(
+def add_solve_record(
     mbs: Any,
     plan: Any,
     drivers: list[Any],
@@ -89,36 +89,39 @@ def solved(
         runs.append(Recorded(*told, mbs.switched, mbs.acting))
 
 
-def switches(mbs: Any, switched: tuple[int, ...], acting: tuple[tuple[float, tuple[int, ...]], ...]) -> None:
+def add_switch_record(mbs: Any, switched: tuple[int, ...], acting: tuple[tuple[float, tuple[int, ...]], ...]) -> None:
     """Take down which connectors are switched, and which of them act from which time [s] on, where recording is on."""
     if isinstance(mbs, Listener):
         mbs.switched = switched
         mbs.acting = acting
 
 
-def source(run: Recorded) -> str:
+def write_model_code(run: Recorded) -> str:
     """Return Python that builds the system ``mbs`` again, one line per item, numbers in full."""
-    lines = [f"    mbs.{method}({_item(item)})" for method, item in run.calls]
+    lines = [f"    mbs.{method}({_format_item(item)})" for method, item in run.calls]
     return "def build(mbs):\n" + "\n".join(lines) + "\n"
 
 
-def _item(item: Any) -> str:
+def _format_item(item: Any) -> str:
     stated = vars(item)
     usual = vars(type(item)())
     # user functions are put in before the run, from tables
     said = {k: v for k, v in stated.items() if k != "visualization" and not callable(v)}
-    words = [f"{k}={_text(v)}" for k, v in said.items() if _text(v) != _text(usual[k])]
+    words = [f"{k}={_format_value(v)}" for k, v in said.items() if _format_value(v) != _format_value(usual[k])]
     return f"{type(item).__name__}({', '.join(words)})"
 
 
-def _text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, exu.BeamSection):
-        parts = {k: _text(getattr(value, k)) for k in ("massPerLength", "inertia", "stiffnessMatrix", "dampingMatrix")}
+        parts = {
+            k: _format_value(getattr(value, k))
+            for k in ("massPerLength", "inertia", "stiffnessMatrix", "dampingMatrix")
+        }
         return f"section({', '.join(f'{k}={v}' for k, v in parts.items())})"
     if isinstance(value, exu.OutputVariableType):
         return f"exu.OutputVariableType.{value.name}"
     if isinstance(value, (np.ndarray, list, tuple)):
-        return "[" + ", ".join(_text(x) for x in value) + "]"
+        return "[" + ", ".join(_format_value(x) for x in value) + "]"
     if isinstance(value, (bool, np.bool_)):
         return repr(bool(value))
     if isinstance(value, (int, np.integer)):

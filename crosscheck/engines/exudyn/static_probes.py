@@ -19,9 +19,9 @@ from exudyn.itemInterface import Force, MarkerNodeRigid, Torque
 
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.models.frames import Array, frame_along
-from crosscheck.engines.exudyn.models.layout import lay_out
-from crosscheck.engines.exudyn.run_in_time import ANCF, layout_of
+from crosscheck.engines.exudyn.models.frames import Array, build_frame_along
+from crosscheck.engines.exudyn.models.layout import build_layout
+from crosscheck.engines.exudyn.run_in_time import ANCF, build_start_layout
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Beam, Joint, Link, Mechanism, Placement
 
@@ -38,25 +38,25 @@ PUSHED = ("EA", "GA_y", "GA_z")  # by a force; the others are turned by a moment
 Drawing = exudyn_planar.Drawing | exudyn_spatial.Drawing
 
 
-def stiffness(mechanism: Mechanism, case: Case, engine: str) -> dict[str, float]:
+def compute_probe_stiffness(mechanism: Mechanism, case: Case, engine: str) -> dict[str, float]:
     """Return the stiffness of every straight beam from static probes: EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2].
 
     ``ANCFCable2D`` has no shear; in a plane EA, one shear and one bending stiffness can be asked for.
     """
-    layout = layout_of(mechanism, case)
-    plane = exudyn_planar.plane_of(mechanism, layout)
+    layout = build_start_layout(mechanism, case)
+    plane = exudyn_planar.find_plane(mechanism, layout)
     found: dict[str, float] = {}
     for link in mechanism.beams:
         beam = link.beam
         if beam is None or beam.curvature.any():
             continue
         normal = None if isinstance(plane, str) else layout.start(layout.root[link.name]).rotation.T @ plane[:, 2]
-        for name in _names(engine, normal):
-            found[f"{link.name}: {name}"] = _probed(beam, name, engine, normal)
+        for name in _list_stiffness_names(engine, normal):
+            found[f"{link.name}: {name}"] = _compute_stiffness(beam, name, engine, normal)
     return found
 
 
-def _names(engine: str, normal: Array | None) -> tuple[str, ...]:
+def _list_stiffness_names(engine: str, normal: Array | None) -> tuple[str, ...]:
     """Return the names of the stiffnesses to probe in space, or in a plane with this normal (section axes)."""
     if normal is None:
         return tuple(COLUMNS)
@@ -64,9 +64,9 @@ def _names(engine: str, normal: Array | None) -> tuple[str, ...]:
     return ("EA", bending) if engine == ANCF else ("EA", bending, shear)
 
 
-def _probed(beam: Beam, name: str, engine: str, normal: Array | None) -> float:
+def _compute_stiffness(beam: Beam, name: str, engine: str, normal: Array | None) -> float:
     """Return one stiffness of one beam [N] or [N m^2]."""
-    d = _clamped(_rigid(beam) if name.startswith("GA") else beam, engine, normal)
+    d = _build_clamped_beam(_make_stiff_beam(beam) if name.startswith("GA") else beam, engine, normal)
     mbs = d.model.mbs
     tip = d.model.beam["beam"][-1]
     guess = float(np.mean(beam.section.stiffness[:, COLUMNS[name]]))
@@ -77,19 +77,23 @@ def _probed(beam: Beam, name: str, engine: str, normal: Array | None) -> float:
     kind = Force if name in PUSHED else Torque
     mbs.AddLoad(kind(markerNumber=marker, loadVector=list(size * turned)))
     mbs.Assemble()
-    mbs.SolveStatic(_settings())
-    shift, turn = _flat(d, tip) if isinstance(d, exudyn_planar.Drawing) else _moved(mbs, tip)
+    mbs.SolveStatic(_build_static_settings())
+    shift, turn = (
+        _read_planar_displacement(d, tip)
+        if isinstance(d, exudyn_planar.Drawing)
+        else _read_spatial_displacement(mbs, tip)
+    )
     return size * beam.length / float(turned @ (shift if name in PUSHED else turn))
 
 
-def _rigid(beam: Beam) -> Beam:
+def _make_stiff_beam(beam: Beam) -> Beam:
     """Return a beam that hardly bends."""
     stiffness = beam.section.stiffness.copy()
     stiffness[:, 4:] *= RIGID
     return replace(beam, section=replace(beam.section, stiffness=stiffness))
 
 
-def _clamped(beam: Beam, engine: str, normal: Array | None) -> Drawing:
+def _build_clamped_beam(beam: Beam, engine: str, normal: Array | None) -> Drawing:
     """Return the engine's model of one beam, clamped to the world."""
     alone = Mechanism(
         "probe",
@@ -97,13 +101,13 @@ def _clamped(beam: Beam, engine: str, normal: Array | None) -> Drawing:
         (Joint("clamp", "fixed", WORLD, "beam"),),
         gravity=np.zeros(3),
     )
-    layout = lay_out(alone, np.zeros(0), np.zeros(0))
+    layout = build_layout(alone, np.zeros(0), np.zeros(0))
     if normal is None:
         return exudyn_spatial.build(alone, layout, engine == ANCF, ELEMENTS)
-    return exudyn_planar.build(alone, layout, frame_along(normal)[:, [1, 2, 0]], engine == ANCF, ELEMENTS)
+    return exudyn_planar.build(alone, layout, build_frame_along(normal)[:, [1, 2, 0]], engine == ANCF, ELEMENTS)
 
 
-def _settings() -> exu.SimulationSettings:
+def _build_static_settings() -> exu.SimulationSettings:
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
     settings.staticSolver.newton.relativeTolerance = settings.staticSolver.newton.absoluteTolerance = 1e-9
@@ -113,7 +117,7 @@ def _settings() -> exu.SimulationSettings:
     return settings
 
 
-def _flat(drawing: exudyn_planar.Drawing, node: Any) -> tuple[Array, Array]:
+def _read_planar_displacement(drawing: exudyn_planar.Drawing, node: Any) -> tuple[Array, Array]:
     """Return the displacement (3,) [m] and rotation (3,) [rad] of a node of the plane, along the plane's axes."""
     u = np.array(drawing.model.mbs.GetNodeOutput(node, OUT.Coordinates))
     along = drawing.plane.T @ np.eye(3)[0]
@@ -121,7 +125,7 @@ def _flat(drawing: exudyn_planar.Drawing, node: Any) -> tuple[Array, Array]:
     return np.array([*u[:2], 0.0]), np.array([0.0, 0.0, turn])
 
 
-def _moved(mbs: Any, node: Any) -> tuple[Array, Array]:
+def _read_spatial_displacement(mbs: Any, node: Any) -> tuple[Array, Array]:
     """Return the displacement (3,) [m] and rotation (3,) [rad] of a node in space, along the world's axes."""
     turn = np.array(mbs.GetNodeOutput(node, OUT.RotationMatrix)).reshape(3, 3)
     rotation = scipy.spatial.transform.Rotation.from_matrix(turn)

@@ -27,14 +27,14 @@ import numpy as np
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn import lead_in as exudyn_lead
 from crosscheck.engines.exudyn import loops as exudyn_loops
-from crosscheck.engines.exudyn.integration import Begin, NewtonStalled, Plan, settings, step_size
-from crosscheck.engines.exudyn.lead_in import History, delayed
+from crosscheck.engines.exudyn.integration import Begin, NewtonStalled, Plan, build_solver_settings, compute_step_size
+from crosscheck.engines.exudyn.lead_in import History, move_force_times
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.connectors import HELD
-from crosscheck.engines.exudyn.models.frames import Array, compose, joint_q, scalar_coordinate
-from crosscheck.engines.exudyn.models.layout import Layout, attached, lay_out
+from crosscheck.engines.exudyn.models.frames import Array, compose, compute_scalar_coordinate, take_joint_q
+from crosscheck.engines.exudyn.models.layout import Layout, build_layout, find_attachment_frame
 from crosscheck.engines.exudyn.models.parts import Outcome, Poses
 from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, Made
 from crosscheck.engines.shared import loop_closure as assembly
@@ -65,7 +65,7 @@ class Piece:
     acting: frozenset[str]
 
 
-def always(mechanism: Mechanism) -> Mechanism:
+def apply_all_closures(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with all its closures at once, for good: what is asked of it does not depend on when they act."""
     return replace(
         mechanism, closures=tuple(replace(c, active=(), capture=False, impact="error") for c in mechanism.closures)
@@ -74,13 +74,13 @@ def always(mechanism: Mechanism) -> Mechanism:
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason that excludes a mechanism with beams whose closures act for a while, in words, or None."""
-    if reason := exudyn_loops.unsupported(always(mechanism), case, engine):
+    if reason := exudyn_loops.unsupported(apply_all_closures(mechanism), case, engine):
         return reason
-    instants = np.array([piece.start for piece in pieces(mechanism, case)[1:]])
+    instants = np.array([piece.start for piece in list_phases(mechanism, case)[1:]])
     if not len(instants):
         return None
     span = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
-    free = assembly.left_out(mechanism, case)
+    free = assembly.find_unprescribed_joints(mechanism, case)
     for joint in mechanism.joints:
         own = mechanism.v_slices[joint.name]
         for here, whole in zip(case.motion.evaluate(mechanism, instants)[1:], span[1:], strict=True):
@@ -93,49 +93,50 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     return None
 
 
-def pieces(mechanism: Mechanism, case: Case) -> list[Piece]:
+def list_phases(mechanism: Mechanism, case: Case) -> list[Piece]:
     """Return the phases of a case."""
     time = sample_times(case)
-    cuts = phases.bounds(mechanism, time)
+    cuts = phases.list_phase_bounds(mechanism, time)
     out = []
     for first, last in pairwise(cuts):
-        acting = frozenset(c.name for c in phases.acting(mechanism, float(time[first])).closures)
+        acting = frozenset(c.name for c in phases.apply_active_closures(mechanism, float(time[first])).closures)
         out.append(Piece(slice(first, last), float(time[first]), acting))
     return out
 
 
-def model_of(mechanism: Mechanism, case: Case, engine: str) -> exudyn_loops.Model:
+def build_model(mechanism: Mechanism, case: Case, engine: str) -> exudyn_loops.Model:
     """Return the integrated model, without any phase's closures.  Raises AssemblyError where the first ones do not close."""
-    now = phases.acting(mechanism, 0.0)
+    now = phases.apply_active_closures(mechanism, 0.0)
     at = np.zeros(1)
-    q, qd, _ = (part[0] for part in exudyn_chain.closed_motion(now, case, at))
+    q, qd, _ = (part[0] for part in exudyn_chain.evaluate_closed_motion(now, case, at))
     if not now.closures:
-        q = assembly.guessed(mechanism, case, q[None])[0]
-    layout = lay_out(mechanism, q, qd)
-    joints = [j for j in mechanism.joints if j.name in assembly.left_out(mechanism, case)]
+        q = assembly.apply_guess(mechanism, case, q[None])[0]
+    layout = build_layout(mechanism, q, qd)
+    joints = [j for j in mechanism.joints if j.name in assembly.find_unprescribed_joints(mechanism, case)]
     free = {
-        j.name: float(scalar_coordinate(j, joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0 for j in joints
+        j.name: float(compute_scalar_coordinate(j, take_joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0
+        for j in joints
     }
-    plane = exudyn_planar.plane_of(always(mechanism), layout, frozenset(free))
+    plane = exudyn_planar.find_plane(apply_all_closures(mechanism), layout, frozenset(free))
     history = History(replace(mechanism, closures=()), case)
     return exudyn_loops.Model(history, engine, layout, None if isinstance(plane, str) else plane, free, {})
 
 
-def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_switched_beams(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
     """Return torque [N m] or [N], tip [m], wrench, deflection [m] and axial force [N], each with its bar."""
     start = clock.perf_counter()
-    model = model_of(mechanism, case, engine)
-    plans = plans_of(case, options)
-    elements = exudyn_loops.elements_of(len(plans), options)
-    done = [_march(mechanism, model, n, plan) for n, plan in zip(elements, plans, strict=True)]
-    runs = [exudyn_loops.flexible_series(model, outcome) for outcome, _ in done]
+    model = build_model(mechanism, case, engine)
+    plans = plan_runs(case, options)
+    elements = exudyn_loops.list_mesh_sizes(len(plans), options)
+    done = [_integrate_with_retries(mechanism, model, n, plan) for n, plan in zip(elements, plans, strict=True)]
+    runs = [exudyn_loops.collect_flexible_series(model, outcome) for outcome, _ in done]
     made, budget = with_bars(limit_of(runs), [Family("mesh and step", runs, "limit")])
     told = {
         "model": "planar bodies" if model.plane is not None else "bodies with Euler parameters",
         "closures": "connectors of each phase; velocities jump by the engine's mass matrix and Jacobian",
         "element": NAMES[engine, model.plane is not None],
         "elements_per_beam": elements,
-        "phases": [sorted(piece.acting) for piece in pieces(mechanism, case)],
+        "phases": [sorted(piece.acting) for piece in list_phases(mechanism, case)],
         "step_s": [plan.step for _, plan in done],
         "integrator": plans[0].integrator,
         "newton_tolerance": [plan.tolerance for _, plan in done],
@@ -144,13 +145,13 @@ def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> 
     return Made(made, told, clock.perf_counter() - start, budget)
 
 
-def plans_of(case: Case, options: Options) -> list[Plan]:
+def plan_runs(case: Case, options: Options) -> list[Plan]:
     """Return the runs from coarse to fine, steps in [s], ends those of the whole case."""
     behind = 1 if options.get("error", True) else 0
     wanted = float(options.get("step", case.end / STEPS)) / 2 ** int(options.get("refinement", 0))
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
-        step=step_size(case.sample, wanted * 2**behind),
+        step=compute_step_size(case.sample, wanted * 2**behind),
         sample=case.sample,
         index2=False,
         spectral_radius=0.5,
@@ -159,7 +160,9 @@ def plans_of(case: Case, options: Options) -> list[Plan]:
     return [replace(plan, step=plan.step / 2**k) for k in range(behind + 2)]
 
 
-def _march(mechanism: Mechanism, model: exudyn_loops.Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
+def _integrate_with_retries(
+    mechanism: Mechanism, model: exudyn_loops.Model, elements: int, plan: Plan
+) -> tuple[Outcome, Plan]:
     """Integrate all phases; the plan comes back with the tolerance that held."""
     for tolerance in exudyn_loops.NEWTON[:-1]:
         one = replace(plan, tolerance=tolerance)
@@ -174,23 +177,23 @@ def _integrate(mechanism: Mechanism, model: exudyn_loops.Model, elements: int, p
     state: State | None = None
     before: dict[str, Closure] = {}
     pose: dict[int, Poses] = {}
-    all_pieces = pieces(mechanism, model.case)
+    all_pieces = list_phases(mechanism, model.case)
     for piece in all_pieces:
         stated = [c for c in mechanism.closures if c.name in piece.acting]
-        acting = {c.name: before.get(c.name) or _caught(model.layout, c, pose) for c in stated}
+        acting = {c.name: before.get(c.name) or _apply_capture(model.layout, c, pose) for c in stated}
         own = replace(
             plan,
             end=(piece.samples.stop - piece.samples.start - (piece is all_pieces[-1])) * plan.sample,
             static_start=state is None and model.case.initial == "static",
         )
-        outcome, state = _one(mechanism, model, (elements, own, piece.start), tuple(acting.values()), state)
+        outcome, state = _integrate_phase(mechanism, model, (elements, own, piece.start), tuple(acting.values()), state)
         pose = {index: (x[-1:], r[-1:]) for index, (x, r) in outcome.pose.items()}
-        parts.append(outcome if piece is all_pieces[-1] else _without_last(outcome))
+        parts.append(outcome if piece is all_pieces[-1] else _drop_last_sample(outcome))
         before = acting
-    return _joined(parts)
+    return _join_outcomes(parts)
 
 
-def _one(
+def _integrate_phase(
     mechanism: Mechanism,
     model: exudyn_loops.Model,
     how: tuple[int, Plan, float],
@@ -199,10 +202,10 @@ def _one(
 ) -> tuple[Outcome, State]:
     """Integrate one phase from a state (None: from the layout) and return the state where it ends."""
     elements, plan, start = how
-    m = delayed(replace(mechanism, closures=tuple(replace(c, active=()) for c in acting)), -start)
+    m = move_force_times(replace(mechanism, closures=tuple(replace(c, active=()) for c in acting)), -start)
     before = round(start / plan.step)  # a whole number: phases begin at samples
     q, qd, _ = model.case.motion.evaluate(mechanism, plan.step * np.arange(before + plan.steps + 1))
-    begin = None if state is None else _beginning(state, plan)
+    begin = None if state is None else _make_state_setter(state, plan)
     drawing: Any
     if model.plane is None:
         held = {c.name: list(HELD[c.kind]) for c in m.closures}
@@ -217,23 +220,23 @@ def _one(
     )
 
 
-def _beginning(state: State, plan: Plan) -> Begin:
+def _make_state_setter(state: State, plan: Plan) -> Begin:
     """Return a function that puts a system into a state, its velocities those that the connectors allow."""
 
     def begin(mbs: Any) -> None:
         mbs.Assemble()  # drivers were put in since; later it would take the state back
         mbs.systemData.SetODE2Coordinates(state.place, configuration=exu.ConfigurationType.Initial)
         mbs.systemData.SetODE2Coordinates_t(state.rate, configuration=exu.ConfigurationType.Initial)
-        jump = velocity_jump(mbs, plan)
+        jump = compute_velocity_jump(mbs, plan)
         mbs.systemData.SetODE2Coordinates_t(state.rate + jump, configuration=exu.ConfigurationType.Initial)
 
     return begin
 
 
-def velocity_jump(mbs: Any, plan: Plan) -> Array:
+def compute_velocity_jump(mbs: Any, plan: Plan) -> Array:
     """Return the jump of the initial velocities by which the connectors stop what they tie, in the engine's coordinates."""
     solver: Any = exu.MainSolverImplicitSecondOrder()
-    told = settings(plan)
+    told = build_solver_settings(plan)
     told.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
     solver.InitializeSolver(mbs, told)
     solver.ComputeMassMatrix(mbs, 1.0)
@@ -253,26 +256,26 @@ def velocity_jump(mbs: Any, plan: Plan) -> Array:
     return np.asarray((scale * found)[:n])
 
 
-def _caught(layout: Layout, closure: Closure, pose: dict[int, Poses]) -> Closure:
+def _apply_capture(layout: Layout, closure: Closure, pose: dict[int, Poses]) -> Closure:
     """Return a closure that begins to act, one that captures with its second frame where the first one stands."""
     if not closure.capture or not pose:
         return closure
-    first = _seen(layout, closure.first, pose)
-    carrier = _seen(layout, replace(closure.second, placement=Placement()), pose)
+    first = _compute_frame_pose(layout, closure.first, pose)
+    carrier = _compute_frame_pose(layout, replace(closure.second, placement=Placement()), pose)
     turned = carrier.rotation.T
     rotation = closure.second.placement.rotation if closure.kind == "universal" else turned @ first.rotation
     placement = Placement(turned @ (first.position - carrier.position), rotation)
     return replace(closure, second=replace(closure.second, placement=placement))
 
 
-def _seen(layout: Layout, at: Attachment, pose: dict[int, Poses]) -> Placement:
+def _compute_frame_pose(layout: Layout, at: Attachment, pose: dict[int, Poses]) -> Placement:
     """Return the placement of a frame in the world."""
-    seat = attached(layout, at)
+    seat = find_attachment_frame(layout, at)
     x, r = pose[seat.group]
     return compose(Placement(x[0], r[0]), seat.placement)
 
 
-def _without_last(outcome: Outcome) -> Outcome:
+def _drop_last_sample(outcome: Outcome) -> Outcome:
     """Return an outcome without the instant at which the next phase begins."""
     return Outcome(
         pose={k: (x[:-1], r[:-1]) for k, (x, r) in outcome.pose.items()},
@@ -280,10 +283,10 @@ def _without_last(outcome: Outcome) -> Outcome:
     )
 
 
-def _joined(parts: list[Outcome]) -> Outcome:
+def _join_outcomes(parts: list[Outcome]) -> Outcome:
     """Return the outcomes of all phases as one."""
     first = parts[0]
     return Outcome(
         pose={k: tuple(np.concatenate([p.pose[k][i] for p in parts]) for i in range(2)) for k in first.pose},  # type: ignore[misc]
-        **{part: phases.joined(getattr(p, part) for p in parts) for part in ("end", "wrench", "root")},
+        **{part: phases.join_series(getattr(p, part) for p in parts) for part in ("end", "wrench", "root")},
     )

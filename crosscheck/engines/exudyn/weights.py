@@ -17,8 +17,8 @@ from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array
 from crosscheck.engines.exudyn.models.layout import Group
-from crosscheck.engines.exudyn.run_in_time import ANCF, layout_of
-from crosscheck.engines.shared.probe_states import about_origin
+from crosscheck.engines.exudyn.run_in_time import ANCF, build_start_layout
+from crosscheck.engines.shared.probe_states import move_inertia_to_origin
 from crosscheck.measures.certificate import Certificate
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -37,38 +37,38 @@ class Weights:
     start: Array
 
 
-def weigh(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+def build_weight_certificate(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return masses [kg], first moments [kg m] and inertias [kg m^2] of what joints and beams carry, and of beams."""
     tree = replace(mechanism, closures=(), springs=(), forces=())
-    layout = layout_of(mechanism, case)  # of the whole: the motion need not give joints that closures move
-    plane = exudyn_planar.plane_of(tree, layout)
+    layout = build_start_layout(mechanism, case)  # of the whole: the motion need not give joints that closures move
+    plane = exudyn_planar.find_plane(tree, layout)
     d: Drawing
     if isinstance(plane, str):
         d = exudyn_spatial.build(tree, layout, engine == ANCF, ELEMENTS)
     else:
         d = exudyn_planar.build(tree, layout, plane, engine == ANCF, ELEMENTS)
-    scales = _weights(d)
-    groups = {_name(layout.groups[k]): (k, node) for k, node in d.model.node.items() if k}
-    masses = {name: _mass(d, scales, [node]) for name, (_, node) in groups.items()}
-    beams = {name: _mass(d, scales, nodes) for name, nodes in d.model.beam.items()}
+    scales = _assemble_mass_matrix(d)
+    groups = {_format_group_name(layout.groups[k]): (k, node) for k, node in d.model.node.items() if k}
+    masses = {name: _compute_mass(d, scales, [node]) for name, (_, node) in groups.items()}
+    beams = {name: _compute_mass(d, scales, nodes) for name, nodes in d.model.beam.items()}
     lumps = {}
     if isinstance(d, exudyn_spatial.Drawing):  # a plane model knows one of three moments
-        lumps = {name: _lump(d, scales, k, node) for name, (k, node) in groups.items()}
+        lumps = {name: _compute_group_inertia(d, scales, k, node) for name, (k, node) in groups.items()}
     return Certificate(
         mass=sum(masses.values()) + sum(beams.values()),
         masses=masses,
         moments={name: moment for name, (moment, _) in lumps.items()},
         inertias={name: tensor for name, (_, tensor) in lumps.items()},
         beam_masses=beams,
-        beam_moments={name: _along(d, scales, name) for name in beams},
+        beam_moments={name: _compute_beam_moment(d, scales, name) for name in beams},
     )
 
 
-def _name(group: Group) -> str:
+def _format_group_name(group: Group) -> str:
     return group.joint if group.joint is not None else "{} at {:g}".format(*group.station or ("", 0.0))
 
 
-def _weights(drawing: Drawing) -> Weights:
+def _assemble_mass_matrix(drawing: Drawing) -> Weights:
     mbs = drawing.model.mbs
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
@@ -80,12 +80,12 @@ def _weights(drawing: Drawing) -> Weights:
     return Weights(matrix, np.array(mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference)))
 
 
-def _mass(drawing: Drawing, scales: Weights, nodes: list[int]) -> float:
+def _compute_mass(drawing: Drawing, scales: Weights, nodes: list[int]) -> float:
     at = [drawing.model.mbs.GetNodeODE2Index(node) for node in nodes]
     return float(scales.matrix[np.ix_(at, at)].sum())
 
 
-def _along(drawing: Drawing, scales: Weights, beam: str) -> float:
+def _compute_beam_moment(drawing: Drawing, scales: Weights, beam: str) -> float:
     """First moment of a beam about its root, along its axis [kg m]."""
     nodes = drawing.model.beam[beam]
     mbs = drawing.model.mbs
@@ -103,7 +103,9 @@ def _along(drawing: Drawing, scales: Weights, beam: str) -> float:
     return float((axes @ root.rotation[:, 0]) @ (moment - mass * (axes @ root.position)))
 
 
-def _lump(drawing: exudyn_spatial.Drawing, scales: Weights, group: int, node: int) -> tuple[Array, Array]:
+def _compute_group_inertia(
+    drawing: exudyn_spatial.Drawing, scales: Weights, group: int, node: int
+) -> tuple[Array, Array]:
     """First moment and inertia about the origin of a group's frame, along its axes."""
     at = drawing.model.mbs.GetNodeODE2Index(node)
     start = drawing.layout.groups[group].start
@@ -112,4 +114,4 @@ def _lump(drawing: exudyn_spatial.Drawing, scales: Weights, group: int, node: in
     turns = slice(at + 3, at + 7)
     tensor = g @ scales.matrix[turns, turns] @ g.T / 16.0
     com = start.rotation.T @ (scales.start[at : at + 3] - start.position)
-    return about_origin(float(scales.matrix[at, at]), com, tensor)
+    return move_inertia_to_origin(float(scales.matrix[at, at]), com, tensor)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
-from crosscheck.engines.flexinv.determinacy import determinate
+from crosscheck.engines.flexinv.determinacy import find_determinate_parts
 from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import (
     Record,
@@ -69,18 +69,18 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     meshes 2^k times as fine [-], "finer_step" and "finer_mesh" k one of both
     """
     finer = {part: 2 ** (int(options.get("refinement", 0)) + int(options.get(f"finer_{part}", 0))) for part in PARTS}
-    mechanism = meshed(case.meshed(mechanism), finer["mesh"])
+    mechanism = apply_refinement(case.meshed(mechanism), finer["mesh"])
     case = replace(case, step=case.step / finer["step"])
     start = clock.perf_counter()
-    solution, made = solved(mechanism, case)
+    solution, made = solve_case(mechanism, case)
     wall = clock.perf_counter() - start
     budget: dict[str, dict[str, object]] = {}
-    if bool(options.get("error", True)) and marches(mechanism, case):
-        made, budget = with_bars(made, refinements(mechanism, case, made))
+    if bool(options.get("error", True)) and needs_integration(mechanism, case):
+        made, budget = with_bars(made, run_refinements(mechanism, case, made))
     return Record(
         engine=engine,
         version=version(),
-        settings=settings(mechanism, solution),
+        settings=describe_settings(mechanism, solution),
         time=sample_times(case),
         series=made,
         wall_time=wall,
@@ -88,7 +88,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     )
 
 
-def solved(mechanism: Mechanism, case: Case, finer: int = 1) -> tuple[Solution, dict[str, Series]]:
+def solve_case(mechanism: Mechanism, case: Case, finer: int = 1) -> tuple[Solution, dict[str, Series]]:
     """Return the solution with ``finer`` steps in one step of the case, and its series [N], [N m], [m] on the samples."""
     solution = solve(
         mechanism,
@@ -100,10 +100,10 @@ def solved(mechanism: Mechanism, case: Case, finer: int = 1) -> tuple[Solution, 
         start=case.start,
     )
     rows = slice(None, None, finer * round(case.sample / case.step))
-    return solution, all_series(mechanism, solution, rows)
+    return solution, collect_series(mechanism, solution, rows)
 
 
-def marches(mechanism: Mechanism, case: Case) -> bool:
+def needs_integration(mechanism: Mechanism, case: Case) -> bool:
     """Return True if the case is integrated in time: with beams, or with joints that move freely in a tree."""
     if mechanism.closures or not mechanism.is_rigid:
         return not mechanism.is_rigid
@@ -111,19 +111,19 @@ def marches(mechanism: Mechanism, case: Case) -> bool:
     return any(joint.nv and joint.name not in given for joint in mechanism.joints)
 
 
-def refinements(mechanism: Mechanism, case: Case, made: Mapping[str, Series]) -> list[Family]:
+def run_refinements(mechanism: Mechanism, case: Case, made: Mapping[str, Series]) -> list[Family]:
     """Return the runs with half and a quarter of the step [s], and with two finer meshes: more order, or more elements.
 
     The error of higher orders falls faster than with any power of the mesh width; the differences of such runs shrink
     all the same by a factor from one to the next, and the first of them is nearly the whole error.
     """
-    step = Family("step", (made, solved(mechanism, case, 2)[1], solved(mechanism, case, 4)[1]), 0)
+    step = Family("step", (made, solve_case(mechanism, case, 2)[1], solve_case(mechanism, case, 4)[1]), 0)
     if mechanism.is_rigid:
         return [step]
-    return [step, Family("mesh", (made, *(solved(meshed(mechanism, k), case)[1] for k in (2, 4))), 0)]
+    return [step, Family("mesh", (made, *(solve_case(apply_refinement(mechanism, k), case)[1] for k in (2, 4))), 0)]
 
 
-def meshed(mechanism: Mechanism, finer: int) -> Mechanism:
+def apply_refinement(mechanism: Mechanism, finer: int) -> Mechanism:
     """Return the mechanism with beams meshed so many times as fine [-]: more order, or more elements where the order is 1."""
     if mechanism.is_rigid or finer == 1:
         return mechanism
@@ -131,11 +131,15 @@ def meshed(mechanism: Mechanism, finer: int) -> Mechanism:
     return mechanism.refined(elements=finer) if linear else mechanism.refined(order=finer)
 
 
-def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
+def describe_settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
     """Return the settings of the run, and the solution's own checks."""
     meshes = {link.name: f"{b.elements} x order {b.order}" for link in mechanism.links if (b := link.beam) is not None}
     marched = {"Newton iterations per step": float(solution.iterations.mean())} if meshes else {}
-    closed = {"largest effort left at passive joints [N m], [N]": left_over(solution)} if mechanism.closures else {}
+    closed = (
+        {"largest effort left at passive joints [N m], [N]": compute_residual_effort(solution)}
+        if mechanism.closures
+        else {}
+    )
     elastic = np.abs(solution.torque_all - solution.reaction).max(initial=0.0)
     return {
         **solution.settings,
@@ -148,14 +152,14 @@ def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
     }
 
 
-def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+def collect_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return every series, in units of [N], [N m] and [m]; rows: which samples."""
-    made = torques(mechanism, solution, rows) | shapes(mechanism, solution, rows)
+    made = collect_torques(mechanism, solution, rows) | collect_shapes(mechanism, solution, rows)
     for link, tip in solution.tip.items():
         made |= vector_series(f"tip/{link}", "m", tip[rows])
     for link, deflection in solution.deflection.items():
         made |= vector_series(f"deflection/{link}", "m", deflection[rows])
-    made |= wrenches(mechanism, solution, rows)
+    made |= collect_wrenches(mechanism, solution, rows)
     for joint in mechanism.joints:
         if mechanism.link_of[joint.child].beam is not None:
             made |= series(f"axial/{joint.child}", "N", solution.wrench[joint.name][rows, 0])
@@ -165,27 +169,27 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
     return made
 
 
-def wrenches(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+def collect_wrenches(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return the wrenches of joints and, on its second frame, of every closure [N], [N m]: only determinate components."""
     if solution.loops is None:
         return {k: s for name, own in solution.wrench.items() for k, s in wrench_series(name, own[rows]).items()}
-    sure = determinate(solution.mesh, solution.nodes, solution.time)
+    sure = find_determinate_parts(solution.mesh, solution.nodes, solution.time)
     made: dict[str, Series] = {}
     for name, own in solution.wrench.items():
-        made |= _picked(wrench_series(name, own[rows]), sure.wrench[name])
+        made |= _take_determinate(wrench_series(name, own[rows]), sure.wrench[name])
     for closure in mechanism.closures:
         if closure.second.link == WORLD:
             continue  # there it is said at the first frame; a coupling has none
         own = solution.loops.reaction[closure.name][rows]
-        made |= _picked(reaction_series(closure.name, own), sure.reaction[closure.name])
+        made |= _take_determinate(reaction_series(closure.name, own), sure.reaction[closure.name])
     return made
 
 
-def _picked(six: dict[str, Series], sure: NDArray[np.bool_]) -> dict[str, Series]:
+def _take_determinate(six: dict[str, Series], sure: NDArray[np.bool_]) -> dict[str, Series]:
     return {name: one for (name, one), there in zip(six.items(), sure, strict=True) if there}
 
 
-def shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+def collect_shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return "shape/<link>/<place>/x", "y", "z" [m] in the world: the nodes along a beam, the origin of a rigid link.
 
     They are drawn and not compared; the tip of every link, which is, follows them.
@@ -203,17 +207,17 @@ def shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, S
     return made
 
 
-def torques(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+def collect_torques(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return the effort of every coordinate [N m] or [N].
 
     Joints without a drive in loops give nothing; what rounding leaves there is not compared but in the settings.
     """
     effort = solution.torque_all[rows].copy()
-    if mechanism.closures and left_over(solution) <= ROUNDING * np.abs(effort).max():
+    if mechanism.closures and compute_residual_effort(solution) <= ROUNDING * np.abs(effort).max():
         effort[:, ~mechanism.actuated] = 0.0
     return torque_series(mechanism, effort)
 
 
-def left_over(solution: Solution) -> float:
+def compute_residual_effort(solution: Solution) -> float:
     """Return the largest effort at coordinates without a drive [N m], [N]."""
     return float(np.abs(solution.unactuated).max(initial=0.0))

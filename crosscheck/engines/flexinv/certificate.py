@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.engines.shared.probe_states import Array, about_origin, carried, configurations
+from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
 from crosscheck.measures.certificate import Certificate
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import count_ranks
@@ -28,34 +28,36 @@ AMONG = 400  # points of the quadrature of a beam's compliance: exact for linear
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass [kg], centre of mass [m], mass matrix, gravity torque, axes, stiffness [N], [N m^2] and closures."""
     if not mechanism.is_rigid:
-        return replace(_flexible(mechanism), **attached(mechanism))
+        return replace(_build_flexible_certificate(mechanism), **collect_attachment_data(mechanism))
     q = configurations(mechanism, case)
     tree = replace(mechanism, closures=(), springs=(), forces=())
     mesh = build(tree)
     rest = np.zeros((len(q), tree.nv))
     motion = compute_rigid_motion(mesh, q, rest, rest)
-    moving = _moving(tree)
+    moving = _find_moving_links(tree)
     weights = np.where([tree.links[k].name in moving for k in mesh.link], mesh.mass, 0.0)
-    rank = _rank(mechanism, case) if mechanism.closures else None
-    lumps = {name: _lump(mesh, motion, name, bodies) for name, bodies in carried(tree).items()}
-    gravity, matrix = _efforts(tree, q)
+    rank = _compute_closure_rank(mechanism, case) if mechanism.closures else None
+    lumps = {
+        name: _compute_lumped_inertia(mesh, motion, name, bodies) for name, bodies in collect_joint_bodies(tree).items()
+    }
+    gravity, matrix = _compute_gravity_and_mass(tree, q)
     return Certificate(
         mass=float(weights.sum()),
-        masses={name: sum(b.inertia.mass for _, b in bodies) for name, bodies in carried(tree).items()},
+        masses={name: sum(b.inertia.mass for _, b in bodies) for name, bodies in collect_joint_bodies(tree).items()},
         moments={name: moment for name, (moment, _) in lumps.items()},
         inertias={name: tensor for name, (_, tensor) in lumps.items()},
         com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
         mass_matrix=matrix,
         gravity=gravity,
-        axes=_axes(tree, mesh.joint_node, motion),
+        axes=_compute_joint_axes(tree, mesh.joint_node, motion),
         order=tuple(j.name for j in tree.joints if j.nv),
         residual=None,
         rank=rank,
-        **attached(mechanism),
+        **collect_attachment_data(mechanism),
     )
 
 
-def attached(mechanism: Mechanism) -> dict[str, Any]:
+def collect_attachment_data(mechanism: Mechanism) -> dict[str, Any]:
     """Return damping, friction, springs, closure points and axes of a mechanism: what is stated of them, nothing computed."""
     ends = [
         (f"{c.name}: {end}", c, at)
@@ -78,33 +80,37 @@ def attached(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def _flexible(mechanism: Mechanism) -> Certificate:
+def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
     """Mass and stiffness of beams; masses, moments and inertias of what joints, and sections of beams, carry."""
-    seats = placed(mechanism)
+    seats = find_carriers(mechanism)
     lumps: dict[str, list[tuple[float, Array, Array]]] = {}
     for link in mechanism.links:
         for body in link.bodies:
             name, place = seats[link.name]
             if link.beam is not None:
                 at = body.station or 0.0
-                name, place = (f"{link.name} at {at:g}", Placement()) if at else (name, _on(place, link.beam.placement))
-            turned = _on(place, Placement(body.inertia.com, np.eye(3)))
+                name, place = (
+                    (f"{link.name} at {at:g}", Placement())
+                    if at
+                    else (name, _apply_placement(place, link.beam.placement))
+                )
+            turned = _apply_placement(place, Placement(body.inertia.com, np.eye(3)))
             tensor = turned.rotation @ body.inertia.tensor @ turned.rotation.T
-            second = about_origin(body.inertia.mass, turned.position, tensor)
+            second = move_inertia_to_origin(body.inertia.mass, turned.position, tensor)
             lumps.setdefault(name, []).append((body.inertia.mass, *second))
     straight = {x.name: x.beam for x in mechanism.beams if x.beam is not None and not x.beam.curvature.any()}
     return Certificate(
-        mass=_mass(mechanism),
+        mass=_compute_moving_mass(mechanism),
         masses={name: sum(part[0] for part in parts) for name, parts in lumps.items()},
         moments={name: np.sum([part[1] for part in parts], axis=0) for name, parts in lumps.items()},
         inertias={name: np.sum([part[2] for part in parts], axis=0) for name, parts in lumps.items()},
-        beam_masses={name: _length_mass(beam) for name, beam in straight.items()},
-        beam_moments={name: _length_mass(beam, 1) for name, beam in straight.items()},
-        stiffness=stiffness(mechanism),
+        beam_masses={name: _integrate_beam_mass(beam) for name, beam in straight.items()},
+        beam_moments={name: _integrate_beam_mass(beam, 1) for name, beam in straight.items()},
+        stiffness=compute_beam_stiffness(mechanism),
     )
 
 
-def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
+def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     """Return by link the joint, or the place on a beam, that carries it, and its pose in that frame."""
     seats: dict[str, tuple[str, Placement]] = {WORLD: ("world", Placement())}
     for joint in mechanism.joints:
@@ -112,16 +118,20 @@ def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
         beam = None if joint.parent == WORLD else mechanism.link_of[joint.parent].beam
         if beam is not None and joint.station is not None:
             at = joint.station
-            name, place = (f"{joint.parent} at {at:g}", Placement()) if at else (name, _on(place, beam.placement))
-        seats[joint.child] = (joint.name, Placement()) if joint.nv else (name, _on(place, joint.placement))
+            name, place = (
+                (f"{joint.parent} at {at:g}", Placement()) if at else (name, _apply_placement(place, beam.placement))
+            )
+        seats[joint.child] = (joint.name, Placement()) if joint.nv else (name, _apply_placement(place, joint.placement))
     return seats
 
 
-def _on(outer: Placement, inner: Placement) -> Placement:
+def _apply_placement(outer: Placement, inner: Placement) -> Placement:
     return Placement(outer.position + outer.rotation @ inner.position, outer.rotation @ inner.rotation)
 
 
-def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, Body]]) -> tuple[Array, Array]:
+def _compute_lumped_inertia(
+    mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, Body]]
+) -> tuple[Array, Array]:
     """First moment and tensor of bodies about the origin of a joint's child, along its axes."""
     at = mesh.joint_node[joint]
     origin = motion.x[0, at]
@@ -131,7 +141,7 @@ def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, B
     for link, body in bodies:
         node = mesh.body_node[link, body.name]
         turn = axes.T @ motion.rotation[0, node]
-        m, i = about_origin(
+        m, i = move_inertia_to_origin(
             body.inertia.mass, axes.T @ (motion.x[0, node] - origin), turn @ body.inertia.tensor @ turn.T
         )
         moment = moment + m
@@ -139,7 +149,7 @@ def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, B
     return moment, tensor
 
 
-def _efforts(tree: Mechanism, q: Array) -> tuple[Array, Array]:
+def _compute_gravity_and_mass(tree: Mechanism, q: Array) -> tuple[Array, Array]:
     """Return g = tau(q, 0, 0) (configurations, nv) [N m], [N], and tau(q, 0, e_j) - g (configurations, nv, nv) [kg m^2], [kg].
 
     One call for all of them: a mechanism that is asked once takes longer to prepare than to be asked.
@@ -153,7 +163,7 @@ def _efforts(tree: Mechanism, q: Array) -> tuple[Array, Array]:
     return gravity, matrix
 
 
-def _moving(tree: Mechanism) -> set[str]:
+def _find_moving_links(tree: Mechanism) -> set[str]:
     """Links that are not welded to the world."""
     still = {WORLD}
     for joint in tree.joints:
@@ -162,12 +172,12 @@ def _moving(tree: Mechanism) -> set[str]:
     return {link.name for link in tree.links} - still
 
 
-def _axes(tree: Mechanism, nodes: dict[str, int], motion: NodalMotion) -> dict[str, Array]:
+def _compute_joint_axes(tree: Mechanism, nodes: dict[str, int], motion: NodalMotion) -> dict[str, Array]:
     """Axes of joints with one coordinate: the child's frame turns about it, so that it is the same in both frames."""
     return {j.name: motion.rotation[:, nodes[j.name]] @ j.axis for j in tree.joints if j.nv == 1}
 
 
-def _rank(mechanism: Mechanism, case: Case) -> int:
+def _compute_closure_rank(mechanism: Mechanism, case: Case) -> int:
     """Rank of the closures' Jacobian at the start of the case (of those that act then)."""
     solution = solve(mechanism, case.motion, case.sample, end=case.sample, start=case.start)
     mesh = build(mechanism)
@@ -179,32 +189,35 @@ def _rank(mechanism: Mechanism, case: Case) -> int:
     return int(count_ranks(np.linalg.svd(g, compute_uv=False)))
 
 
-def _mass(mechanism: Mechanism) -> float:
+def _compute_moving_mass(mechanism: Mechanism) -> float:
     """Mass of all bodies and beams that move [kg]."""
-    moving = _moving(mechanism)
+    moving = _find_moving_links(mechanism)
     links = [link for link in mechanism.links if link.name in moving]
     bodies = sum(body.inertia.mass for link in links for body in link.bodies)
-    return bodies + sum(_length_mass(link.beam) for link in links if link.beam is not None)
+    return bodies + sum(_integrate_beam_mass(link.beam) for link in links if link.beam is not None)
 
 
-def _length_mass(beam: Beam, power: int = 0) -> float:
+def _integrate_beam_mass(beam: Beam, power: int = 0) -> float:
     """Return int rho A s^power ds along a straight beam [kg], [kg m]."""
     s = beam.section
-    along = np.interp(_points(), s.stations, s.mass_per_length) * (beam.length * _points()) ** power
+    along = (
+        np.interp(_make_quadrature_points(), s.stations, s.mass_per_length)
+        * (beam.length * _make_quadrature_points()) ** power
+    )
     return beam.length * float(along.mean())
 
 
-def stiffness(mechanism: Mechanism) -> dict[str, float]:
+def compute_beam_stiffness(mechanism: Mechanism) -> dict[str, float]:
     """Return length over compliance, 1 / mean(1 / stiffness), of every straight beam: EA, GJ, EI_y, EI_z [N], [N m^2]."""
     found = {}
     for link in mechanism.beams:
         assert link.beam is not None
         section = link.beam.section
         for name, column in {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 3, "EI_y": 4, "EI_z": 5}.items():
-            along = np.interp(_points(), section.stations, section.stiffness[:, column])
+            along = np.interp(_make_quadrature_points(), section.stations, section.stiffness[:, column])
             found[f"{link.name}: {name}"] = float(1.0 / np.mean(1.0 / along))
     return found
 
 
-def _points() -> Array:
+def _make_quadrature_points() -> Array:
     return np.asarray((np.arange(AMONG) + 0.5) / AMONG, dtype=np.float64)

@@ -46,7 +46,7 @@ class Determinate:
     wrench: dict[str, NDArray[np.bool_]]
 
 
-def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
+def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
     """Return the determinate components of the wrenches of closures and joints.
 
     time : (samples,) [s] of a uniform grid.  A beam gives way in all six directions: what it would transmit strains it.
@@ -57,34 +57,41 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
     loose, firm = ({c.name: np.zeros(6) for c in m.closures} for _ in range(2))
     carried = {joint: np.zeros(6) for joint in mesh.joint_node}
     for phase in list_phases(m, time):
-        some = _some(motion, phase)
+        some = _sample_motion(motion, phase)
         scale = rows.scale
         acting = np.flatnonzero(phase.active[rows.closure])
-        units = [compute_closure_wrenches(mesh, some, rows, _unit(some, rows, int(row)) / scale) for row in acting]
+        units = [
+            compute_closure_wrenches(mesh, some, rows, _make_unit_multipliers(some, rows, int(row)) / scale)
+            for row in acting
+        ]
         for _, wrenches in units:
-            _raise(firm, wrenches, arms)
-        felt = np.stack([_felt(mesh, some, forces) for forces, _ in units], axis=1) if units else np.zeros((1, 0, 1))
+            _update_maxima(firm, wrenches, arms)
+        felt = (
+            np.stack([_compute_generalized_forces(mesh, some, forces) for forces, _ in units], axis=1)
+            if units
+            else np.zeros((1, 0, 1))
+        )
         for k in range(len(acting)):
             null = np.zeros((len(felt), len(rows.closure)))
-            null[:, acting] = _null(felt, k)
+            null[:, acting] = _compute_null_vector(felt, k)
             if not null.any():
                 continue
             forces, wrenches = compute_closure_wrenches(mesh, some, rows, null / scale)
             own = compute_local_wrenches(mesh, some, forces)
-            _raise(loose, wrenches, arms)
-            _raise(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)
+            _update_maxima(loose, wrenches, arms)
+            _update_maxima(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)
     reaction = {c.name: (loose[c.name] < NO_COMPONENT) & (firm[c.name] > NO_COMPONENT) for c in m.closures}
     return Determinate(reaction, {joint: size < NO_COMPONENT for joint, size in carried.items()})
 
 
-def _unit(motion: NodalMotion, rows: Rows, row: int) -> Array:
+def _make_unit_multipliers(motion: NodalMotion, rows: Rows, row: int) -> Array:
     """Return multipliers (samples, rows) of which one is 1 [its unit]."""
     out = np.zeros((len(motion.x), len(rows.closure)))
     out[:, row] = 1.0
     return out
 
 
-def _felt(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
+def _compute_generalized_forces(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
     """Return all that moves the mechanism of nodal forces, (samples, n) [N m]: efforts of joints, wrenches within beams."""
     wrenches = compute_joint_wrenches(mesh, motion, forces)
     within = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(n[1:] for n in mesh.section_nodes.values())]))
@@ -96,19 +103,19 @@ def _felt(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def _raise(sizes: dict[str, Array], wrenches: dict[str, Array], arms: Array) -> None:
+def _update_maxima(sizes: dict[str, Array], wrenches: dict[str, Array], arms: Array) -> None:
     """Raise the largest components so far, (6,) [N m], to those of wrenches (samples, 6) [N], [N m]."""
     for name, wrench in wrenches.items():
         sizes[name] = np.maximum(sizes[name], arms * np.abs(wrench).max(axis=0))
 
 
-def _some(motion: NodalMotion, phase: Phase) -> NodalMotion:
+def _sample_motion(motion: NodalMotion, phase: Phase) -> NodalMotion:
     """The motion at a few samples of a phase."""
     picked = np.unique(np.linspace(phase.first, phase.last - 1, SAMPLES).round().astype(int))
     return NodalMotion(*(getattr(motion, f.name)[picked] for f in fields(motion)))
 
 
-def _null(g: Array, k: int) -> Array:
+def _compute_null_vector(g: Array, k: int) -> Array:
     """The k-th vector from the end of a basis of the null space of G^T, zero where it has fewer: (samples, rows)."""
     u, values, _ = np.linalg.svd(g)
     return np.asarray(np.where((g.shape[1] - 1 - k >= count_ranks(values))[:, None], u[:, :, -1 - k], 0.0))

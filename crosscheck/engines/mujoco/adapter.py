@@ -24,13 +24,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, beside, module_beside, sample_times
+from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine, joint_trouble, to_engine
+from crosscheck.engines.mujoco.joints import (
+    Built,
+    State,
+    convert_effort_from_engine,
+    convert_from_engine,
+    convert_to_engine,
+    describe_joint_refusal,
+)
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
-from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion
+from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion
 from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -47,7 +54,7 @@ SOFT = (
 certify = beside("crosscheck.engines.mujoco.certificate", "certify")
 export = beside("crosscheck.engines.mujoco.export", "export")
 replay = beside("crosscheck.engines.mujoco.replay", "replay")
-bench = module_beside("crosscheck.engines.mujoco.bench")
+bench = make_lazy_module("crosscheck.engines.mujoco.bench")
 lift = beside("crosscheck.engines.mujoco.lift", "lift")
 lifts = beside("crosscheck.engines.mujoco.lift", "lifts")
 dynamics = beside("crosscheck.engines.mujoco.own_dynamics", "dynamics")
@@ -73,14 +80,14 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"rigid bodies only here, one beam in mujoco-flex; flexible: {names}"
     for joint in mechanism.joints:
-        if (reason := joint_trouble(mechanism, joint)) is not None:
+        if (reason := describe_joint_refusal(mechanism, joint)) is not None:
             return reason
     if bent := [spring.name for spring in mechanism.springs if spring.law is not None]:
         return f"MuJoCo's tendons pull linearly; with a law of another kind: {', '.join(bent)}"
     if engine == EQUALITY:
         if not mechanism.closures:
             return "no closed loop: see mujoco"
-        if kinds := mujoco_loops.without_equality(mechanism):
+        if kinds := mujoco_loops.list_missing_equalities(mechanism):
             return f"no equality constraint of MuJoCo makes up the closures {', '.join(kinds)}: see mujoco"
     return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
 
@@ -89,12 +96,15 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     """Return torque [N m] or [N], tip [m], wrench [N], [N m]; "skipped" in MuJoCo's words if it refuses the model."""
     time = sample_times(case)
     start = clock.perf_counter()
-    with warnings_caught() as words:
+    with collect_warnings() as words:
         try:
-            built = build(mechanism, extend=mujoco_loops.furnish(mechanism) if beyond_a_tree(mechanism) else None)
+            built = build(
+                mechanism,
+                extend=mujoco_loops.make_loop_extender(mechanism) if describe_nontree_parts(mechanism) else None,
+            )
         except ValueError as error:
-            return Record(engine=engine, status="skipped", message=f"MuJoCo refuses the model: {_one_line(error)}")
-        result = _dynamics(mechanism, case, built, time, engine)
+            return Record(engine=engine, status="skipped", message=f"MuJoCo refuses the model: {_join_lines(error)}")
+        result = _compute_dynamics(mechanism, case, built, time, engine)
     wall = clock.perf_counter() - start
     algorithm = "mj_inverse, equality off, projected on efc_J" if mechanism.closures else "mj_inverse"
     return Record(
@@ -107,17 +117,17 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
             "raised to mjMINVAL": list(built.floored),
         },
         time=time,
-        series=_series(mechanism, result),
+        series=_collect_series(mechanism, result),
         wall_time=wall,
     )
 
 
-def _one_line(error: BaseException) -> str:
+def _join_lines(error: BaseException) -> str:
     return " | ".join(line.strip() for line in str(error).splitlines() if line.strip())
 
 
 @contextmanager
-def warnings_caught() -> Iterator[list[str]]:
+def collect_warnings() -> Iterator[list[str]]:
     """Collect MuJoCo's warnings, which it would otherwise write to the console and to ./MUJOCO_LOG.TXT."""
     words: list[str] = []
     before = mujoco.get_mju_user_warning()
@@ -145,55 +155,63 @@ class Dynamics:
     closures: dict[str, Array] = field(default_factory=dict)
 
 
-def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
+def compute_inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
     """Return mj_inverse of every sample: q (samples, nq), qd, qdd (samples, nv) [rad or m, s], in mechanism order."""
-    state = to_engine(mechanism, built, q, qd, qdd)
-    return _said(mechanism, built, q, _evaluate(built.model, state))
+    state = convert_to_engine(mechanism, built, q, qd, qdd)
+    return _convert_results(mechanism, built, q, _evaluate(built.model, state))
 
 
-def _said(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
+def _convert_results(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
     carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
     return Dynamics(
-        torque=effort_from_engine(mechanism, built, q, raw.effort),
-        wrench={name: wrench_on(built.model, raw, body) for name, body in carried.items()},
-        tip={name: point_of(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
+        torque=convert_effort_from_engine(mechanism, built, q, raw.effort),
+        wrench={name: compute_body_wrench(built.model, raw, body) for name, body in carried.items()},
+        tip={name: compute_point_position(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
     )
 
 
-def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
-    if not beyond_a_tree(mechanism):
-        return inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
+def _compute_dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
+    if not describe_nontree_parts(mechanism):
+        return compute_inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
 
-    followed = follow_phases(mechanism, case, built, time)
-    part = _soft if engine == EQUALITY else _held
-    parts = [part(_tree(phase.mechanism, phase.case, built), State(*state), phase.time) for phase, state in followed]
+    followed = solve_phases(mechanism, case, built, time)
+    part = _compute_soft_efforts if engine == EQUALITY else _solve_phase_efforts
+    parts = [
+        part(_build_tree(phase.mechanism, phase.case, built), State(*state), phase.time) for phase, state in followed
+    ]
     return Dynamics(
         torque=np.concatenate([p.torque for p in parts]),
-        wrench=phases.joined(p.wrench for p in parts),
-        tip=phases.joined(p.tip for p in parts),
+        wrench=phases.join_series(p.wrench for p in parts),
+        tip=phases.join_series(p.tip for p in parts),
         closures={}
         if engine == EQUALITY
-        else phases.joined(phases.complete(mechanism, p.closures, len(p.torque)) for p in parts),
+        else phases.join_series(phases.fill_wrenches(mechanism, p.closures, len(p.torque)) for p in parts),
     )
 
 
-def follow_phases(
+def solve_phases(
     mechanism: Mechanism, case: Case, built: Built, time: Array
 ) -> list[tuple[phases.Phase, phases.State]]:
     """Return every phase with its motion on the closures in MuJoCo's coordinates, (samples, ...) [rad], [m], [s]."""
 
-    def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
-        tree = _tree(now, here, built)
-        return mujoco_loops.closed_state(tree, assembly.left_out(now, here), span) if now.closures else tree.given(span)
+    def solve_closed(now: Mechanism, here: Case, span: Array) -> phases.State:
+        tree = _build_tree(now, here, built)
+        return (
+            mujoco_loops.solve_closed_state(tree, assembly.find_unprescribed_joints(now, here), span)
+            if now.closures
+            else tree.given(span)
+        )
 
-    return phases.follow_phases(mechanism, case, time, closed, lambda q: from_engine(mechanism, built, q))
+    return phases.solve_phases(mechanism, case, time, solve_closed, lambda q: convert_from_engine(mechanism, built, q))
 
 
-def _tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
-    return mujoco_loops.Tree(mechanism, built, mujoco_loops.state_of(built, mechanism), _given(mechanism, case, built))
+def _build_tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
+    return mujoco_loops.Tree(
+        mechanism, built, mujoco_loops.build_data(built, mechanism), _make_motion(mechanism, case, built)
+    )
 
 
-def _held(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
+def _solve_phase_efforts(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
     """Return drives' efforts, wrenches and tips of one phase: the tree's efforts shared out to drives and closures."""
     mechanism = tree.mechanism
     built = tree.built
@@ -203,44 +221,44 @@ def _held(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
         own = slice(built.v_at[joint.name], built.v_at[joint.name] + joint.nv)
         driven[own] = joint.actuated
         weight[own] = joint.weight
-    raw = empty(built.model, len(time))
+    raw = make_empty_raw(built.model, len(time))
     wrench = np.empty((len(time), len(mechanism.closures), 6))
     for k, t in enumerate(time):
-        _set(tree, state, k)
-        shares = mujoco_loops.shared(tree, float(t), driven, weight)
-        mujoco_loops.put_on(tree, shares.acting)
-        keep(built.model, tree.data, raw, k, shares.effort)
+        _fill_state(tree, state, k)
+        shares = mujoco_loops.split_state_efforts(tree, float(t), driven, weight)
+        mujoco_loops.write_applied_wrenches(tree, shares.acting)
+        fill_sample(built.model, tree.data, raw, k, shares.effort)
         wrench[k] = shares.closures
-    said = _said(mechanism, built, from_engine(mechanism, built, state.q), raw)
+    said = _convert_results(mechanism, built, convert_from_engine(mechanism, built, state.q), raw)
     return replace(said, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
 
 
-def _given(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
+def _make_motion(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
     """Return the motion in MuJoCo's coordinates, joints that it leaves out at their guess."""
 
-    def motion(time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
         q, qd, qdd = case.motion.evaluate(mechanism, time)
-        state = to_engine(mechanism, built, assembly.guessed(mechanism, case, q), qd, qdd)
+        state = convert_to_engine(mechanism, built, assembly.apply_guess(mechanism, case, q), qd, qdd)
         return state.q, state.v, state.a
 
-    return motion
+    return evaluate_state
 
 
-def _set(tree: mujoco_loops.Tree, state: State, k: int) -> None:
+def _fill_state(tree: mujoco_loops.Tree, state: State, k: int) -> None:
     tree.data.qpos[:] = state.q[k]
     tree.data.qvel[:] = state.v[k]
     tree.data.qacc[:] = state.a[k]
 
 
-def _soft(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
+def _compute_soft_efforts(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
     """Return the efforts of mj_inverse with its equality constraints on [N m] or [N], less given forces; nothing else."""
     out = np.empty_like(state.v)
     for k, t in enumerate(time):
-        _set(tree, state, k)
+        _fill_state(tree, state, k)
         mujoco.mj_inverse(tree.built.model, tree.data)
-        out[k] = tree.data.qfrc_inverse - mujoco_loops.forces_on(tree, float(t))
-    q = from_engine(tree.mechanism, tree.built, state.q)
-    return Dynamics(effort_from_engine(tree.mechanism, tree.built, q, out), {}, {})
+        out[k] = tree.data.qfrc_inverse - mujoco_loops.compute_generalized_forces(tree, float(t))
+    q = convert_from_engine(tree.mechanism, tree.built, state.q)
+    return Dynamics(convert_effort_from_engine(tree.mechanism, tree.built, q, out), {}, {})
 
 
 @dataclass(frozen=True)
@@ -260,24 +278,24 @@ class Raw:
 
 def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
     data = mujoco.MjData(model)
-    raw = empty(model, len(state.q))
+    raw = make_empty_raw(model, len(state.q))
     for k in range(len(state.q)):
         data.qpos[:] = state.q[k]
         data.qvel[:] = state.v[k]
         data.qacc[:] = state.a[k]
         mujoco.mj_inverse(model, data)
         # friction of a joint at rest: taken out, see the head of the file
-        keep(model, data, raw, k, data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0))
+        fill_sample(model, data, raw, k, data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0))
     return raw
 
 
-def empty(model: mujoco.MjModel, samples: int) -> Raw:
+def make_empty_raw(model: mujoco.MjModel, samples: int) -> Raw:
     """Return room for the data of all samples [N m], [N], [m]."""
     shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
     return Raw(*(np.empty((samples, *shape)) for shape in shapes))
 
 
-def keep(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
+def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
     """Write sample k: effort (nv,) [N m] or [N] as given, everything else from ``data``, whose qacc is set."""
     mujoco.mj_rnePostConstraint(model, data)
     raw.effort[k] = effort
@@ -287,7 +305,7 @@ def keep(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: A
     raw.xmat[k] = data.xmat.reshape(-1, 3, 3)
 
 
-def wrench_on(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
+def compute_body_wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
     """Return the wrench of the parent on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
     moment = raw.cfrc_int[:, body, :3]
     force = raw.cfrc_int[:, body, 3:]
@@ -296,12 +314,12 @@ def wrench_on(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
     return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))
 
 
-def point_of(raw: Raw, body: int, point: Array) -> Array:
+def compute_point_position(raw: Raw, body: int, point: Array) -> Array:
     """Return the position of a body's point (3,) [m] in the world, (samples, 3) [m]."""
     return np.asarray(raw.xpos[:, body] + raw.xmat[:, body] @ point)
 
 
-def _series(mechanism: Mechanism, result: Dynamics) -> dict[str, Series]:
+def _collect_series(mechanism: Mechanism, result: Dynamics) -> dict[str, Series]:
     out = torque_series(mechanism, result.torque)
     for link, place in result.tip.items():
         out |= vector_series(f"tip/{link}", "m", place)

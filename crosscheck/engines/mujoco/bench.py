@@ -8,14 +8,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.joints import effort_from_engine, to_engine
+from crosscheck.engines.mujoco.joints import convert_effort_from_engine, convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
 
-def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> tuple[Callable[[], Array], Callable[[Array], Array]]:
+def prepare_loop(
+    mechanism: Mechanism, q: Array, qd: Array, qdd: Array
+) -> tuple[Callable[[], Array], Callable[[Array], Array]]:
     """Call ``mj_inverse`` for every sample (samples, nq), (samples, nv) [rad, s].
 
     Returns what does the work, and what turns its forces into torques (samples, nv) [N m] in the mechanism's order.
@@ -23,7 +25,7 @@ def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> tuple[Callabl
     built = build(mechanism)
     model = built.model
     data = mujoco.MjData(built.model)
-    state = to_engine(mechanism, built, q, qd, qdd)
+    state = convert_to_engine(mechanism, built, q, qd, qdd)
     tau = np.empty((len(q), model.nv))
 
     def run() -> Array:
@@ -35,4 +37,4 @@ def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> tuple[Callabl
             tau[k] = data.qfrc_inverse
         return tau
 
-    return run, lambda answer: effort_from_engine(mechanism, built, q, answer)
+    return run, lambda answer: convert_effort_from_engine(mechanism, built, q, answer)

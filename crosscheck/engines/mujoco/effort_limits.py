@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.compiled.names import actuators_on, gear_of, joint_name
+from crosscheck.engines.mujoco.compiled.names import find_actuators, read_gear, resolve_joint_name
 
 Range = tuple[float, float]
 FREE: Range = (-np.inf, np.inf)
@@ -23,45 +23,45 @@ SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 SAME = 1e-9  # relative
 
 
-def effort_limits(model: Any) -> tuple[dict[int, float], list[str]]:
+def read_effort_limits(model: Any) -> tuple[dict[int, float], list[str]]:
     """Return by number of a hinge or slide its largest effort [N m], [N], and in words those that one direction has less of."""
     found: dict[int, float] = {}
     words: list[str] = []
     for joint in range(model.njnt):
         if mujoco.mjtJoint(int(model.jnt_type[joint])) not in SCALAR:
             continue
-        low, high = _range(model, joint)
+        low, high = _compute_effort_range(model, joint)
         if not (np.isfinite(low) or np.isfinite(high)):
             continue
         found[joint] = largest = max(abs(low), abs(high))
         if abs(low + high) > SAME * largest:
             words.append(
-                f"effort of joint {joint_name(model, joint)}: {low:.6g} to {high:.6g}; "
+                f"effort of joint {resolve_joint_name(model, joint)}: {low:.6g} to {high:.6g}; "
                 "a mechanism has one limit for both directions"
             )
     return found, words
 
 
-def _range(model: Any, joint: int) -> Range:
+def _compute_effort_range(model: Any, joint: int) -> Range:
     own = FREE
     if model.jnt_actfrclimited[joint]:
         own = (float(model.jnt_actfrcrange[joint][0]), float(model.jnt_actfrcrange[joint][1]))
-    acting = list(_acting(model, joint))
+    acting = list(_list_actuator_ranges(model, joint))
     if not acting:
         return own
     return max(own[0], sum(low for low, _ in acting)), min(own[1], sum(high for _, high in acting))
 
 
-def _acting(model: Any, joint: int) -> Iterator[Range]:
+def _list_actuator_ranges(model: Any, joint: int) -> Iterator[Range]:
     """Yield the range of effort of every actuator that drives one joint alone."""
-    for k in actuators_on(model, joint):
-        gear = gear_of(model, k)
-        low, high = _force(model, k)
+    for k in find_actuators(model, joint):
+        gear = read_gear(model, k)
+        low, high = _read_force_range(model, k)
         ends = sorted((gear * low, gear * high)) if gear else [0.0, 0.0]
         yield ends[0], ends[1]
 
 
-def _force(model: Any, k: int) -> Range:
+def _read_force_range(model: Any, k: int) -> Range:
     low, high = FREE
     if model.actuator_forcelimited[k]:
         low, high = (float(x) for x in model.actuator_forcerange[k])

@@ -17,10 +17,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
-from crosscheck.engines.mujoco.adapter import Raw, empty, keep, point_of, version, warnings_caught, wrench_on
+from crosscheck.engines.mujoco.adapter import (
+    Raw,
+    collect_warnings,
+    compute_body_wrench,
+    compute_point_position,
+    fill_sample,
+    make_empty_raw,
+    version,
+)
 from crosscheck.engines.mujoco.joints import Built
-from crosscheck.engines.mujoco.rod import DRIVE, NO_FRAME, Rod, bending_axis, flexible, out_of_plane, rod_of
-from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.mujoco.rod import (
+    DRIVE,
+    NO_FRAME,
+    Rod,
+    build_flexible_model,
+    build_rod,
+    describe_spatial_bending,
+    find_bending_axis,
+)
+from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, Series, series, torque_series, vector_series, wrench_series
@@ -51,10 +67,10 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why MuJoCo's flex cannot do this case, or None."""
     if mechanism.is_rigid:
         return "no link is a beam: see mujoco"
-    if (reason := beyond_a_tree(mechanism) or missing_motion(mechanism, case)) is not None:
+    if (reason := describe_nontree_parts(mechanism) or missing_motion(mechanism, case)) is not None:
         return reason
     for link in mechanism.beams:
-        if (reason := _trouble(mechanism, link)) is not None:
+        if (reason := _describe_refusal(mechanism, link)) is not None:
             return reason
     if len(mechanism.beams) > 1:
         return f"one beam only; here: {', '.join(link.name for link in mechanism.beams)}"
@@ -63,7 +79,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     return None
 
 
-def _trouble(mechanism: Mechanism, link: Link) -> str | None:
+def _describe_refusal(mechanism: Mechanism, link: Link) -> str | None:
     carried = [j.name for j in mechanism.joints if j.parent == link.name]
     if carried:
         return f"{NO_FRAME}: no joint can hang on {link.name}; here: {', '.join(carried)}"
@@ -76,8 +92,8 @@ def _trouble(mechanism: Mechanism, link: Link) -> str | None:
         return f"a flex of dimension 1 has one section, and is straight here; {link.name} varies or is curved"
     if link.beam.section.damping is not None and link.beam.section.damping.any():
         return f"this adapter gives a flex no damping; {link.name} is damped"
-    if bending_axis(mechanism, link) is None:
-        return out_of_plane(link)
+    if find_bending_axis(mechanism, link) is None:
+        return describe_spatial_bending(link)
     return None
 
 
@@ -91,8 +107,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     elements = int(options.get("elements", ELEMENTS)) * 2 ** int(options.get("refinement", 0))
     meshes = [elements // 4, elements // 2, elements] if options.get("error", True) else [elements // 2, elements]
     start = clock.perf_counter()
-    with warnings_caught() as words:
-        runs = [one_mesh(mechanism, case, rod_of(mechanism, n)) for n in meshes]
+    with collect_warnings() as words:
+        runs = [run_mesh(mechanism, case, build_rod(mechanism, n)) for n in meshes]
     values, budget = with_bars(limit_of(runs), [Family("mesh", runs, "limit")])
     return Record(
         engine=engine,
@@ -101,7 +117,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         settings={
             "element": "flex of dimension 1, circular section (no shear, no rotary inertia)",
             "elements": meshes,
-            "step_s": steps_of(case, rod_of(mechanism, elements))[0],
+            "step_s": plan_steps(case, build_rod(mechanism, elements))[0],
             "integrator": "semi-implicit Euler",
             "extrapolation": "(4 fine - coarse) / 3: the error is of order l^2",
         },
@@ -112,38 +128,38 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     )
 
 
-def steps_of(case: Case, rod: Rod) -> tuple[float, int]:
+def plan_steps(case: Case, rod: Rod) -> tuple[float, int]:
     """Return the step [s], stable with a margin, and how many of them make one sample."""
     count = int(np.ceil(case.sample / (STABLE * 2 / rod.fastest)))
     return case.sample / count, count
 
 
-def one_mesh(mechanism: Mechanism, case: Case, rod: Rod) -> dict[str, Series]:
+def run_mesh(mechanism: Mechanism, case: Case, rod: Rod) -> dict[str, Series]:
     """Return every series of one mesh: [N], [N m], [m]."""
-    step, stride = steps_of(case, rod)
-    built = flexible(mechanism, rod, step)
+    step, stride = plan_steps(case, rod)
+    built = build_flexible_model(mechanism, rod, step)
     steps = (len(sample_times(case)) - 1) * stride
     q, qd, qdd = case.motion.evaluate(mechanism, np.arange(steps + 1) * step)
-    raw = _march(mechanism, built, (angles(mechanism, q), qd, qdd), stride)
+    raw = _integrate_points(mechanism, built, (convert_to_angles(mechanism, q), qd, qdd), stride)
     order = [built.v_at[j.name] for j in mechanism.joints if j.nv]
     torque = raw.effort[:, order] + passive_effort(mechanism, qd[::stride])
     torque += rotor_effort(mechanism, qdd[::stride])
-    return _series(mechanism, built, rod, raw, torque)
+    return _collect_series(mechanism, built, rod, raw, torque)
 
 
-def angles(mechanism: Mechanism, q: Array) -> Array:
+def convert_to_angles(mechanism: Mechanism, q: Array) -> Array:
     """Return one number per joint [rad], [m]: of a continuous joint the angle instead of its cosine and sine."""
     columns = [q[:, mechanism.q_slices[j.name]] for j in mechanism.joints if j.nv]
     return np.column_stack([np.arctan2(c[:, 1], c[:, 0]) if c.shape[1] == 2 else c[:, 0] for c in columns])
 
 
-def _march(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], stride: int) -> Raw:
+def _integrate_points(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], stride: int) -> Raw:
     """Integrate the points while the joints move as given; hub: places, speeds, accelerations (steps, joints)."""
     model = built.model
     data = mujoco.MjData(built.model)
     names = [j.name for j in mechanism.joints if j.nv]
-    at_q, at_v = (_span([where[name] for name in names]) for where in (built.q_at, built.v_at))
-    raw = empty(model, (len(hub[0]) - 1) // stride + 1)
+    at_q, at_v = (_make_slice([where[name] for name in names]) for where in (built.q_at, built.v_at))
+    raw = make_empty_raw(model, (len(hub[0]) - 1) // stride + 1)
     effort = np.empty(model.nv)
     # hundreds of thousands of steps: looked up once
     qpos = data.qpos
@@ -157,30 +173,32 @@ def _march(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], 
         mujoco.mj_forward(model, data)
         if k % stride == 0:
             mujoco.mj_rne(model, data, 1, effort)
-            keep(model, data, raw, k // stride, effort)
+            fill_sample(model, data, raw, k // stride, effort)
         mujoco.mj_Euler(model, data)
     return raw
 
 
-def _span(places: list[int]) -> slice | list[int]:
+def _make_slice(places: list[int]) -> slice | list[int]:
     """Return the slice of places that follow one another: numpy fills it in a third of the time of a list."""
     first = places[0] if places else 0
     return slice(first, first + len(places)) if places == list(range(first, first + len(places))) else places
 
 
-def _series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torque: Array) -> dict[str, Series]:
+def _collect_series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torque: Array) -> dict[str, Series]:
     made = torque_series(mechanism, torque)
     for joint in mechanism.joints:
         body = built.body[joint.child]
-        wrench = wrench_on(built.model, raw, body)
+        wrench = compute_body_wrench(built.model, raw, body)
         made |= wrench_series(joint.name, wrench)
         if joint.child == rod.link:
             made |= series(f"axial/{rod.link}", "N", wrench[:, 0])
         else:
-            made |= vector_series(f"tip/{joint.child}", "m", point_of(raw, body, mechanism.link_of[joint.child].tip))
+            made |= vector_series(
+                f"tip/{joint.child}", "m", compute_point_position(raw, body, mechanism.link_of[joint.child].tip)
+            )
     end = built.model.body(rod.point(rod.elements)).id
     tip = raw.xpos[:, end]
-    root = point_of(raw, built.body[rod.link], rod.beam.placement.position)
+    root = compute_point_position(raw, built.body[rod.link], rod.beam.placement.position)
     seen = np.einsum("sji,sj->si", raw.xmat[:, end], tip - root)  # (sample, xyz of the root section)
     made |= vector_series(f"tip/{rod.link}", "m", tip)
     return made | vector_series(f"deflection/{rod.link}", "m", seen - np.array([rod.beam.length, 0.0, 0.0]))

@@ -11,9 +11,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.flex import ELEMENTS, steps_of
+from crosscheck.engines.mujoco.flex import ELEMENTS, plan_steps
 from crosscheck.engines.mujoco.joints import Built
-from crosscheck.engines.mujoco.rod import Rod, flexible, rod_of
+from crosscheck.engines.mujoco.rod import Rod, build_flexible_model, build_rod
 from crosscheck.engines.shared.probe_states import Array
 from crosscheck.measures.certificate import Certificate
 from flexinv.files.load_cases import Case
@@ -26,8 +26,8 @@ TURN = 1e-4
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass of all [kg] and of the rod, its first moment [kg m] and its stiffness EA [N], EI [N m^2]."""
-    rod = rod_of(mechanism, ELEMENTS)
-    built = flexible(mechanism, rod, steps_of(case, rod)[0])
+    rod = build_rod(mechanism, ELEMENTS)
+    built = build_flexible_model(mechanism, rod, plan_steps(case, rod)[0])
     model = built.model
     points = [model.body(rod.point(k)) for k in range(1, rod.elements + 1)]
     masses = np.array([float(body.mass[0]) for body in points])
@@ -43,19 +43,21 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         beam_masses={rod.link: float(masses.sum()) + half},
         beam_moments={rod.link: float(masses @ places)},
         stiffness={
-            f"{rod.link}: EA": -_force(built, rod, *_stretch(rod), "x") / STRAIN,
-            f"{rod.link}: {bending}": -_force(built, rod, *_arc(rod), "xyz"[rod.bent]) * rod.edge**2 / TURN,
+            f"{rod.link}: EA": -_compute_elastic_force(built, rod, *_compute_stretch(rod), "x") / STRAIN,
+            f"{rod.link}: {bending}": -_compute_elastic_force(built, rod, *_compute_arc(rod), "xyz"[rod.bent])
+            * rod.edge**2
+            / TURN,
         },
     )
 
 
-def _stretch(rod: Rod) -> tuple[Array, Array]:
+def _compute_stretch(rod: Rod) -> tuple[Array, Array]:
     """Return the displacements of the points from a rod at rest (elements,) [m] where it is longer by STRAIN."""
     along: Array = STRAIN * rod.edge * np.arange(1.0, rod.elements + 1.0)
     return along, np.zeros(rod.elements)
 
 
-def _arc(rod: Rod) -> tuple[Array, Array]:
+def _compute_arc(rod: Rod) -> tuple[Array, Array]:
     """Return the displacements from a straight rod (elements,) [m] where every edge turns by TURN more than the last."""
     angles = TURN * np.arange(rod.elements)
     along: Array = rod.edge * np.cumsum(np.cos(angles) - 1.0)
@@ -63,7 +65,7 @@ def _arc(rod: Rod) -> tuple[Array, Array]:
     return along, across
 
 
-def _force(built: Built, rod: Rod, along: Array, across: Array, axis: str) -> float:
+def _compute_elastic_force(built: Built, rod: Rod, along: Array, across: Array, axis: str) -> float:
     """Return the elastic force on the last point along an axis of the section [N] with all points moved."""
     model = built.model
     data = mujoco.MjData(model)

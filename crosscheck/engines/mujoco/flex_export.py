@@ -10,8 +10,8 @@ import numpy as np
 from crosscheck.arrays import write_arrays
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import flex as adapter
-from crosscheck.engines.mujoco.mjcf import mjcf
-from crosscheck.engines.mujoco.rod import flexible, rod_of
+from crosscheck.engines.mujoco.mjcf import write_mjcf
+from crosscheck.engines.mujoco.rod import build_flexible_model, build_rod
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, write
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -29,12 +29,14 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     runs = []
     steps: dict[str, Array] = {}
     for k, elements in enumerate((adapter.ELEMENTS // 2, adapter.ELEMENTS)):
-        rod = rod_of(mechanism, elements)
-        step, stride = adapter.steps_of(case, rod)
-        models[f"model_{k}.xml"] = mjcf(flexible(mechanism, rod, step).model, mechanism.name, rod.section[1])
+        rod = build_rod(mechanism, elements)
+        step, stride = adapter.plan_steps(case, rod)
+        models[f"model_{k}.xml"] = write_mjcf(
+            build_flexible_model(mechanism, rod, step).model, mechanism.name, rod.section[1]
+        )
         every = np.arange((len(time) - 1) * stride + 1) * step
         q, qd, qdd = case.motion.evaluate(mechanism, every)
-        steps |= {f"q_{k}": adapter.angles(mechanism, q), f"v_{k}": qd, f"a_{k}": qdd}
+        steps |= {f"q_{k}": adapter.convert_to_angles(mechanism, q), f"v_{k}": qd, f"a_{k}": qdd}
         runs.append({"model": f"model_{k}.xml", "stride": stride})
     write_arrays(folder / "steps.npz", steps)
     state = case.motion.evaluate(mechanism, time)

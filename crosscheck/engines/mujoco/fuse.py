@@ -41,22 +41,22 @@ class Loss:
     @property
     def explained(self) -> bool:
         """Return True if the massless bodies' inertia is the missing one, to rounding of the composition."""
-        return bool(self.massless) and _same(self.missing, self.stated, self.scale)
+        return bool(self.massless) and _is_close(self.missing, self.stated, self.scale)
 
 
-def losses(mechanism: Mechanism) -> tuple[Loss, ...]:
+def list_losses(mechanism: Mechanism) -> tuple[Loss, ...]:
     """Return the losses of fusing, body by body; empty where it loses nothing."""
-    whole, fused = (_at_start(build(mechanism, fuse=fuse).model) for fuse in (False, True))
+    whole, fused = (_build_start(build(mechanism, fuse=fuse).model) for fuse in (False, True))
     found = []
     for body in range(1, fused.model.nbody):
         name = fused.model.body(body).name
         parts = np.flatnonzero(whole.model.body_weldid == whole.model.body_weldid[whole.model.body(name).id])
-        expected = composed(whole, parts)
-        got = composed(fused, np.array([body]))
+        expected = compute_composite_inertia(whole, parts)
+        got = compute_composite_inertia(fused, np.array([body]))
         scale = float(np.abs(expected).max())
-        if not _same(expected, got, scale):
+        if not _is_close(expected, got, scale):
             massless = [int(k) for k in parts if whole.model.body_mass[k] == 0.0 and whole.model.body_inertia[k].any()]
-            stated = sum((_turned(whole, k) for k in massless), np.zeros((3, 3)))
+            stated = sum((_compute_world_inertia(whole, k) for k in massless), np.zeros((3, 3)))
             names = tuple(whole.model.body(k).name for k in massless)
             found.append(Loss(name, expected - got, scale, names, stated))
     return tuple(found)
@@ -70,13 +70,13 @@ class Start:
     data: Any
 
 
-def _at_start(model: Any) -> Start:
+def _build_start(model: Any) -> Start:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return Start(model, data)
 
 
-def composed(start: Start, bodies: NDArray[np.intp]) -> Array:
+def compute_composite_inertia(start: Start, bodies: NDArray[np.intp]) -> Array:
     """Return the inertia of several bodies as one about its centre of mass, (3, 3) [kg m^2], world axes."""
     mass = start.model.body_mass[bodies]
     centre = start.data.xipos[bodies]
@@ -84,15 +84,15 @@ def composed(start: Start, bodies: NDArray[np.intp]) -> Array:
     arms = centre - (mass @ centre / total if total > 0 else centre[0])  # (body, xyz)
     out = np.zeros((3, 3))
     for body, m, d in zip(bodies, mass, arms, strict=True):
-        out += _turned(start, int(body)) + m * (d @ d * np.eye(3) - np.outer(d, d))
+        out += _compute_world_inertia(start, int(body)) + m * (d @ d * np.eye(3) - np.outer(d, d))
     return out
 
 
-def _turned(start: Start, body: int) -> Array:
+def _compute_world_inertia(start: Start, body: int) -> Array:
     axes = start.data.ximat[body].reshape(3, 3)
     return np.asarray(axes @ np.diag(start.model.body_inertia[body]) @ axes.T)
 
 
-def _same(a: Array, b: Array, scale: float) -> bool:
+def _is_close(a: Array, b: Array, scale: float) -> bool:
     # Each side went through an eigenvalue problem whose threshold in MuJoCo is 1e-12, and through sums of a few bodies.
     return bool(np.abs(a - b).max() <= 1e-11 * scale)

@@ -61,17 +61,17 @@ class Built:
     floored: tuple[str, ...] = ()
 
 
-def names_of(joint: Joint) -> list[str]:
+def list_joint_names(joint: Joint) -> list[str]:
     """Return the names of the MuJoCo joints that make up one joint: a universal joint is two hinges of one body."""
     return [f"{joint.name}.1", f"{joint.name}.2"] if joint.kind == "universal" else [joint.name]
 
 
-def lead(joint: Joint) -> float:
+def compute_screw_lead(joint: Joint) -> float:
     """Return the way of a screw along its axis per radian about it [m/rad]."""
     return float(joint.pitch / (2 * np.pi))
 
 
-def joint_trouble(mechanism: Mechanism, joint: Joint) -> str | None:
+def describe_joint_refusal(mechanism: Mechanism, joint: Joint) -> str | None:
     """Return the reason why MuJoCo cannot have a joint of a mechanism, or None."""
     if joint.kind == "helical" and mechanism.closures:
         return f"in closed loops MuJoCo has no screw; {joint.name!r} is a hinge and a slide that only the motion keeps in step"
@@ -87,15 +87,15 @@ def joint_trouble(mechanism: Mechanism, joint: Joint) -> str | None:
 def add_joints(link: Any, joint: Joint) -> None:
     """Give a body the joints that make up its joint [rad], [m]."""
     if joint.kind == "free":
-        set_passive(link.add_freejoint(name=joint.name), joint)
+        apply_passive_values(link.add_freejoint(name=joint.name), joint)
     elif joint.kind != "fixed":
-        for name, axis in zip(names_of(joint), (joint.axis, joint.second_axis), strict=False):
-            set_passive(link.add_joint(name=name, type=TYPES[joint.kind], axis=axis), joint)
+        for name, axis in zip(list_joint_names(joint), (joint.axis, joint.second_axis), strict=False):
+            apply_passive_values(link.add_joint(name=name, type=TYPES[joint.kind], axis=axis), joint)
     if joint.kind == "helical":
         link.add_joint(name=f"{joint.name}.advance", type=SLIDE, axis=joint.axis)
 
 
-def set_passive(made: Any, joint: Joint) -> None:
+def apply_passive_values(made: Any, joint: Joint) -> None:
     """Set armature, damping, dry friction and spring of a joint of MuJoCo [kg m^2], [N m s], [N m], [N m/rad]."""
     made.armature = joint.rotor_inertia
     made.frictionloss = joint.friction
@@ -114,7 +114,7 @@ class State:
     a: Array
 
 
-def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
+def convert_to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
     """Return MuJoCo's qpos, qvel and qacc of q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
     model = built.model
     out = State(np.empty((len(q), model.nq)), np.empty((len(q), model.nv)), np.empty((len(q), model.nv)))
@@ -125,14 +125,17 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
         rates = mechanism.v_slices[joint.name]
         at = built.q_at[joint.name]
         v = built.v_at[joint.name]
-        position = _position(joint, mine)
+        position = _convert_position(joint, mine)
         out.q[:, at : at + position.shape[1]] = position
         out.v[:, v : v + joint.nv] = qd[:, rates]
         out.a[:, v : v + joint.nv] = qdd[:, rates]
         if joint.kind == "helical":
-            out.v[:, v + 1], out.a[:, v + 1] = lead(joint) * out.v[:, v], lead(joint) * out.a[:, v]
+            out.v[:, v + 1], out.a[:, v + 1] = (
+                compute_screw_lead(joint) * out.v[:, v],
+                compute_screw_lead(joint) * out.a[:, v],
+            )
         if joint.kind == "free":
-            turn = _absolute(joint, mine)
+            turn = _compute_world_rotation(joint, mine)
             linear = qd[:, rates][:, :3]
             angular = qd[:, rates][:, 3:]
             out.v[:, v : v + 3] = turn.apply(linear)
@@ -140,26 +143,26 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
     return out
 
 
-def _position(joint: Joint, q: Array) -> Array:
+def _convert_position(joint: Joint, q: Array) -> Array:
     if joint.kind == "continuous":
         return np.unwrap(np.arctan2(q[:, 1], q[:, 0]))[:, None]
     if joint.kind == "helical":
-        return np.hstack([q, lead(joint) * q])
+        return np.hstack([q, compute_screw_lead(joint) * q])
     if joint.kind == "spherical":
         return np.roll(q, 1, axis=1)
     if joint.kind == "free":
         place = joint.placement.position + q[:, :3] @ joint.placement.rotation.T
-        return np.hstack([place, np.roll(_absolute(joint, q).as_quat(), 1, axis=1)])
+        return np.hstack([place, np.roll(_compute_world_rotation(joint, q).as_quat(), 1, axis=1)])
     return q
 
 
-def _absolute(joint: Joint, q: Array) -> scipy.spatial.transform.Rotation:
+def _compute_world_rotation(joint: Joint, q: Array) -> scipy.spatial.transform.Rotation:
     """R0 R of a free joint, all samples."""
     rotation = scipy.spatial.transform.Rotation
     return rotation.from_matrix(joint.placement.rotation) * rotation.from_quat(q[:, 3:])
 
 
-def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
+def convert_from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
     """Return the mechanism's q (samples, nq) [rad], [m] of MuJoCo's qpos (samples, nq of the model)."""
     out = np.empty((len(position), mechanism.nq))
     for joint in mechanism.joints:
@@ -180,7 +183,7 @@ def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
     return out
 
 
-def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
+def convert_effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
     """Return the mechanism's efforts (samples, nv) [N m] or [N] of MuJoCo's generalized forces: the dual of the map."""
     out = np.empty((len(force), mechanism.nv))
     for joint in mechanism.joints:
@@ -190,8 +193,10 @@ def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Arra
         rates = mechanism.v_slices[joint.name]
         theirs = force[:, v : v + joint.nv].copy()
         if joint.kind == "helical":
-            theirs[:, 0] += lead(joint) * force[:, v + 1]
+            theirs[:, 0] += compute_screw_lead(joint) * force[:, v + 1]
         if joint.kind == "free":
-            theirs[:, :3] = _absolute(joint, q[:, mechanism.q_slices[joint.name]]).inv().apply(theirs[:, :3])
+            theirs[:, :3] = (
+                _compute_world_rotation(joint, q[:, mechanism.q_slices[joint.name]]).inv().apply(theirs[:, :3])
+            )
         out[:, rates] = theirs
     return out

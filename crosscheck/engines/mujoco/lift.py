@@ -4,7 +4,7 @@
     joints        one after the other in one body: links without mass between them
     ref           a joint's coordinate is ``ref`` where the file draws it: the placement is turned back by it
     inertia       about the centre of mass, R diag(I) R^T with R of ``iquat``
-    effort        the largest that actuators and joint allow (`effort_limits`)
+    effort        the largest that actuators and joint allow (`read_effort_limits`)
     actuators     armature and damping of those on a joint, times gear^2, are the joint's
     equality      joint: a coupling (its linear part), of fixed tendons: a coupling of their joints, connect: a spherical closure,
                   two of them between the same bodies: a revolute one, weld: a fixed one; between bodies or sites
@@ -31,21 +31,21 @@ from crosscheck.engines.mujoco.compiled.features import (
     LIMIT_OFF,
     SPRING_OFF,
     find_features,
-    switch_off,
+    remove_features,
 )
 from crosscheck.engines.mujoco.compiled.names import (
     OBJECT,
-    actuators_on,
-    free_name,
-    gear_of,
-    joint_name,
-    joint_names,
-    name_of,
+    find_actuators,
+    list_joint_names,
+    make_free_name,
+    read_gear,
+    resolve_joint_name,
+    resolve_name,
 )
-from crosscheck.engines.mujoco.compiled.tendons import active, linear_law, off
-from crosscheck.engines.mujoco.effort_limits import effort_limits
+from crosscheck.engines.mujoco.compiled.tendons import is_active, is_disabled, read_linear_law
+from crosscheck.engines.mujoco.effort_limits import read_effort_limits
 from crosscheck.engines.mujoco.named_files import check_named_files
-from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, built_of
+from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, find_joint_addresses
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.hinges import with_hinges
 from crosscheck.lifting.printed import printed_of_mjcf
@@ -94,9 +94,9 @@ def lifts(source: Any) -> bool:
 def lift(source: Any, label: str = "") -> Description:
     """Return the description of a file, or of a model in memory [m, kg, rad].  Raises InputError with MuJoCo's words."""
     if isinstance(source, mujoco.MjModel):
-        return _described(source, label or "mjModel", "live", ())
+        return _build_description(source, label or "mjModel", "live", ())
     if isinstance(source, mujoco.MjSpec):
-        return _described(_compiled(source, "MjSpec"), label or "MjSpec", "live", ())
+        return _build_description(_build_model(source, "MjSpec"), label or "MjSpec", "live", ())
     path = Path(source)
     root = read_xml(path)
     check_named_files(path, root)
@@ -107,13 +107,13 @@ def lift(source: Any, label: str = "") -> Description:
             "  write:    the file that holds the machine, if this one holds a scene or settings only"
         )
     kind = "urdf" if root.tag == "robot" else "mjcf"
-    found = _described(model, label or path.name, kind, dropped)
+    found = _build_description(model, label or path.name, kind, dropped)
     printed = printed_of_mjcf(root) if kind == "mjcf" else {}
     stated = kind != "urdf"
     return replace(found, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
 
 
-def compiled(path: Path) -> Any:
+def read_model(path: Path) -> Any:
     """Return the model that MuJoCo's compiler makes of a file.  Raises InputError with its words."""
     return _read(path)[0]
 
@@ -122,32 +122,32 @@ def _read(path: Path) -> tuple[Any, tuple[str, ...]]:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except REFUSALS as error:
-        raise InputError(f"{path}: MuJoCo refuses it: {_words(error)}") from None
+        raise InputError(f"{path}: MuJoCo refuses it: {_format_error(error)}") from None
     try:
         return spec.compile(), ()
     except REFUSALS as error:
-        words = _words(error)
+        words = _format_error(error)
     if "mesh" not in words and "file" not in words.lower() and "texture" not in words:
         raise InputError(f"{path}: MuJoCo refuses it: {words}")
     spec = mujoco.MjSpec.from_file(str(path))
-    _without_files(spec, path)
-    return _compiled(spec, str(path)), (
+    _remove_files(spec, path)
+    return _build_model(spec, str(path)), (
         f"geometry: MuJoCo does not find it ({words}); read without meshes and pictures",
     )
 
 
-def _compiled(spec: Any, name: str) -> Any:
+def _build_model(spec: Any, name: str) -> Any:
     try:
         return spec.compile()
     except REFUSALS as error:
-        raise InputError(f"{name}: MuJoCo refuses it: {_words(error)}") from None
+        raise InputError(f"{name}: MuJoCo refuses it: {_format_error(error)}") from None
 
 
-def _words(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     return " ".join(str(error).split()).removeprefix("Error: ")
 
 
-def _without_files(spec: Any, path: Path) -> None:
+def _remove_files(spec: Any, path: Path) -> None:
     """Take what names other files out of a specification; InputError where masses come from it."""
     shaped = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
@@ -167,104 +167,104 @@ def _without_files(spec: Any, path: Path) -> None:
         geom.material = ""
 
 
-def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
-    links, joints = _tree(model)
-    efforts, uneven = effort_limits(model)
-    names = {joint_name(model, index): effort for index, effort in efforts.items()}
+def _build_description(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
+    links, joints = _read_tree(model)
+    efforts, uneven = read_effort_limits(model)
+    names = {resolve_joint_name(model, index): effort for index, effort in efforts.items()}
     joints = [replace(j, limits=replace(j.limits, effort=names.get(j.name, np.inf))) for j in joints]
-    closures, lost = _closures(model, {joint.name: joint for joint in joints})
+    closures, lost = _read_closures(model, {joint.name: joint for joint in joints})
     mechanism = Mechanism(
         name=label,
         links=tuple(links),
         joints=tuple(joints),
-        gravity=np.zeros(3) if off(model, GRAVITY_OFF) else np.array(model.opt.gravity),
+        gravity=np.zeros(3) if is_disabled(model, GRAVITY_OFF) else np.array(model.opt.gravity),
         closures=tuple(closures),
     )
-    gears = dict(_gears(model))
-    own = OwnDynamics(model, mechanism, built_of(model, joint_names(model)), switch_off)
+    gears = dict(_list_gears(model))
+    own = OwnDynamics(model, mechanism, find_joint_addresses(model, list_joint_names(model)), remove_features)
     return Description(
-        label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_others(model)),
+        label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_list_other_parts(model)),
         features=find_features(model), dynamics=own,
     )  # fmt: skip
 
 
-def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
+def _read_tree(model: Any) -> tuple[list[Link], list[Joint]]:
     """Links and joints, and by body where its link frame stands in the body's frame (3,) [m]: at its last anchor."""
     links: list[Link] = []
     joints: list[Joint] = []
     names = {0: WORLD}
     anchors = {0: np.zeros(3)}
     for body in range(1, model.nbody):
-        name = names[body] = name_of(model, OBJECT.mjOBJ_BODY, body, "body")
+        name = names[body] = resolve_name(model, OBJECT.mjOBJ_BODY, body, "body")
         parent = int(model.body_parentid[body])
-        frame = Placement(model.body_pos[body] - anchors[parent], _rotation(model.body_quat[body]))
+        frame = Placement(model.body_pos[body] - anchors[parent], _convert_quaternion(model.body_quat[body]))
         first = int(model.body_jntadr[body])
         count = int(model.body_jntnum[body])
         carrier = names[parent]
         anchor = np.zeros(3)
         for k in range(count):
-            between = free_name(model, OBJECT.mjOBJ_BODY, f"{name} before joint {k + 2}")
+            between = make_free_name(model, OBJECT.mjOBJ_BODY, f"{name} before joint {k + 2}")
             child = name if k == count - 1 else between
             free = model.jnt_type[first + k] == JOINT_KIND.mjJNT_FREE
             point = np.zeros(3) if free else np.array(model.jnt_pos[first + k])
             at = Placement(frame.position + frame.rotation @ (point - anchor), frame.rotation)
-            joints.append(_joint(model, first + k, carrier, child, at))
+            joints.append(_read_joint(model, first + k, carrier, child, at))
             links.append(Link(child))
             carrier = child
             frame = Placement()
             anchor = point
         if not count:
-            weld = free_name(model, OBJECT.mjOBJ_JOINT, f"{name} on {carrier}")
+            weld = make_free_name(model, OBJECT.mjOBJ_JOINT, f"{name} on {carrier}")
             joints.append(Joint(weld, "fixed", carrier, name, frame, actuated=False))
             links.append(Link(name))
         anchors[body] = anchor
-        links[-1] = Link(name, tuple(_bodies(model, body, name, anchor)))
+        links[-1] = Link(name, tuple(_list_bodies(model, body, name, anchor)))
     return links, joints  # MuJoCo numbers bodies depth-first
 
 
-def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
+def _list_bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
     mass = float(model.body_mass[body])
     same = mujoco.mjtSameFrame(int(model.body_sameframe[body]))
-    turn = np.eye(3) if same in ALONG_BODY else _rotation(model.body_iquat[body])
+    turn = np.eye(3) if same in ALONG_BODY else _convert_quaternion(model.body_iquat[body])
     com = np.zeros(3) if same == mujoco.mjtSameFrame.mjSAMEFRAME_BODY else np.array(model.body_ipos[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
     if mass or tensor.any():
         yield Body(name, Inertia.stated(mass, com - anchor, (tensor + tensor.T) / 2))
 
 
-def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
+def _read_joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
     kind = KINDS[JOINT_KIND(int(model.jnt_type[index]))]
-    name = joint_name(model, index)
+    name = resolve_joint_name(model, index)
     start = int(model.jnt_qposadr[index])
     axis = np.array(model.jnt_axis[index])
     if kind not in ("revolute", "prismatic"):
-        return Joint(name, kind, parent, child, at, actuated=kind != "free", **_passive(model, index))
+        return Joint(name, kind, parent, child, at, actuated=kind != "free", **_read_passive_values(model, index))
     ref = float(model.qpos0[start])
-    limited = bool(model.jnt_limited[index]) and not off(model, LIMIT_OFF)
-    back = at.rotation @ (_about(axis, -ref) if kind == "revolute" else np.eye(3))
+    limited = bool(model.jnt_limited[index]) and not is_disabled(model, LIMIT_OFF)
+    back = at.rotation @ (_compute_rotation(axis, -ref) if kind == "revolute" else np.eye(3))
     place = at.position - (at.rotation @ axis * ref if kind == "prismatic" else 0.0)
     limits = (
         Limits(lower=float(model.jnt_range[index][0]), upper=float(model.jnt_range[index][1])) if limited else Limits()
     )
-    stiffness = 0.0 if off(model, SPRING_OFF) else float(model.jnt_stiffness[index])
+    stiffness = 0.0 if is_disabled(model, SPRING_OFF) else float(model.jnt_stiffness[index])
     spring: dict[str, Any] = {"stiffness": stiffness, "rest": float(model.qpos_spring[start])} if stiffness else {}
     return Joint(
-        name, kind, parent, child, Placement(place, back), axis=axis, limits=limits, **spring, **_passive(model, index)
+        name, kind, parent, child, Placement(place, back), axis=axis, limits=limits, **spring, **_read_passive_values(model, index)
     )  # fmt: skip
 
 
-def _passive(model: Any, index: int) -> dict[str, Any]:
+def _read_passive_values(model: Any, index: int) -> dict[str, Any]:
     """Numbers of a joint's drive [kg m^2], [N m s], [N m]; what of a free one acts along world axes is a feature."""
     dof = int(model.jnt_dofadr[index])
     rotor = float(model.dof_armature[dof])
     damping = float(model.dof_damping[dof])
-    for k in actuators_on(model, index):
-        rotor += gear_of(model, k) ** 2 * float(model.actuator_armature[k])
-        damping += gear_of(model, k) ** 2 * float(model.actuator_damping[k])
+    for k in find_actuators(model, index):
+        rotor += read_gear(model, k) ** 2 * float(model.actuator_armature[k])
+        damping += read_gear(model, k) ** 2 * float(model.actuator_damping[k])
     numbers = {
         "rotor_inertia": rotor,
-        "damping": 0.0 if off(model, DAMPER_OFF) else damping,
-        "friction": 0.0 if off(model, FRICTION_OFF) else float(model.dof_frictionloss[dof]),
+        "damping": 0.0 if is_disabled(model, DAMPER_OFF) else damping,
+        "friction": 0.0 if is_disabled(model, FRICTION_OFF) else float(model.dof_frictionloss[dof]),
     }
     if model.jnt_type[index] == JOINT_KIND.mjJNT_FREE:
         numbers["rotor_inertia"] = 0.0
@@ -272,59 +272,61 @@ def _passive(model: Any, index: int) -> dict[str, Any]:
     return numbers
 
 
-def _rotation(quaternion: Any) -> Array:
+def _convert_quaternion(quaternion: Any) -> Array:
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, np.ascontiguousarray(quaternion, dtype=np.float64))
     return matrix.reshape(3, 3)
 
 
-def _about(axis: Array, angle: float) -> Array:
+def _compute_rotation(axis: Array, angle: float) -> Array:
     quaternion = np.empty(4)
     mujoco.mju_axisAngle2Quat(quaternion, axis, angle)
-    return _rotation(quaternion)
+    return _convert_quaternion(quaternion)
 
 
-def _gears(model: Any) -> Iterator[tuple[str, float]]:
+def _list_gears(model: Any) -> Iterator[tuple[str, float]]:
     """Yield joint and gear [-] of every actuator that drives one joint."""
     for index in range(model.njnt):
-        for k in actuators_on(model, index):
-            yield joint_name(model, index), gear_of(model, k)
+        for k in find_actuators(model, index):
+            yield resolve_joint_name(model, index), read_gear(model, k)
 
 
-def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list[str]]:
+def _read_closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list[str]]:
     made: list[Closure] = []
     dropped: list[str] = []
     for k in range(model.neq):
-        name = name_of(model, OBJECT.mjOBJ_EQUALITY, k, "equality")
+        name = resolve_name(model, OBJECT.mjOBJ_EQUALITY, k, "equality")
         kind = EQUALITY(int(model.eq_type[k]))
-        if not active(model, k):
+        if not is_active(model, k):
             dropped.append(f"equality {name!r}: it is not active at the beginning, or a flag disables it")
         elif kind == EQUALITY.mjEQ_JOINT:
-            made.append(_coupling(model, k, name))
-        elif kind == EQUALITY.mjEQ_TENDON and (law := linear_law(model, k)) is not None:
+            made.append(_read_coupling(model, k, name))
+        elif kind == EQUALITY.mjEQ_TENDON and (law := read_linear_law(model, k)) is not None:
             factors, offset = law
             here = Attachment(WORLD)
             made.append(Closure(name, "coupling", here, here, factors=tuple(factors.items()), offset=offset))
         elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD):
-            tie = _tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _tie_of_sites
+            tie = _read_body_tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _read_site_tie
             made.append(tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
     return with_hinges(made), dropped
 
 
-def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
+def _read_site_tie(model: Any, k: int, name: str, weld: bool) -> Closure:
     ends = []
     for site in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):
         body = int(model.site_bodyid[site])
         point = model.site_pos[site]
-        turn = _rotation(model.site_quat[site])
+        turn = _convert_quaternion(model.site_quat[site])
         link, anchor = (
-            (name_of(model, OBJECT.mjOBJ_BODY, body, "body"), _anchor(model, body)) if body else (WORLD, np.zeros(3))
+            (resolve_name(model, OBJECT.mjOBJ_BODY, body, "body"), _read_anchor(model, body))
+            if body
+            else (WORLD, np.zeros(3))
         )
         ends.append(Attachment(link, Placement(point - anchor, turn)))
     return Closure(name, "fixed" if weld else "spherical", ends[0], ends[1])
 
 
-def _coupling(model: Any, k: int, name: str) -> Closure:
+def _read_coupling(model: Any, k: int, name: str) -> Closure:
     """q1 - q1_0 = a0 + a1 (q2 - q2_0)."""
     here = Attachment(WORLD)
     first = int(model.eq_obj1id[k])
@@ -332,19 +334,21 @@ def _coupling(model: Any, k: int, name: str) -> Closure:
     start = float(model.eq_data[k][0])
     slope = float(model.eq_data[k][1])
     offset = start + float(model.qpos0[model.jnt_qposadr[first]])
-    factors = [(joint_name(model, first), 1.0)]
+    factors = [(resolve_joint_name(model, first), 1.0)]
     if second >= 0:
         offset -= slope * float(model.qpos0[model.jnt_qposadr[second]])
-        factors.append((joint_name(model, second), -slope))
+        factors.append((resolve_joint_name(model, second), -slope))
     return Closure(name, "coupling", here, here, factors=tuple(factors), offset=offset)
 
 
-def _tie(model: Any, k: int, name: str, weld: bool) -> Closure:
+def _read_body_tie(model: Any, k: int, name: str, weld: bool) -> Closure:
     ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
     points = (model.eq_data[k][3:6], model.eq_data[k][:3]) if weld else (model.eq_data[k][:3], model.eq_data[k][3:6])
-    turns = (_rotation(model.eq_data[k][6:10]), np.eye(3)) if weld else (np.eye(3), np.eye(3))
+    turns = (_convert_quaternion(model.eq_data[k][6:10]), np.eye(3)) if weld else (np.eye(3), np.eye(3))
     first, second = (
-        Attachment(name_of(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - _anchor(model, body), turn))
+        Attachment(
+            resolve_name(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - _read_anchor(model, body), turn)
+        )
         if body
         else Attachment(WORLD, Placement(np.array(point), turn))
         for body, point, turn in zip(ends, points, turns, strict=True)
@@ -352,7 +356,7 @@ def _tie(model: Any, k: int, name: str, weld: bool) -> Closure:
     return Closure(name, "fixed" if weld else "spherical", first, second)
 
 
-def _anchor(model: Any, body: int) -> Array:
+def _read_anchor(model: Any, body: int) -> Array:
     count = int(model.body_jntnum[body])
     first = int(model.body_jntadr[body])
     if not count or model.jnt_type[first + count - 1] == JOINT_KIND.mjJNT_FREE:
@@ -360,7 +364,7 @@ def _anchor(model: Any, body: int) -> Array:
     return np.array(model.jnt_pos[first + count - 1])
 
 
-def _others(model: Any) -> Iterator[str]:
+def _list_other_parts(model: Any) -> Iterator[str]:
     """Yield what a mechanism has no word for, and no effort feels."""
     for attribute, word, why in PARTS:
         if count := int(getattr(model, attribute, 0)):

@@ -30,10 +30,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.mujoco.joints import Built
-from crosscheck.engines.mujoco.model import quaternion
+from crosscheck.engines.mujoco.model import convert_to_quaternion
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.loop_closure import Moving
-from crosscheck.engines.shared.wrenches import Push, closing, pushes, reactions, wrench_at
+from crosscheck.engines.shared.wrenches import (
+    Push,
+    compute_applied_forces,
+    compute_closure_forces,
+    compute_reactions,
+    evaluate_wrench,
+)
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Mechanism
 
 Array = NDArray[np.float64]
@@ -47,13 +53,13 @@ OFF = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
 STIFF = ((0.004, 1.0), (0.9999, 0.9999, 1e-3, 0.5, 2.0))
 
 
-def furnish(mechanism: Mechanism) -> Callable[[Any], None]:
+def make_loop_extender(mechanism: Mechanism) -> Callable[[Any], None]:
     """Return a function that adds closures and springs to an MjSpec."""
 
-    def extend(spec: Any) -> None:
+    def add_loops(spec: Any) -> None:
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         for closure in mechanism.closures:
-            _equality(spec, closure)
+            _add_equality(spec, closure)
         for spring in mechanism.springs:
             tendon = spec.add_tendon(name=spring.name, springlength=[spring.rest, spring.rest])
             tendon.stiffness[0] = spring.stiffness
@@ -61,14 +67,14 @@ def furnish(mechanism: Mechanism) -> Callable[[Any], None]:
             for at, end in ((spring.first, "first"), (spring.second, "second")):
                 tendon.wrap_site(add_site(spec, at, f"{spring.name}/{end}", np.zeros(3)))
 
-    return extend
+    return add_loops
 
 
 def add_site(spec: Any, at: Attachment, name: str, offset: Array) -> str:
     """Add a site at an attachment, moved by an offset (3,) [m] along its axes; return its name."""
     body = spec.worldbody if at.link == WORLD else spec.body(at.link)
     place = at.placement.position + at.placement.rotation @ offset
-    body.add_site(name=name, pos=place, quat=quaternion(at.placement.rotation))
+    body.add_site(name=name, pos=place, quat=convert_to_quaternion(at.placement.rotation))
     return name
 
 
@@ -77,7 +83,7 @@ def has_equality(closure: Closure) -> bool:
     return closure.kind in EQUALITIES or (closure.kind == "coupling" and len(closure.factors) == 2)
 
 
-def _equality(spec: Any, closure: Closure) -> None:
+def _add_equality(spec: Any, closure: Closure) -> None:
     if closure.kind == "coupling" and has_equality(closure):
         (first, f), (second, g) = closure.factors
         made = spec.add_equality(name=f"{closure.name}/0", type=JOINT, name1=first, name2=second)
@@ -94,12 +100,12 @@ def _equality(spec: Any, closure: Closure) -> None:
         made.solref, made.solimp = STIFF
 
 
-def without_equality(mechanism: Mechanism) -> list[str]:
+def list_missing_equalities(mechanism: Mechanism) -> list[str]:
     """Return the closures that none of MuJoCo's equalities makes up."""
     return [c.name for c in mechanism.closures if not has_equality(c)]
 
 
-def state_of(built: Built, mechanism: Mechanism) -> Any:
+def build_data(built: Built, mechanism: Mechanism) -> Any:
     """Return an MjData in which the equalities of the mechanism's closures are active and no others (``eq_active``)."""
     data = mujoco.MjData(built.model)
     acting = {c.name for c in mechanism.closures}
@@ -141,7 +147,7 @@ class Tree:
     def seen(self) -> list[tuple[Moving, Moving]]:
         """Return the two frames of every closure where the data stands."""
         return [
-            assembly.coupled(c, self.number, self.data.qpos, self.data.qvel)
+            assembly.build_coupling_frames(c, self.number, self.data.qpos, self.data.qvel)
             if c.kind == "coupling"
             else (self.look(c.first), self.look(c.second))
             for c in self.mechanism.closures
@@ -166,7 +172,7 @@ class Tree:
         return Moving(x, turn @ at.placement.rotation, linear, angular, *rates)
 
 
-def closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Array, Array, Array]:
+def solve_closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Array, Array, Array]:
     """Return qpos (samples, nq), qvel, qacc (samples, nv) [rad or m, s] on the closures."""
     m = tree.mechanism
     built = tree.built
@@ -178,7 +184,7 @@ def closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Array, Ar
         first = built.v_at[name]
         unknown[first : first + joint.nv] = True
         unknown_q[at : at + (1 if joint.kind == "continuous" else joint.nq)] = True
-    q, v, a = assembly.closed_motion(assembly.Task(m, tree, unknown, unknown_q), time)
+    q, v, a = assembly.solve_closed_motion(assembly.Task(m, tree, unknown, unknown_q), time)
     for joint in m.joints:
         if joint.kind == "continuous":
             q[:, built.q_at[joint.name]] = np.unwrap(q[:, built.q_at[joint.name]])
@@ -197,7 +203,7 @@ class Shares:
     closures: Array
 
 
-def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) -> Shares:
+def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) -> Shares:
     """Return drives' efforts and what acts on links at the state in the data, qacc included; time [s].
 
     driven, weight : (nv,) which coordinates have a drive, and the weight of its square [-]
@@ -205,43 +211,47 @@ def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) ->
     m = tree.mechanism
     model = tree.built.model
     data = tree.data
-    g = native_rows(tree) if m.closures else np.zeros((0, model.nv))
+    g = compute_equality_rows(tree) if m.closures else np.zeros((0, model.nv))
     model.opt.disableflags |= OFF
     mujoco.mj_inverse(model, data)
     model.opt.disableflags &= ~OFF
     # friction of a joint at rest: taken out, see the head of `mujoco`
-    effort = data.qfrc_inverse + np.where(data.qvel == 0.0, data.qfrc_constraint, 0.0) - forces_on(tree, time)
-    acting = pushes(replace(m, springs=()), time, tree.look)
+    effort = (
+        data.qfrc_inverse
+        + np.where(data.qvel == 0.0, data.qfrc_constraint, 0.0)
+        - compute_generalized_forces(tree, time)
+    )
+    acting = compute_applied_forces(replace(m, springs=()), time, tree.look)
     if not m.closures:
         return Shares(effort, acting, np.zeros((0, 6)))
     pairs = tree.seen()
-    rows = assembly.rows_of(m.closures, pairs)
+    rows = assembly.assemble_rows(m.closures, pairs)
     own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
-    drives = assembly.share_out(np.vstack([g, rows.g[own]]), effort, driven, weight)
-    made = closing(m, pairs, rows, assembly.multipliers(rows.g, effort, drives))
-    return Shares(drives, acting + made, reactions(made, pairs))
+    drives = assembly.split_efforts(np.vstack([g, rows.g[own]]), effort, driven, weight)
+    made = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(rows.g, effort, drives))
+    return Shares(drives, acting + made, compute_reactions(made, pairs))
 
 
-def native_rows(tree: Tree) -> Array:
+def compute_equality_rows(tree: Tree) -> Array:
     """Return the rows of efc_J that are equality constraints, (rows, nv)."""
     mujoco.mj_fwdPosition(tree.built.model, tree.data)
     equality = tree.data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     return np.array(tree.data.efc_J.reshape(-1, tree.built.model.nv)[equality])
 
 
-def forces_on(tree: Tree, time: float) -> Array:
+def compute_generalized_forces(tree: Tree, time: float) -> Array:
     """Return the generalized forces (nv,) [N m] or [N] of given forces at a time [s]."""
     out = np.zeros(tree.built.model.nv)
     for force in tree.mechanism.forces:
         at = tree.look(force.at)
-        wrench = wrench_at(force, time)
+        wrench = evaluate_wrench(force, time)
         axes = at.r if force.follower else np.eye(3)
         body = 0 if force.at.link == WORLD else tree.built.body[force.at.link]
         mujoco.mj_applyFT(tree.built.model, tree.data, axes @ wrench[:3], axes @ wrench[3:], at.x, body, out)
     return out
 
 
-def put_on(tree: Tree, acting: list[Push]) -> None:
+def write_applied_wrenches(tree: Tree, acting: list[Push]) -> None:
     """Write everything that acts on links into xfrc_applied, [N] and [N m] at the bodies' centres of mass."""
     data = tree.data
     data.xfrc_applied[:] = 0.0

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.joints import Built, add_joints, names_of, set_passive
+from crosscheck.engines.mujoco.joints import Built, add_joints, apply_passive_values, list_joint_names
 from crosscheck.engines.shared.urdf_source import check_joints, read_source
 from flexinv.model.mechanism import WORLD, Body, Mechanism
 from flexinv.typing import Array
@@ -35,13 +35,13 @@ def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None
 
     fuse : weld bodies without joints into their parents; extend : what to add to the MjSpec before it is compiled
     """
-    spec, floored = _from_urdf(mechanism) if mechanism.urdf else _from_data(mechanism)
+    spec, floored = _build_from_urdf(mechanism) if mechanism.urdf else _build_from_data(mechanism)
     spec.compiler.fusestatic = fuse
     spec.option.gravity = mechanism.gravity
     if extend is not None:
         extend(spec)
     model = spec.compile()
-    first = {j.name: model.joint(names_of(j)[0]) for j in mechanism.joints if j.nv}
+    first = {j.name: model.joint(list_joint_names(j)[0]) for j in mechanism.joints if j.nv}
     return Built(
         model=model,
         q_at={name: int(joint.qposadr[0]) for name, joint in first.items()},
@@ -51,7 +51,7 @@ def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None
     )
 
 
-def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
+def _build_from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     bodies = {WORLD: spec.worldbody}
@@ -60,13 +60,13 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
         link = bodies[joint.child] = bodies[joint.parent].add_body(
             name=joint.child,
             pos=joint.placement.position,
-            quat=quaternion(joint.placement.rotation),
+            quat=convert_to_quaternion(joint.placement.rotation),
             ipos=np.zeros(3),
             explicitinertial=True,
         )
         add_joints(link, joint)
         carried = mechanism.link_of[joint.child].bodies
-        raised = [_weld(link, f"{joint.child}/{body.name}", body) for body in carried]
+        raised = [_add_body(link, f"{joint.child}/{body.name}", body) for body in carried]
         massless = joint.nv > 0 and not any(body.inertia.mass > FLOOR for body in carried)
         if massless:
             link.mass = FLOOR
@@ -76,7 +76,7 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
     return spec, tuple(floored)
 
 
-def _from_urdf(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
+def _build_from_urdf(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
     source = read_source(mechanism)
     spec = mujoco.MjSpec.from_string(source.text)
     check_joints(mechanism, "MuJoCo", [joint.name for joint in spec.joints])
@@ -85,27 +85,27 @@ def _from_urdf(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
         spec.body(root.child).add_freejoint(name=root.name)
     for joint in mechanism.joints:
         if joint.nv:
-            set_passive(spec.joint(joint.name), joint)
+            apply_passive_values(spec.joint(joint.name), joint)
     for link, body in source.overlays:
-        _weld(spec.body(link), f"{link}/{body.name}", body)
+        _add_body(spec.body(link), f"{link}/{body.name}", body)
     return spec, ()
 
 
-def _weld(link: Any, name: str, body: Body) -> bool:
+def _add_body(link: Any, name: str, body: Body) -> bool:
     """Add a body that moves with the link; return whether its inertia had to be raised to the floor."""
-    principal, axes, raised = principal_inertia(body.inertia.tensor)
+    principal, axes, raised = compute_principal_inertia(body.inertia.tensor)
     link.add_body(
         name=name,
         mass=body.inertia.mass,
         ipos=body.inertia.com,
         inertia=principal,
-        iquat=quaternion(axes),
+        iquat=convert_to_quaternion(axes),
         explicitinertial=True,
     )
     return raised
 
 
-def principal_inertia(tensor: Array) -> tuple[Array, NDArray[np.float64], bool]:
+def compute_principal_inertia(tensor: Array) -> tuple[Array, NDArray[np.float64], bool]:
     """Return principal inertias (3,) [kg m^2], their axes (3, 3) as right-handed columns, and whether FLOOR was needed.
 
     Deficits of the size of rounding are filled; a tensor that no body can have stays what it is, for MuJoCo to refuse.
@@ -126,7 +126,7 @@ def principal_inertia(tensor: Array) -> tuple[Array, NDArray[np.float64], bool]:
     return principal, axes, bool(small.any())
 
 
-def quaternion(rotation: Array) -> Array:
+def convert_to_quaternion(rotation: Array) -> Array:
     """Return w, x, y, z [-] of a rotation matrix, by MuJoCo's own function."""
     wxyz = np.empty(4)
     mujoco.mju_mat2Quat(wxyz, np.ascontiguousarray(rotation, dtype=np.float64).ravel())

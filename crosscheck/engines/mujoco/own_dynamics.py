@@ -20,8 +20,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.compiled.names import joint_names
-from crosscheck.engines.mujoco.joints import STIFF_FRICTION, Built, effort_from_engine, from_engine, to_engine
+from crosscheck.engines.mujoco.compiled.names import list_joint_names
+from crosscheck.engines.mujoco.joints import (
+    STIFF_FRICTION,
+    Built,
+    convert_effort_from_engine,
+    convert_from_engine,
+    convert_to_engine,
+)
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
@@ -31,7 +37,7 @@ SCALARS = ("revolute", "prismatic")
 ONE_NUMBER = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def switch_nothing_off(model: Any, names: Collection[str]) -> None:
+def remove_nothing(model: Any, names: Collection[str]) -> None:
     """Leave a model as it is: it has no features."""
 
 
@@ -46,7 +52,7 @@ class OwnDynamics:
     model: Any
     mechanism: Mechanism
     built: Built
-    switch_off: Callable[[Any, Collection[str]], None] = switch_nothing_off
+    switch_off: Callable[[Any, Collection[str]], None] = remove_nothing
     precision: float = 0.0
     _models: dict[frozenset[str], Any] = field(default_factory=dict)
     _tied_models: dict[frozenset[str], Any] = field(default_factory=dict)
@@ -63,12 +69,12 @@ class OwnDynamics:
 
         gravity : (3,) [m/s^2] instead of the model's; without : names of features that are switched off
         """
-        model = self._model(frozenset(without))
+        model = self._build_model(frozenset(without))
         stated = model.opt.gravity.copy()
         if gravity is not None:
             model.opt.gravity[:] = gravity
         built = Built(model, self.built.q_at, self.built.v_at, self.built.body)
-        state = to_engine(self.mechanism, built, q, qd, qdd)
+        state = convert_to_engine(self.mechanism, built, q, qd, qdd)
         data = mujoco.MjData(model)
         force = np.empty((len(q), model.nv))
         for k in range(len(q)):
@@ -78,12 +84,12 @@ class OwnDynamics:
             mujoco.mj_inverse(model, data)
             force[k] = data.qfrc_inverse
         model.opt.gravity[:] = stated
-        return effort_from_engine(self.mechanism, built, q, force)
+        return convert_effort_from_engine(self.mechanism, built, q, force)
 
     @property
     def start(self) -> Array:
         """Return qpos0 in the mechanism's coordinates (nq,) [rad], [m]."""
-        place: Array = from_engine(self.mechanism, self.built, self.model.qpos0[None])[0]
+        place: Array = convert_from_engine(self.mechanism, self.built, self.model.qpos0[None])[0]
         return place
 
     def closing(self, q: Array, without: Collection[str] = ()) -> tuple[Array, Array] | None:
@@ -93,19 +99,19 @@ class OwnDynamics:
         """
         if not self.model.neq:
             return None
-        model = self._tied(frozenset(without))
+        model = self._build_constraint_model(frozenset(without))
         none = np.zeros((1, self.mechanism.nv))
         built = Built(model, self.built.q_at, self.built.v_at, self.built.body)
         data = mujoco.MjData(model)
-        data.qpos[:] = to_engine(self.mechanism, built, q[None], none, none).q[0]
+        data.qpos[:] = convert_to_engine(self.mechanism, built, q[None], none, none).q[0]
         for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
             stage(model, data)
         rows = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         jacobian = data.efc_J.reshape(-1, model.nv)[rows]
-        theirs = effort_from_engine(self.mechanism, built, np.tile(q, (len(jacobian), 1)), jacobian)
+        theirs = convert_effort_from_engine(self.mechanism, built, np.tile(q, (len(jacobian), 1)), jacobian)
         return np.array(data.efc_pos[rows]), theirs
 
-    def _tied(self, without: frozenset[str]) -> Any:
+    def _build_constraint_model(self, without: frozenset[str]) -> Any:
         """The model with equality constraints alone."""
         if without not in self._tied_models:
             model = copy.copy(self.model)
@@ -115,7 +121,7 @@ class OwnDynamics:
             self._tied_models[without] = model
         return self._tied_models[without]
 
-    def _model(self, without: frozenset[str]) -> Any:
+    def _build_model(self, without: frozenset[str]) -> Any:
         """The model as it answers, with features switched off."""
         if without not in self._models:
             model = copy.copy(self.model)
@@ -130,7 +136,7 @@ class OwnDynamics:
         return self._models[without]
 
 
-def built_of(model: Any, names: Mapping[int, str]) -> Built:
+def find_joint_addresses(model: Any, names: Mapping[int, str]) -> Built:
     """Return the places of the joints of a compiled model in it; names : of its joints by number."""
     q_at = {name: int(model.jnt_qposadr[index]) for index, name in names.items()}
     v_at = {name: int(model.jnt_dofadr[index]) for index, name in names.items()}
@@ -142,12 +148,12 @@ def dynamics(path: Path, mechanism: Mechanism) -> OwnDynamics:
 
     Raises InputError where MuJoCo refuses the file, or has other joints.
     """
-    from crosscheck.engines.mujoco.lift import compiled  # which needs this module
+    from crosscheck.engines.mujoco.lift import read_model  # which needs this module
 
-    model = compiled(path)
-    names = joint_names(model)
+    model = read_model(path)
+    names = list_joint_names(model)
     wanted = {joint.name for joint in mechanism.joints if joint.nv}
     if set(names.values()) != wanted:
         odd = sorted(set(names.values()) ^ wanted)
         raise InputError(f"{path}: MuJoCo has other joints than the mechanism: {', '.join(odd[:6])}")
-    return OwnDynamics(model, mechanism, built_of(model, names))
+    return OwnDynamics(model, mechanism, find_joint_addresses(model, names))

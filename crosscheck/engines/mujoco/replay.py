@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.joints import to_engine
+from crosscheck.engines.mujoco.joints import convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.prescribed import passive_effort
 from crosscheck.engines.shared.replay import Array, Drive
@@ -24,7 +24,7 @@ def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
     still = np.zeros((1, mechanism.nv))
     if passive_effort(mechanism, still + 1.0).any():
         raise ValueError("replayed in MuJoCo are arms without damping and dry friction in their joints")
-    data.qpos[:] = to_engine(mechanism, built, drive.q[None], still, still).q[0]
+    data.qpos[:] = convert_to_engine(mechanism, built, drive.q[None], still, still).q[0]
     efforts = drive.efforts(mechanism.actuated)
     order = np.concatenate([built.v_at[j.name] + np.arange(j.nv) for j in mechanism.joints if j.nv])
     tip = {link.name: np.empty((len(efforts), 3)) for link in mechanism.links}

@@ -25,7 +25,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.joints import Built
-from crosscheck.engines.mujoco.model import FLOOR, build, quaternion
+from crosscheck.engines.mujoco.model import FLOOR, build, convert_to_quaternion
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Link, Mechanism
 
@@ -39,7 +39,7 @@ PARALLEL = 1e-9  # [-] two directions from decimals and rotations written in a f
 class Rod:
     """The beam as MuJoCo gets it.
 
-    beam : its data; bent : 1 or 2, see ``bending_axis``; tip : point mass at the end [kg]; elements : number of edges
+    beam : its data; bent : 1 or 2, see ``find_bending_axis``; tip : point mass at the end [kg]; elements : number of edges
     """
 
     link: str
@@ -84,26 +84,26 @@ class Rod:
         return f"{self.link}/point {k}"
 
 
-def rod_of(mechanism: Mechanism, elements: int) -> Rod:
+def build_rod(mechanism: Mechanism, elements: int) -> Rod:
     """Return the only beam of a mechanism as a rod of ``elements`` edges; its end carries the point masses [kg].
 
     Raises InputError where motion or gravity leave the beam's plane, as they may in a model that was changed after it was taken.
     """
     (link,) = mechanism.beams
-    bent = bending_axis(mechanism, link)
+    bent = find_bending_axis(mechanism, link)
     if bent is None:
-        raise InputError(f"mechanism '{mechanism.name}': {out_of_plane(link)}")
+        raise InputError(f"mechanism '{mechanism.name}': {describe_spatial_bending(link)}")
     assert link.beam is not None
     tip = sum(body.inertia.mass for body in link.bodies if body.station == 1.0)
     return Rod(link.name, link.beam, bent, tip, elements)
 
 
-def out_of_plane(link: Link) -> str:
+def describe_spatial_bending(link: Link) -> str:
     """Return the reason why a flex cannot be the beam of a link that does not stay in a plane."""
     return f"{NO_FRAME}, so no twist: motion and gravity must stay in a plane of the section of {link.name}"
 
 
-def bending_axis(mechanism: Mechanism, link: Link) -> int | None:
+def find_bending_axis(mechanism: Mechanism, link: Link) -> int | None:
     """Return in which direction of its section the beam bends: 1 (y), 2 (z), None where it leaves a plane.
 
     With n the other direction: every turning axis lies along n, every sliding axis and gravity lie across n.
@@ -128,25 +128,25 @@ def bending_axis(mechanism: Mechanism, link: Link) -> int | None:
     return None
 
 
-def flexible(mechanism: Mechanism, rod: Rod, step: float) -> Built:
+def build_flexible_model(mechanism: Mechanism, rod: Rod, step: float) -> Built:
     """Return MuJoCo's model of the mechanism without drives, with a flex for the rod; step [s]."""
-    return build(_rigid_part(mechanism, rod), extend=lambda spec: _add_rod(spec, rod, step))
+    return build(_build_rigid_part(mechanism, rod), extend=lambda spec: _add_rod(spec, rod, step))
 
 
-def _rigid_part(mechanism: Mechanism, rod: Rod) -> Mechanism:
+def _build_rigid_part(mechanism: Mechanism, rod: Rod) -> Mechanism:
     """The mechanism without drives; of the beam what moves with its link: bodies at the root and half an edge's mass."""
     half = Body("half an edge", Inertia.stated(rod.density * rod.edge / 2), 0.0)
     links = []
     for link in mechanism.links:
         if link.beam is not None:
             bodies = (half, *(b for b in link.bodies if b.station in (None, 0.0)))
-            link = replace(link, beam=None, bodies=tuple(_in_link(b, link.beam) for b in bodies))
+            link = replace(link, beam=None, bodies=tuple(_convert_to_link_frame(b, link.beam) for b in bodies))
         links.append(link)
     joints = (replace(j, rotor_inertia=0.0, damping=0.0, friction=0.0) for j in mechanism.joints)
     return replace(mechanism, links=tuple(links), joints=tuple(joints))
 
 
-def _in_link(body: Body, beam: Beam) -> Body:
+def _convert_to_link_frame(body: Body, beam: Beam) -> Body:
     """A body at the root section seen in the link's frame: c' = p + R c, I' = R I R^T."""
     place = beam.placement.position
     rotation = beam.placement.rotation
@@ -172,7 +172,7 @@ def _add_point(link: Any, rod: Rod, k: int) -> None:
     point = link.add_body(
         name=rod.point(k),
         pos=place.position + place.rotation[:, 0] * (k * rod.edge),
-        quat=quaternion(place.rotation),
+        quat=convert_to_quaternion(place.rotation),
         mass=rod.density * rod.edge * (0.5 if last else 1.0) + (rod.tip if last else 0.0),
         inertia=np.full(3, FLOOR),
         ipos=np.zeros(3),

@@ -27,12 +27,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, beside, module_beside, sample_times
+from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
 from crosscheck.engines.pinocchio import phases as pinocchio_phases
-from crosscheck.engines.pinocchio.model import Built, build, inverse_dynamics
+from crosscheck.engines.pinocchio.model import Built, build, compute_inverse_dynamics
 from crosscheck.engines.shared import loop_closure as assembly
-from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort
+from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort
 from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 certify = beside("crosscheck.engines.pinocchio.certificate", "certify")
 export = beside("crosscheck.engines.pinocchio.export", "export")
 replay = beside("crosscheck.engines.pinocchio.replay", "replay")
-bench = module_beside("crosscheck.engines.pinocchio.bench")
+bench = make_lazy_module("crosscheck.engines.pinocchio.bench")
 lift = beside("crosscheck.engines.pinocchio.lift", "lift")
 lifts = beside("crosscheck.engines.pinocchio.lift", "lifts")
 dynamics = beside("crosscheck.engines.pinocchio.own_dynamics", "dynamics")
@@ -81,7 +81,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     time = sample_times(case)
     start = clock.perf_counter()
     built = build(mechanism)
-    held = _held(mechanism, case, built, time)
+    held = _solve_efforts(mechanism, case, built, time)
     wall = clock.perf_counter() - start
     algorithm = "rnea, projected on the closures' Jacobian" if mechanism.closures else "rnea"
     return Record(
@@ -89,23 +89,23 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         version=version(),
         settings={"algorithm": algorithm, "model": "URDF" if mechanism.urdf else "Model.addJoint"},
         time=time,
-        series=_series(mechanism, held),
+        series=_collect_series(mechanism, held),
         wall_time=wall,
     )
 
 
-def _held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> pinocchio_loops.Held:
+def _solve_efforts(mechanism: Mechanism, case: Case, built: Built, time: Array) -> pinocchio_loops.Held:
     """Efforts and wrenches: of loops, phase by phase, or of an open tree."""
     if mechanism.closures:
-        return pinocchio_phases.held(mechanism, case, built, time)
-    state = pinocchio_loops.motion(mechanism, case, built, time)
-    if beyond_a_tree(mechanism):
-        return pinocchio_loops.held(mechanism, built, time, state)
-    result = inverse_dynamics(built, *state)
+        return pinocchio_phases.solve_phase_efforts(mechanism, case, built, time)
+    state = pinocchio_loops.solve_motion(mechanism, case, built, time)
+    if describe_nontree_parts(mechanism):
+        return pinocchio_loops.solve_efforts(mechanism, built, time, state)
+    result = compute_inverse_dynamics(built, *state)
     return pinocchio_loops.Held(result.torque + passive_effort(mechanism, state[1]), result)
 
 
-def _series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[str, Series]:
+def _collect_series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[str, Series]:
     out = torque_series(mechanism, held.torque)
     for link, place in held.dynamics.tip.items():
         out |= vector_series(f"tip/{link}", "m", place)

@@ -12,19 +12,19 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines.pinocchio.model import build, to_engine
+from crosscheck.engines.pinocchio.model import build, convert_to_engine
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 Work = tuple[Callable[[], Array], Callable[[Array], Array]]
 
 
-def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Work:
+def prepare_loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Work:
     """Call ``pin.rnea`` for every sample (samples, nq), (samples, nv) [rad, s]; torques (samples, nv) [N m]."""
     built = build(mechanism)
     model = built.model
     data = built.model.createData()
-    state = to_engine(built, q, qd, qdd)
+    state = convert_to_engine(built, q, qd, qdd)
     tau = np.empty((len(q), model.nv))
 
     def run() -> Array:
@@ -35,14 +35,14 @@ def loop(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Work:
     return run, lambda answer: answer[:, built.v_order]
 
 
-def parallel(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, threads: int) -> Work:
+def prepare_parallel(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, threads: int) -> Work:
     """Call ``rneaInParallel`` on all samples (samples, nq), (samples, nv) [rad, s]; torques (samples, nv) [N m].
 
     It gets what it likes best: matrices in Fortran's order, and one to write into.
     """
     built = build(mechanism)
     pool = pin.ModelPool(built.model, threads)
-    state = [np.asfortranarray(part.T) for part in to_engine(built, q, qd, qdd)]
+    state = [np.asfortranarray(part.T) for part in convert_to_engine(built, q, qd, qdd)]
     tau = np.zeros((built.model.nv, len(q)), order="F")
 
     def run() -> Array:

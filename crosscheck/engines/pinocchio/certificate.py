@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
-from crosscheck.engines.pinocchio.model import Built, build, to_engine
+from crosscheck.engines.pinocchio.model import Built, build, convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
-from crosscheck.engines.shared.prescribed import passive
-from crosscheck.engines.shared.probe_states import Array, about_origin, configurations
+from crosscheck.engines.shared.prescribed import collect_passive_elements
+from crosscheck.engines.shared.probe_states import Array, configurations, move_inertia_to_origin
 from crosscheck.measures.certificate import Certificate
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism, Placement
@@ -27,7 +27,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     data = built.model.createData()
     q = configurations(mechanism, case)
     rest = np.zeros((len(q), mechanism.nv))
-    places = to_engine(built, q, rest, rest)[0]
+    places = convert_to_engine(built, q, rest, rest)[0]
     order = built.v_order
     matrix = np.empty((len(q), model.nv, model.nv))
     gravity = np.empty((len(q), model.nv))
@@ -37,9 +37,9 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         matrix[k] = upper + np.triu(upper, 1).T
         gravity[k] = pin.computeGeneralizedGravity(model, data, place)
         com[k] = pin.centerOfMass(model, data, place)
-    residual, rank = _closures(mechanism, case, built)
+    residual, rank = _compute_closure_residual(mechanism, case, built)
     lumps = {name: frame.actInv(model.inertias[index]) for name, (index, frame) in built.joint.items()}
-    second = {name: about_origin(float(i.mass), i.lever, i.inertia) for name, i in lumps.items()}
+    second = {name: move_inertia_to_origin(float(i.mass), i.lever, i.inertia) for name, i in lumps.items()}
     return Certificate(
         mass=float(pin.computeTotalMass(model)),
         masses={name: float(model.inertias[index].mass) for name, (index, _) in built.joint.items()},
@@ -48,16 +48,16 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         com=com,
         mass_matrix=matrix[:, order][:, :, order],
         gravity=gravity[:, order],
-        axes=_axes(mechanism, built, places),
-        order=tuple(_known(mechanism, name) for name in list(model.names)[1:]),
+        axes=_compute_joint_axes(mechanism, built, places),
+        order=tuple(_resolve_joint_name(mechanism, name) for name in list(model.names)[1:]),
         residual=residual,
         rank=rank,
-        **passive(mechanism),
-        **_ends(mechanism, case, built),
+        **collect_passive_elements(mechanism),
+        **_read_closure_ends(mechanism, case, built),
     )
 
 
-def _ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
     """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
     tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
     place, rate, _ = tree.given(np.zeros(1))
@@ -74,11 +74,11 @@ def _ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
     return {"closure_points": points, "closure_axes": axes}
 
 
-def _known(mechanism: Mechanism, name: str) -> str:
+def _resolve_joint_name(mechanism: Mechanism, name: str) -> str:
     return mechanism.joints[0].name if name == "root_joint" else name
 
 
-def _axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
+def _compute_joint_axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
     """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
     model = built.model
     data = built.model.createData()
@@ -94,7 +94,7 @@ def _axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]
     return {name: np.array(rows) for name, rows in found.items()}
 
 
-def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
     """Largest residual of the closures' equations and their rank, where the motion starts; as guessed if they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):
         return None, None
@@ -102,8 +102,8 @@ def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | N
     place, rate, _ = tree.given(np.zeros(1))
     closes = True
     try:
-        place, rate, _ = to_engine(built, *pinocchio_loops.motion(mechanism, case, built, np.zeros(1)))
+        place, rate, _ = convert_to_engine(built, *pinocchio_loops.solve_motion(mechanism, case, built, np.zeros(1)))
     except assembly.AssemblyError:
         closes = False
-    rows = assembly.rows_of(mechanism.closures, tree.pairs(place[0], rate[0]))
-    return float(np.abs(rows.phi).max()) if closes else None, assembly.rank(rows.g)
+    rows = assembly.assemble_rows(mechanism.closures, tree.pairs(place[0], rate[0]))
+    return float(np.abs(rows.phi).max()) if closes else None, assembly.compute_rank(rows.g)

@@ -18,8 +18,16 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.pinocchio import adapter
 from crosscheck.engines.pinocchio import phases as pinocchio_phases
 from crosscheck.engines.shared import loop_closure as assembly
-from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
-from crosscheck.engines.shared.urdf_text import left_to_the_reader, urdf
+from crosscheck.engines.shared.export_files import (
+    Array,
+    Motion,
+    NotExported,
+    check_rigid,
+    collect_sharing_settings,
+    write,
+    write_forces,
+)
+from crosscheck.engines.shared.urdf_text import has_implicit_root, write_urdf
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
 
@@ -32,14 +40,14 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     Raises NotExported for beams and for joints that URDF does not have.
     """
     check_rigid(mechanism, engine)
-    text = urdf(mechanism)
+    text = write_urdf(mechanism)
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    free = left_to_the_reader(mechanism)
+    free = has_implicit_root(mechanism)
     model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free else []))
-    q_order, v_order = _order(mechanism, model)
-    followed = pinocchio_phases.follow_phases(mechanism, case, adapter.build(mechanism), time)
+    q_order, v_order = _find_coordinate_order(mechanism, model)
+    followed = pinocchio_phases.solve_phases(mechanism, case, adapter.build(mechanism), time)
     q, qd, qdd = (np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True))
     q_names, v_names = (
         [names[k] for k in order]
@@ -54,60 +62,72 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     }
     settings = {"engine": engine, "free_base": free, "gravity_m_per_s2": mechanism.gravity.tolist(), **drives}
     spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
-    settings |= sharing(mechanism, v_order, spans) | _beyond(mechanism, np.argsort(q_order), np.argsort(v_order))
-    forces(folder, mechanism, time)
+    settings |= collect_sharing_settings(mechanism, v_order, spans) | _collect_loop_parts(
+        mechanism, np.argsort(q_order), np.argsort(v_order)
+    )
+    write_forces(folder, mechanism, time)
     write(folder, motion, "run_pinocchio.py.txt", {"model.urdf": text}, settings)
 
 
-def _beyond(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> dict[str, Any]:
+def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> dict[str, Any]:
     """Return closures, springs and given forces in words; q_at, v_at : where the mechanism's coordinates stand."""
 
-    def number(name: str) -> dict[str, Any]:
+    def find_indices(name: str) -> dict[str, Any]:
         q = mechanism.q_slices[name]
         v = mechanism.v_slices[name]
         return {"q": q_at[q].tolist(), "v": int(v_at[v.start])}
 
     return {
-        "closures": [_closure(mechanism, c, number) for c in mechanism.closures],
+        "closures": [_convert_closure(mechanism, c, find_indices) for c in mechanism.closures],
         "springs": [
-            {"name": s.name, "first": _seat(s.first), "second": _seat(s.second), "stiffness": s.stiffness}
+            {
+                "name": s.name,
+                "first": _convert_attachment(s.first),
+                "second": _convert_attachment(s.second),
+                "stiffness": s.stiffness,
+            }
             | {"rest": s.rest, "damping": s.damping}
             for s in mechanism.springs
         ],
         "joint_springs": [
-            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, **number(j.name)}
+            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, **find_indices(j.name)}
             for j in mechanism.joints
             if j.stiffness
         ],
-        "forces": [{"name": f.name, "at": _seat(f.at), "follower": f.follower} for f in mechanism.forces],
+        "forces": [{"name": f.name, "at": _convert_attachment(f.at), "follower": f.follower} for f in mechanism.forces],
     }
 
 
-def _closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+def _convert_closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
     if closure.kind == "coupling":
         rows = [{"factor": factor, **number(name)} for name, factor in closure.factors]
         return {"name": closure.name, "kind": closure.kind, "offset": closure.offset, "coupled": rows}
-    along, pairs = assembly.equations(closure)
+    along, pairs = assembly.build_equation_vectors(closure)
     return {
-        **{"name": closure.name, "kind": closure.kind, "first": _seat(closure.first), "second": _seat(closure.second)},
+        **{
+            "name": closure.name,
+            "kind": closure.kind,
+            "first": _convert_attachment(closure.first),
+            "second": _convert_attachment(closure.second),
+        },
         "positions": [u.tolist() for u in along],
         "directions": [[u.tolist(), w.tolist()] for u, w in pairs],
     }
 
 
-def _seat(at: Attachment) -> dict[str, Any]:
+def _convert_attachment(at: Attachment) -> dict[str, Any]:
     """Return an attachment: link, and its frame there."""
     return {"link": at.link, "position": at.placement.position.tolist(), "rotation": at.placement.rotation.tolist()}
 
 
-def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
+def _find_coordinate_order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
     """Return the mechanism's coordinate at every index of the model's q and v."""
     q = np.zeros(model.nq, dtype=np.intp)
     v = np.zeros(model.nv, dtype=np.intp)
     for joint in mechanism.joints:
         first_q = mechanism.q_slices[joint.name].start
         first_v = mechanism.v_slices[joint.name].start
-        for name, nq, nv in _parts(joint, left_to_the_reader(mechanism) and joint is mechanism.joints[0]):
+        for name, nq, nv in _list_model_joints(joint, has_implicit_root(mechanism) and joint is mechanism.joints[0]):
             theirs = model.joints[model.getJointId(name)]
             q[theirs.idx_q : theirs.idx_q + nq] = first_q + np.arange(nq)
             v[theirs.idx_v : theirs.idx_v + nv] = first_v + np.arange(nv)
@@ -116,7 +136,7 @@ def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
     return q, v
 
 
-def _parts(joint: Joint, root: bool) -> list[tuple[str, int, int]]:
+def _list_model_joints(joint: Joint, root: bool) -> list[tuple[str, int, int]]:
     """Return name, nq and nv of the model's joints that make up one of the mechanism; root : the reader adds it."""
     if root:
         return [("root_joint", 7, 6)]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from crosscheck.engines.pinocchio.own_dynamics import dynamics_of
+from crosscheck.engines.pinocchio.own_dynamics import build_dynamics
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.hinges import with_hinges
 from crosscheck.lifting.names import unique_names
@@ -46,41 +46,41 @@ def lifts(source: Any) -> bool:
 def lift(source: Any, label: str = "") -> Description:
     """Return the description of a file, or of a model in memory [m, kg, rad].  Raises InputError with Pinocchio's words."""
     if isinstance(source, pin.Model):
-        return _described(source, label or source.name, "live", None)
+        return _build_description(source, label or source.name, "live", None)
     path = Path(source)
     kind = "urdf" if read_xml(path).tag == "robot" else "mjcf"
     try:
-        model, ties = (pin.buildModelFromUrdf(str(path)), []) if kind == "urdf" else _mjcf(path)
+        model, ties = (pin.buildModelFromUrdf(str(path)), []) if kind == "urdf" else _read_mjcf(path)
     except (ValueError, RuntimeError, IndexError, TypeError) as error:
         raise InputError(f"{path}: Pinocchio refuses it: {' '.join(str(error).split())}") from None
-    return _described(model, label or path.name, kind, path, ties)
+    return _build_description(model, label or path.name, kind, path, ties)
 
 
-def _mjcf(path: Path) -> tuple[Any, list[Any]]:
+def _read_mjcf(path: Path) -> tuple[Any, list[Any]]:
     """The model of an MJCF, and what closes its loops: anchors of points and of frames."""
     model, points, frames = pin.buildModelAndConstraintsFromMJCF(str(path))
     return model, [*points, *frames]
 
 
-def _described(model: Any, label: str, kind: str, path: Path | None, ties: Iterable[Any] = ()) -> Description:
-    model = _named(model)
-    names = _bodies(model)
+def _build_description(model: Any, label: str, kind: str, path: Path | None, ties: Iterable[Any] = ()) -> Description:
+    model = _apply_unique_names(model)
+    names = _list_body_names(model)
     joints: list[Joint] = []
     links: list[Link] = []
     closures: list[Closure] = []
     held = model.inertias[0]
     if held.mass:  # what the parser found welded to the world
         joints.append(Joint("base on world", "fixed", WORLD, names[0], actuated=False))
-        links.append(Link(names[0], (Body(names[0], _inertia(held)),)))
+        links.append(Link(names[0], (Body(names[0], _convert_inertia(held)),)))
     for k in range(1, model.njoints):
         parent = names[model.parents[k]] if model.parents[k] else WORLD
-        made = _joint(model, k, parent, names[k])
+        made = _read_joint(model, k, parent, names[k])
         joints.append(made)
-        body = _inertia(model.inertias[k])
+        body = _convert_inertia(model.inertias[k])
         links.append(Link(names[k], (Body(names[k], body),) if body.mass or body.tensor.any() else ()))
         if "Mimic" in model.joints[k].shortname():
-            closures.append(_mimic(model, k))
-    closures += with_hinges(_tie(tie, [WORLD, *names[1:]], k) for k, tie in enumerate(ties))
+            closures.append(_read_mimic(model, k))
+    closures += with_hinges(_read_tie(tie, [WORLD, *names[1:]], k) for k, tie in enumerate(ties))
     mechanism = Mechanism(
         name=label,
         links=tuple(links),
@@ -91,12 +91,12 @@ def _described(model: Any, label: str, kind: str, path: Path | None, ties: Itera
     stated = kind != "urdf"
     found = Description(label, mechanism, kind, "pinocchio", file=path, root_stated=stated, gravity_stated=stated)
     try:
-        return replace(found, dynamics=dynamics_of(model, mechanism, label))
+        return replace(found, dynamics=build_dynamics(model, mechanism, label))
     except InputError as error:
         return replace(found, unproven=str(error))
 
 
-def _bodies(model: Any) -> list[str]:
+def _list_body_names(model: Any) -> list[str]:
     """Name of the first body frame at every joint, that of the joint where there is none."""
     found: dict[int, str] = {}
     for frame in model.frames:
@@ -109,7 +109,7 @@ def _bodies(model: Any) -> list[str]:
     return ["held base" if "base" in moving else "base", *moving]
 
 
-def _named(model: Any) -> Any:
+def _apply_unique_names(model: Any) -> Any:
     """The model with joints that have a name each, after those before them where a model in memory has one twice."""
     paths = [""]
     for k in range(1, model.njoints):
@@ -123,32 +123,32 @@ def _named(model: Any) -> Any:
     return named
 
 
-def _inertia(found: Any) -> Inertia:
+def _convert_inertia(found: Any) -> Inertia:
     return Inertia.stated(float(found.mass), np.array(found.lever), np.array(found.inertia))
 
 
-def _joint(model: Any, k: int, parent: str, child: str) -> Joint:
-    kind, axes, pitch = _kind(model.joints[k], model.names[k])
+def _read_joint(model: Any, k: int, parent: str, child: str) -> Joint:
+    kind, axes, pitch = _resolve_joint_kind(model.joints[k], model.names[k])
     at = Placement(np.array(model.jointPlacements[k].translation), np.array(model.jointPlacements[k].rotation))
     first = model.joints[k].idx_v
     words: dict[str, Any] = {
-        "rotor_inertia": _at(model.armature, first), "damping": _at(model.damping, first),
-        "friction": _at(model.upperDryFrictionLimit, first),
+        "rotor_inertia": _take_number(model.armature, first), "damping": _take_number(model.damping, first),
+        "friction": _take_number(model.upperDryFrictionLimit, first),
     }  # fmt: skip
     return Joint(
         model.names[k], kind, parent, child, at, axis=axes[0], second_axis=axes[-1], pitch=pitch,
-        limits=_limits(model, k, kind), actuated=kind != "free", **words,
+        limits=_read_limits(model, k, kind), actuated=kind != "free", **words,
     )  # fmt: skip
 
 
-def _at(values: Any, index: int) -> float:
+def _take_number(values: Any, index: int) -> float:
     return float(values[index]) if 0 <= index < len(values) else 0.0
 
 
-def _limits(model: Any, k: int, kind: str) -> Limits:
+def _read_limits(model: Any, k: int, kind: str) -> Limits:
     joint = model.joints[k]
-    effort = _bound(model.upperEffortLimit, joint.idx_v)
-    velocity = _bound(model.upperVelocityLimit, joint.idx_v)
+    effort = _read_bound(model.upperEffortLimit, joint.idx_v)
+    velocity = _read_bound(model.upperVelocityLimit, joint.idx_v)
     if kind not in ("revolute", "prismatic", "helical"):
         return Limits(effort, velocity)
     lower = float(model.lowerPositionLimit[joint.idx_q])
@@ -157,13 +157,13 @@ def _limits(model: Any, k: int, kind: str) -> Limits:
     return Limits(effort, velocity, lower if lower > -far else -np.inf, upper if upper < far else np.inf)
 
 
-def _bound(values: Any, index: int) -> float:
+def _read_bound(values: Any, index: int) -> float:
     """Largest effort or speed; zero and the largest number mean that none is stated."""
-    value = _at(values, index)
+    value = _take_number(values, index)
     return value if 0.0 < value < 1e300 else np.inf
 
 
-def _kind(joint: Any, name: str) -> tuple[str, tuple[Array, ...], float]:
+def _resolve_joint_kind(joint: Any, name: str) -> tuple[str, tuple[Array, ...], float]:
     """Kind, axes and pitch [m] of a turn of one of Pinocchio's joints."""
     word = joint.shortname().removeprefix("JointModel")
     plain = word.removeprefix("Mimic").strip("<>_")
@@ -185,7 +185,7 @@ def _kind(joint: Any, name: str) -> tuple[str, tuple[Array, ...], float]:
     raise InputError(f"joint {name!r}: a mechanism has no joint like Pinocchio's {word}")
 
 
-def _tie(tie: Any, links: list[str], number: int) -> Closure:
+def _read_tie(tie: Any, links: list[str], number: int) -> Closure:
     """The closure of an anchor of points or frames; links : by joint, the world first."""
     ends = [
         Attachment(links[joint], Placement(np.array(at.translation), np.array(at.rotation)))
@@ -195,7 +195,7 @@ def _tie(tie: Any, links: list[str], number: int) -> Closure:
     return Closure(f"{kind} {number}", kind, ends[0], ends[1])
 
 
-def _mimic(model: Any, k: int) -> Closure:
+def _read_mimic(model: Any, k: int) -> Closure:
     joint = model.joints[k].extract()
     here = Attachment(WORLD)
     other = model.names[joint.id_primary] if hasattr(joint, "id_primary") else model.names[joint.jmodel_ref.id]

@@ -19,11 +19,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines.pinocchio.model import Built, Dynamics, inverse_dynamics, to_engine
+from crosscheck.engines.pinocchio.model import Built, Dynamics, compute_inverse_dynamics, convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.loop_closure import Moving, Task
-from crosscheck.engines.shared.prescribed import passive_effort, spring_effort
-from crosscheck.engines.shared.wrenches import Push, closing, pushes, reactions
+from crosscheck.engines.shared.prescribed import compute_spring_effort, passive_effort
+from crosscheck.engines.shared.wrenches import Push, compute_applied_forces, compute_closure_forces, compute_reactions
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Mechanism
 
@@ -44,7 +44,7 @@ class Tree:
         """Return q, v, a of the motion at times [s], joints that it leaves out at their guess."""
         assert self.case is not None
         q, qd, qdd = self.case.motion.evaluate(self.mechanism, time)
-        return to_engine(self.built, assembly.guessed(self.mechanism, self.case, q), qd, qdd)
+        return convert_to_engine(self.built, assembly.apply_guess(self.mechanism, self.case, q), qd, qdd)
 
     def moved(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
@@ -54,7 +54,7 @@ class Tree:
         """Return the two frames of every closure."""
         self.place(q, v)
         return [
-            assembly.coupled(c, self.number, q, v)
+            assembly.build_coupling_frames(c, self.number, q, v)
             if c.kind == "coupling"
             else (self.look(c.first), self.look(c.second))
             for c in self.mechanism.closures
@@ -93,17 +93,17 @@ class Tree:
         )  # fmt: skip
 
 
-def motion(mechanism: Mechanism, case: Case, built: Built, time: Array) -> tuple[Array, Array, Array]:
+def solve_motion(mechanism: Mechanism, case: Case, built: Built, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] in the mechanism's order, on its closures."""
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
     unknown = np.zeros(mechanism.nv, dtype=bool)
     unknown_q = np.zeros(mechanism.nq, dtype=bool)
-    for name in assembly.left_out(mechanism, case):
+    for name in assembly.find_unprescribed_joints(mechanism, case):
         unknown[built.v_order[mechanism.v_slices[name]]] = True
         unknown_q[built.q_order[mechanism.q_slices[name]]] = True
     tree = Tree(mechanism, built, built.model.createData(), case)
-    q, v, a = assembly.closed_motion(Task(mechanism, tree, unknown, unknown_q), time)
+    q, v, a = assembly.solve_closed_motion(Task(mechanism, tree, unknown, unknown_q), time)
     return q[:, built.q_order], v[:, built.v_order], a[:, built.v_order]
 
 
@@ -116,33 +116,36 @@ class Held:
     closures: dict[str, Array] = field(default_factory=dict)
 
 
-def held(mechanism: Mechanism, built: Built, time: Array, state: tuple[Array, Array, Array]) -> Held:
+def solve_efforts(mechanism: Mechanism, built: Built, time: Array, state: tuple[Array, Array, Array]) -> Held:
     """Return the drives' efforts [N m], [N] and all wrenches under springs, forces and closures."""
     q, qd, qdd = state
     tree = Tree(mechanism, built, built.model.createData())
-    outside = _outside(tree, time, state)
-    drives = passive_effort(mechanism, qd) + spring_effort(mechanism, q)
-    torque = inverse_dynamics(built, q, qd, qdd, [_external(tree, *one) for one in outside]).torque + drives
+    outside = _collect_external_forces(tree, time, state)
+    drives = passive_effort(mechanism, qd) + compute_spring_effort(mechanism, q)
+    torque = (
+        compute_inverse_dynamics(built, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside]).torque
+        + drives
+    )
     wrenches: dict[str, Array] = {}
     if mechanism.closures:
-        outside, torque, wrenches = _shared(tree, outside, torque)
-    dynamics = inverse_dynamics(built, q, qd, qdd, [_external(tree, *one) for one in outside])
+        outside, torque, wrenches = _split_loop_efforts(tree, outside, torque)
+    dynamics = compute_inverse_dynamics(built, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside])
     return Held(torque, dynamics, wrenches)
 
 
 Outside = list[tuple[Array, Array, list[Push]]]
 
 
-def _outside(tree: Tree, time: Array, state: tuple[Array, Array, Array]) -> Outside:
+def _collect_external_forces(tree: Tree, time: Array, state: tuple[Array, Array, Array]) -> Outside:
     """Return configuration, velocity and what acts from outside, by sample."""
     out = []
-    for t, q, v in zip(time, *to_engine(tree.built, *state)[:2], strict=True):
+    for t, q, v in zip(time, *convert_to_engine(tree.built, *state)[:2], strict=True):
         tree.place(q, v)
-        out.append((q, v, pushes(tree.mechanism, float(t), tree.look)))
+        out.append((q, v, compute_applied_forces(tree.mechanism, float(t), tree.look)))
     return out
 
 
-def _external(tree: Tree, q: Array, v: Array, acting: list[Push]) -> Any:
+def _build_external_forces(tree: Tree, q: Array, v: Array, acting: list[Push]) -> Any:
     """Return the external forces on every joint's body, in its frame, as rnea takes them."""
     pin.forwardKinematics(tree.built.model, tree.data, q)
     total = [pin.Force.Zero() for _ in range(tree.built.model.njoints)]
@@ -154,7 +157,7 @@ def _external(tree: Tree, q: Array, v: Array, acting: list[Push]) -> Any:
     return vector
 
 
-def _shared(tree: Tree, outside: Outside, torque: Array) -> tuple[Outside, Array, dict[str, Array]]:
+def _split_loop_efforts(tree: Tree, outside: Outside, torque: Array) -> tuple[Outside, Array, dict[str, Array]]:
     """Share the tree's efforts (samples, nv) out to drives and closures."""
     m = tree.mechanism
     out = []
@@ -162,10 +165,10 @@ def _shared(tree: Tree, outside: Outside, torque: Array) -> tuple[Outside, Array
     wrench = np.empty((len(torque), len(m.closures), 6))
     for k, (q, v, acting) in enumerate(outside):
         pairs = tree.pairs(q, v)
-        rows = assembly.rows_of(m.closures, pairs)
+        rows = assembly.assemble_rows(m.closures, pairs)
         g = rows.g[:, tree.built.v_order]
-        effort[k] = assembly.share_out(g, torque[k], m.actuated, m.weights)
-        made = closing(m, pairs, rows, assembly.multipliers(g, torque[k], effort[k]))
-        wrench[k] = reactions(made, pairs)
+        effort[k] = assembly.split_efforts(g, torque[k], m.actuated, m.weights)
+        made = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(g, torque[k], effort[k]))
+        wrench[k] = compute_reactions(made, pairs)
         out.append((q, v, acting + made))
     return out, effort, {c.name: wrench[:, k] for k, c in enumerate(m.closures)}

@@ -36,52 +36,52 @@ class Built:
 
 def build(mechanism: Mechanism) -> Built:
     """Return Pinocchio's own model.  Raises ValueError where its URDF parser finds other joints than the mechanism."""
-    model, at = _from_urdf(mechanism) if mechanism.urdf else _from_data(mechanism)
+    model, at = _build_from_urdf(mechanism) if mechanism.urdf else _build_from_data(mechanism)
     model.gravity = pin.Motion(mechanism.gravity, np.zeros(3))
     moving = [j for j in mechanism.joints if j.nv]
-    ids = {j.name: model.getJointId(_name(mechanism, j)) for j in moving}
+    ids = {j.name: model.getJointId(_resolve_joint_name(mechanism, j)) for j in moving}
     for j in moving:
         first = model.joints[ids[j.name]].idx_v
         model.armature[first : first + j.nv] = j.rotor_inertia
     tip = {link.name: (at[link.name][0], at[link.name][1].act(link.tip)) for link in mechanism.links}
     return Built(
         model=model,
-        q_order=_order([(model.joints[ids[j.name]].idx_q, j.nq) for j in moving]),
-        v_order=_order([(model.joints[ids[j.name]].idx_v, j.nv) for j in moving]),
+        q_order=_build_order([(model.joints[ids[j.name]].idx_q, j.nq) for j in moving]),
+        v_order=_build_order([(model.joints[ids[j.name]].idx_v, j.nv) for j in moving]),
         joint={j.name: (ids[j.name], at[j.child][1]) for j in moving},
         tip=tip,
         link={WORLD: (0, pin.SE3.Identity())} | at,
     )
 
 
-def _order(blocks: list[tuple[int, int]]) -> NDArray[np.intp]:
+def _build_order(blocks: list[tuple[int, int]]) -> NDArray[np.intp]:
     return np.array([first + k for first, size in blocks for k in range(size)], dtype=np.intp)
 
 
-def _name(mechanism: Mechanism, joint: Joint) -> str:
+def _resolve_joint_name(mechanism: Mechanism, joint: Joint) -> str:
     """Names of Pinocchio's parser: the free base that it adds to a URDF is its ``root_joint``."""
     return "root_joint" if mechanism.urdf and joint is mechanism.joints[0] and joint.kind == "free" else joint.name
 
 
-def _from_data(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
+def _build_from_data(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
     """Return the model and, for each link, the joint that carries it with the link frame's placement there."""
     model = pin.Model()
     at = {WORLD: (0, pin.SE3.Identity())}
     for joint in mechanism.joints:
         parent, frame = at[joint.parent]
-        placement = frame * _se3(joint.placement)
+        placement = frame * _convert_to_se3(joint.placement)
         if joint.kind == "fixed":
             at[joint.child] = (parent, placement)
         else:
-            turn = _to_z(joint) if joint.kind == "continuous" else pin.SE3.Identity()
-            index = model.addJoint(parent, _joint_model(joint), placement * turn, joint.name)
+            turn = _build_z_frame(joint) if joint.kind == "continuous" else pin.SE3.Identity()
+            index = model.addJoint(parent, _make_joint_model(joint), placement * turn, joint.name)
             at[joint.child] = (index, turn.inverse())
         for body in mechanism.link_of[joint.child].bodies:
-            model.appendBodyToJoint(at[joint.child][0], _inertia(body.inertia), at[joint.child][1])
+            model.appendBodyToJoint(at[joint.child][0], _convert_inertia(body.inertia), at[joint.child][1])
     return model, at
 
 
-def _from_urdf(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
+def _build_from_urdf(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
     """Return the model that Pinocchio's parser makes of the URDF, with the bodies that the mechanism lays over it."""
     base = [pin.JointModelFreeFlyer()] if mechanism.joints[0].kind == "free" else []
     model = pin.buildModelFromUrdf(str(mechanism.urdf), *base)
@@ -92,27 +92,27 @@ def _from_urdf(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
         frame = model.frames[model.getFrameId(theirs, pin.FrameType.BODY)]
         at[name] = (frame.parentJoint, frame.placement)
     for name, body in source.overlays:
-        model.appendBodyToJoint(at[name][0], _inertia(body.inertia), at[name][1])
+        model.appendBodyToJoint(at[name][0], _convert_inertia(body.inertia), at[name][1])
     return model, at
 
 
-def _se3(placement: Placement) -> Any:
+def _convert_to_se3(placement: Placement) -> Any:
     return pin.SE3(placement.rotation, placement.position)
 
 
-def _to_z(joint: Joint) -> Any:
+def _build_z_frame(joint: Joint) -> Any:
     """A: the frame whose z axis is the joint's axis."""
     return pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), joint.axis).matrix(), np.zeros(3))
 
 
-def _inertia(inertia: Inertia) -> Any:
+def _convert_inertia(inertia: Inertia) -> Any:
     """Pinocchio's body.  Its constructor refuses moments below 0, rounding of a thin rod's among them; its parser takes them."""
     body = pin.Inertia(inertia.mass, inertia.com, np.zeros((3, 3)))
     body.inertia = inertia.tensor
     return body
 
 
-def _joint_model(joint: Joint) -> Any:
+def _make_joint_model(joint: Joint) -> Any:
     match joint.kind:
         case "revolute":
             return pin.JointModelRevoluteUnaligned(joint.axis)
@@ -147,7 +147,7 @@ class Dynamics:
     tip: dict[str, Array]
 
 
-def to_engine(built: Built, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+def convert_to_engine(built: Built, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), v and a (samples, nv) [rad or m, s] in the order of Pinocchio's model."""
     ours = np.empty((len(q), built.model.nq)), np.empty((len(q), built.model.nv)), np.empty((len(q), built.model.nv))
     for theirs, mine, order in zip(ours, (q, qd, qdd), (built.q_order, built.v_order, built.v_order), strict=True):
@@ -155,14 +155,14 @@ def to_engine(built: Built, q: Array, qd: Array, qdd: Array) -> tuple[Array, Arr
     return ours
 
 
-def inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array, external: Sequence[Any] = ()) -> Dynamics:
+def compute_inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array, external: Sequence[Any] = ()) -> Dynamics:
     """Return rnea of every sample, q (samples, nq), qd and qdd (samples, nv) [rad or m, s] in the mechanism's order.
 
     external : per sample what acts from outside on every joint's body, [N], [N m] in that joint's frame (none: nothing)
     """
     model = built.model
     data = built.model.createData()
-    ours = to_engine(built, q, qd, qdd)
+    ours = convert_to_engine(built, q, qd, qdd)
     torque = np.empty((len(q), model.nv))
     wrench = {name: np.empty((len(q), 6)) for name in built.joint}
     tip = {name: np.empty((len(q), 3)) for name in built.tip}

@@ -50,7 +50,7 @@ class OwnDynamics:
         if gravity is not None:
             model.gravity = pin.Motion(np.asarray(gravity, dtype=float), np.zeros(3))
         data = model.createData()
-        place, rate, push = self._state(q, qd, qdd)
+        place, rate, push = self._convert_state(q, qd, qdd)
         try:
             force = np.array([pin.rnea(model, data, *one) for one in zip(place, rate, push, strict=True)])
         finally:
@@ -59,7 +59,7 @@ class OwnDynamics:
         out = np.empty_like(qd)
         for name, own in self.mechanism.v_slices.items():
             if own.stop > own.start:
-                first = self._joint(name).idx_v
+                first = self._find_joint(name).idx_v
                 out[:, own] = force[:, first : first + own.stop - own.start]
         return out + self.rotor * qdd
 
@@ -71,10 +71,10 @@ class OwnDynamics:
         """Return None: what ties joints of a model of Pinocchio is in its coordinates, or in lists beside it."""
         return None
 
-    def _joint(self, name: str) -> Any:
+    def _find_joint(self, name: str) -> Any:
         return self.model.joints[self.model.getJointId(name)]
 
-    def _state(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+    def _convert_state(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
         """The model's q, v and a of the mechanism's [rad or m, s]."""
         model = self.model
         mechanism = self.mechanism
@@ -84,7 +84,7 @@ class OwnDynamics:
         for joint in mechanism.joints:
             if not joint.nv:
                 continue
-            theirs = self._joint(joint.name)
+            theirs = self._find_joint(joint.name)
             mine = q[:, mechanism.q_slices[joint.name]]
             own = mechanism.v_slices[joint.name]
             if joint.kind == "continuous" and theirs.nq == 1:
@@ -97,7 +97,7 @@ class OwnDynamics:
         return place, rate, push
 
 
-def dynamics_of(model: Any, mechanism: Mechanism, stated: str) -> OwnDynamics:
+def build_dynamics(model: Any, mechanism: Mechanism, stated: str) -> OwnDynamics:
     """Return the dynamics of a model in the coordinates of a mechanism; stated : what it is called in messages.
 
     Raises InputError where the model has other joints, or fewer coordinates, as one with mimic joints in it.
@@ -126,6 +126,6 @@ def dynamics(path: Path, mechanism: Mechanism) -> OwnDynamics:
         raise InputError(f"{path}: Pinocchio refuses it: {' '.join(str(error).split())}") from None
     if held:
         model.names[1] = mechanism.joints[0].name
-    made = dynamics_of(model, mechanism, str(path))
+    made = build_dynamics(model, mechanism, str(path))
     rotors = [joint.rotor_inertia for joint in mechanism.joints for _ in range(joint.nv)]
     return OwnDynamics(made.model, mechanism, np.array(rotors))

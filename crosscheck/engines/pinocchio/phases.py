@@ -16,23 +16,23 @@ from flexinv.model.mechanism import Mechanism
 Array = NDArray[np.float64]
 
 
-def follow_phases(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[Phase, phases.State]]:
+def solve_phases(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[Phase, phases.State]]:
     """Return every phase with its motion on the closures, (samples, ...) [rad], [m], [s] in the mechanism's order."""
 
-    def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
-        return pinocchio_loops.motion(now, here, built, span)
+    def solve_closed(now: Mechanism, here: Case, span: Array) -> phases.State:
+        return pinocchio_loops.solve_motion(now, here, built, span)
 
-    return phases.follow_phases(mechanism, case, time, closed)
+    return phases.solve_phases(mechanism, case, time, solve_closed)
 
 
-def held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> Held:
+def solve_phase_efforts(mechanism: Mechanism, case: Case, built: Built, time: Array) -> Held:
     """Return efforts and wrenches [N m], [N] over all phases; closures that do not act have no wrench."""
-    followed = follow_phases(mechanism, case, built, time)
-    parts = [pinocchio_loops.held(phase.mechanism, built, phase.time, state) for phase, state in followed]
+    followed = solve_phases(mechanism, case, built, time)
+    parts = [pinocchio_loops.solve_efforts(phase.mechanism, built, phase.time, state) for phase, state in followed]
     dynamics = Dynamics(
         torque=np.concatenate([p.dynamics.torque for p in parts]),
-        wrench=phases.joined(p.dynamics.wrench for p in parts),
-        tip=phases.joined(p.dynamics.tip for p in parts),
+        wrench=phases.join_series(p.dynamics.wrench for p in parts),
+        tip=phases.join_series(p.dynamics.tip for p in parts),
     )
-    wrenches = phases.joined(phases.complete(mechanism, p.closures, len(p.torque)) for p in parts)
+    wrenches = phases.join_series(phases.fill_wrenches(mechanism, p.closures, len(p.torque)) for p in parts)
     return Held(np.concatenate([p.torque for p in parts]), dynamics, wrenches)

@@ -24,7 +24,7 @@ def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
     v = np.zeros(model.nv)
     q[built.q_order] = drive.q
 
-    def acceleration(at: Array, rate: Array, effort: Array) -> Array:
+    def compute_acceleration(at: Array, rate: Array, effort: Array) -> Array:
         slowed = passive_effort(mechanism, rate[built.v_order][None])[0]
         resisted = effort.copy()
         resisted[built.v_order] -= slowed
@@ -36,11 +36,11 @@ def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
         for name, (index, point) in built.tip.items():
             tip[name][k] = data.oMi[index].act(point)
         if k + 1 < len(efforts):
-            q, v = _step(model, q, v, efforts[k : k + 2], drive.spacing, acceleration)
+            q, v = _take_step(model, q, v, efforts[k : k + 2], drive.spacing, compute_acceleration)
     return tip
 
 
-def _step(model: Any, q: Array, v: Array, efforts: Array, h: float, acceleration: Any) -> tuple[Array, Array]:
+def _take_step(model: Any, q: Array, v: Array, efforts: Array, h: float, acceleration: Any) -> tuple[Array, Array]:
     middle = efforts.mean(axis=0)
     a1 = acceleration(q, v, efforts[0])
     v2 = v + 0.5 * h * a1

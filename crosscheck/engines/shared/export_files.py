@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.shared.wrenches import wrench_at
+from crosscheck.engines.shared.wrenches import evaluate_wrench
 from crosscheck.measures.record import WRENCH
 from flexinv.model.mechanism import Mechanism
 
@@ -48,8 +48,8 @@ def write(folder: Path, motion: Motion, script: str, files: Mapping[str, str], s
     """
     columns = [f"q {n}" for n in motion.q_names]
     columns += [f"{what} {n}" for what in ("v", "a") for n in motion.v_names]
-    table(folder / "motion.csv", motion.time, columns, np.hstack([motion.q, motion.v, motion.a]))
-    table(folder / "expected.csv", motion.time, motion.v_names, motion.effort)
+    write_table(folder / "motion.csv", motion.time, columns, np.hstack([motion.q, motion.v, motion.a]))
+    write_table(folder / "expected.csv", motion.time, motion.v_names, motion.effort)
     (folder / "settings.json").write_text(json.dumps(dict(settings), indent=1) + "\n", encoding="utf-8")
     common, body = ((TEMPLATES / name).read_text(encoding="utf-8") for name in ("common.py.txt", script))
     (folder / "run.py").write_text(body.replace("# COMMON\n", common), encoding="utf-8")
@@ -57,7 +57,7 @@ def write(folder: Path, motion: Motion, script: str, files: Mapping[str, str], s
         (folder / name).write_text(text, encoding="utf-8")
 
 
-def sharing(
+def collect_sharing_settings(
     mechanism: Mechanism, order: NDArray[np.intp], spans: Iterable[tuple[slice, Sequence[str]]]
 ) -> dict[str, Any]:
     """Return the settings of loops: which coordinates have drives, with which weights [-], and what closes when.
@@ -72,15 +72,17 @@ def sharing(
     }
 
 
-def forces(folder: Path, mechanism: Mechanism, time: Array) -> None:
+def write_forces(folder: Path, mechanism: Mechanism, time: Array) -> None:
     """Write ``forces.csv``, where forces are given: force [N] and moment [N m] of each, along the axes they are given in."""
     if mechanism.forces:
         names = [f"{force.name} {part}" for force in mechanism.forces for part in WRENCH]
-        rows = np.array([np.concatenate([wrench_at(force, float(t)) for force in mechanism.forces]) for t in time])
-        table(folder / "forces.csv", time, names, rows)
+        rows = np.array(
+            [np.concatenate([evaluate_wrench(force, float(t)) for force in mechanism.forces]) for t in time]
+        )
+        write_table(folder / "forces.csv", time, names, rows)
 
 
-def table(file: Path, time: Array, names: Sequence[str], values: Array) -> None:
+def write_table(file: Path, time: Array, names: Sequence[str], values: Array) -> None:
     """Write a CSV whose first column is the time [s]; numbers in the shortest form that gives them back."""
     with file.open("w", encoding="utf-8", newline="") as stream:
         out = csv.writer(stream, lineterminator="\n")

@@ -7,7 +7,7 @@ frame and d = x_2 - x_1, or w fixed in the second:
     phi = u . d     phi' = u . (v_2 - v_1) + (w_1 x u) . d
     phi = u . w     phi' = (w_2 - w_1) . (w x u)
 
-A coupling of joint coordinates joins in as the first of these (`coupled`).
+A coupling of joint coordinates joins in as the first of these (`build_coupling_frames`).
 
 Positions by Newton, continued from sample to sample with halved steps where it has to go far; rates by two linear
 solves.  Multipliers act on the second frame as forces u at its origin and moments w x u, on the first as the opposite.
@@ -98,7 +98,7 @@ class Tree(Protocol):
 
 
 @make_owner_cache()
-def equations(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]:
+def build_equation_vectors(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]:
     """Return the vectors u of positions and the pairs u, w of directions [-], in the two frames of a closure."""
     x, y, z = np.eye(3)
     n = closure.axis
@@ -125,7 +125,9 @@ def equations(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]
     raise AssemblyError(f"closure {closure.name!r}: no equations here for kind {closure.kind!r}")
 
 
-def coupled(closure: Closure, place: Callable[[str], tuple[int, int]], q: Array, v: Array) -> tuple[Moving, Moving]:
+def build_coupling_frames(
+    closure: Closure, place: Callable[[str], tuple[int, int]], q: Array, v: Array
+) -> tuple[Moving, Moving]:
     """Return a coupling, sum factor q = offset [rad], [m], as two points on a line: the second is where the sum is.
 
     place : joint -> where its number stands in q (nq,) and in v (nv,).  Both points are the world's: a force between
@@ -143,18 +145,18 @@ def coupled(closure: Closure, place: Callable[[str], tuple[int, int]], q: Array,
     return fixed, Moving(sum_of, np.eye(3), rate, none, rate @ v, still, still, still)
 
 
-def rows_of(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -> Rows:
+def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -> Rows:
     """Return all equations [m], [-] at one state."""
     rows: list[tuple[Any, ...]] = []
     for index, (closure, (first, second)) in enumerate(zip(closures, pairs, strict=True)):
-        positions, directions = equations(closure)
-        rows += [(*position_row(first, second, first.r @ u), index) for u in positions]
-        rows += [(*direction_row(first, second, first.r @ u, second.r @ w), index) for u, w in directions]
+        positions, directions = build_equation_vectors(closure)
+        rows += [(*compute_position_row(first, second, first.r @ u), index) for u in positions]
+        rows += [(*compute_direction_row(first, second, first.r @ u, second.r @ w), index) for u, w in directions]
     phi, g, bias, force, moment, owner = (np.array(column) for column in zip(*rows, strict=True))
     return Rows(phi, g, bias, owner, force, moment)
 
 
-def position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
+def compute_position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
     """Return phi [m], its Jacobian (nv,), its bias, force and moment of u . (x_2 - x_1) = 0; u : (3,) [-], world."""
     d = second.x - first.x
     v = second.v - first.v
@@ -165,7 +167,7 @@ def position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
     return u @ d, g, bias, u, np.zeros(3)
 
 
-def direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
+def compute_direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
     """Return phi [-], its Jacobian (nv,), its bias, force and moment of u . w = 0; u, w : (3,) [-], world."""
     u1 = cross(first.w, u)
     w1 = cross(second.w, w)
@@ -191,28 +193,28 @@ class Task:
     unknown_q: NDArray[np.bool_]
 
 
-def closed_motion(task: Task, time: Array) -> tuple[Array, Array, Array]:
+def solve_closed_motion(task: Task, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), v, a (samples, nv) [rad], [m], [s] of the tree on its closures.
 
     Raises AssemblyError where the loops do not close, where the branch is lost, and where they stay movable.
     """
     given = task.tree.given(time)
-    q = _newton(task, given[0][0])
+    q = _solve_newton(task, given[0][0])
     if q is None:
         raise AssemblyError(
             f"the loops do not close at t = {time[0]:g} s: another guess of the joints left out is needed"
         )
     states = [(a, b, c) for a, b, c in zip(*given, strict=True)]
-    rates = _rates(task, q, float(time[0]), states[0])
+    rates = _solve_rates(task, q, float(time[0]), states[0])
     out = [(q, *rates)]
     for (before, after), state in zip(pairwise(time), states[1:], strict=True):
-        q, rates = _advance(task, q, rates, (float(before), float(after)), state)
+        q, rates = _integrate_step(task, q, rates, (float(before), float(after)), state)
         out.append((q, *rates))
     columns = zip(*out, strict=True)
     return tuple(np.array(column) for column in columns)  # type: ignore[return-value]
 
 
-def extent(mechanism: Mechanism) -> float:
+def compute_extent(mechanism: Mechanism) -> float:
     """Return the sum of all offsets in a mechanism [m], a metre where there are none: what positions are compared with."""
     offsets = [joint.placement.position for joint in mechanism.joints]
     offsets += [body.inertia.com for link in mechanism.links for body in link.bodies]
@@ -220,22 +222,22 @@ def extent(mechanism: Mechanism) -> float:
     return float(np.abs(offsets).sum() + beams) or 1.0
 
 
-def _scales(task: Task, rows: Rows) -> Array:
+def _compute_scales(task: Task, rows: Rows) -> Array:
     """Return the divisor of each equation, (rows,): a length [m] for positions, 1 for directions.
 
     Where closures are redundant and the given motion meets them to its digits only, this weighs what is left open.
     """
-    return np.where(rows.force.any(axis=1), extent(task.mechanism), 1.0)
+    return np.where(rows.force.any(axis=1), compute_extent(task.mechanism), 1.0)
 
 
-def _newton(task: Task, guess: Array) -> Array | None:
+def _solve_newton(task: Task, guess: Array) -> Array | None:
     """Return the closed configuration near a guess, or None."""
     q = guess
     rest = np.zeros(len(task.unknown))
     for _ in range(MOST_ITERATIONS):
-        rows = rows_of(task.mechanism.closures, task.tree.pairs(q, rest))
+        rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, rest))
         step = rest.copy()
-        scale = _scales(task, rows)
+        scale = _compute_scales(task, rows)
         step[task.unknown] = -np.linalg.lstsq(
             rows.g[:, task.unknown] / scale[:, None], rows.phi / scale, rcond=REDUNDANT
         )[0]
@@ -246,14 +248,14 @@ def _newton(task: Task, guess: Array) -> Array | None:
     return q if np.abs(rows.phi).max() < CLOSED else None
 
 
-def _rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Array]:
+def _solve_rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Array]:
     """Return v and a (nv,) [1/s], [1/s^2]: G v = 0 and G a + bias = 0 with the given coordinates as they are at a time [s]."""
     _, v, a = given
     free = task.unknown
     v = np.where(free, 0.0, v)
     a = np.where(free, 0.0, a)
-    rows = rows_of(task.mechanism.closures, task.tree.pairs(q, v))
-    scale = _scales(task, rows)
+    rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, v))
+    scale = _compute_scales(task, rows)
     g = rows.g / scale[:, None]
     solved, _, rank, _ = np.linalg.lstsq(g[:, free], -g @ v, rcond=REDUNDANT)
     if rank < free.sum():
@@ -262,17 +264,17 @@ def _rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Arra
             "or the motion gives too few coordinates"
         )
     v[free] = solved
-    rows = rows_of(task.mechanism.closures, task.tree.pairs(q, v))
+    rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, v))
     a[free] = np.linalg.lstsq(g[:, free], -(rows.bias / scale + g @ a), rcond=REDUNDANT)[0]
     return v, a
 
 
-def _given(task: Task, time: float) -> State:
+def _evaluate_motion(task: Task, time: float) -> State:
     q, v, a = task.tree.given(np.array([time]))
     return q[0], v[0], a[0]
 
 
-def _advance(
+def _integrate_step(
     task: Task, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
 ) -> tuple[Array, tuple[Array, Array]]:
     """Follow the loops from one time to the next, at which the given coordinates are ``end``."""
@@ -284,13 +286,13 @@ def _advance(
         step = (target - done) * (after - before)
         guess = task.tree.moved(q, step * rates[0] + step**2 / 2 * rates[1])
         time = before + target * (after - before)
-        given = end if target == 1.0 else _given(task, time)
+        given = end if target == 1.0 else _evaluate_motion(task, time)
         guess = np.where(task.unknown_q, guess, given[0])
-        found = _newton(task, guess)
+        found = _solve_newton(task, guess)
         if found is not None and np.abs(found - guess).max() < SURPRISE:
             q = found
             done = target
-            rates = _rates(task, found, time, given)
+            rates = _solve_rates(task, found, time, given)
         elif (part := part / 2) < 0.5**MOST_HALVINGS:
             raise AssemblyError(f"the loops cannot be followed beyond t = {before + done * (after - before):g} s")
     return q, rates
@@ -299,13 +301,13 @@ def _advance(
 # ------------------------------------------------------------------------------------------------------- the forces
 
 
-def share_out(g: Array, tree: Array, driven: NDArray[np.bool_], weight: Array) -> Array:
+def split_efforts(g: Array, tree: Array, driven: NDArray[np.bool_], weight: Array) -> Array:
     """Return the drives' efforts (nv,) [N m] or [N]: N^T S tau = N^T tau_tree with G N = 0, of least sum weight tau^2.
 
     g : (rows, nv); tree : (nv,) effort of the open tree; driven, weight : (nv,)
     Raises AssemblyError where the drives cannot hold the mechanism.
     """
-    motions = null_space(g)
+    motions = compute_null_space(g)
     asked = motions.T @ tree
     effort = np.zeros(len(tree))
     root = np.sqrt(weight[driven])
@@ -316,13 +318,13 @@ def share_out(g: Array, tree: Array, driven: NDArray[np.bool_], weight: Array) -
     return effort
 
 
-def null_space(g: Array) -> Array:
+def compute_null_space(g: Array) -> Array:
     """Return an orthonormal basis (nv, freedoms) [-] of the motions that constraints (rows, nv) allow."""
     _, values, right = np.linalg.svd(g)
     return np.asarray(right[_count(values) :].T)
 
 
-def rank(g: Array) -> int:
+def compute_rank(g: Array) -> int:
     """Return the number of independent equations of a Jacobian (rows, nv) [m/rad], [-]: 0 where all of it is rounding."""
     return _count(np.linalg.svd(g, compute_uv=False))
 
@@ -332,7 +334,7 @@ def _count(values: NDArray[np.floating[Any]]) -> int:
     return int((values > max(REDUNDANT * values.max(initial=0.0), NOTHING)).sum())
 
 
-def multipliers(g: Array, tree: Array, effort: Array) -> Array:
+def solve_multipliers(g: Array, tree: Array, effort: Array) -> Array:
     """Return lambda (rows,) [N], [N m] with G^T lambda = tau_tree - tau, of least norm."""
     told = g if np.abs(g).max(initial=0.0) > NOTHING else np.zeros_like(g)
     return np.asarray(np.linalg.lstsq(told.T, tree - effort, rcond=REDUNDANT)[0])
@@ -341,16 +343,16 @@ def multipliers(g: Array, tree: Array, effort: Array) -> Array:
 # ---------------------------------------------------------------------------------------------------- start, reasons
 
 
-def left_out(mechanism: Mechanism, case: Case) -> set[str]:
+def find_unprescribed_joints(mechanism: Mechanism, case: Case) -> set[str]:
     """Return the moving joints that the motion does not give."""
     given = set(case.motion.joints(mechanism))
     return {j.name for j in mechanism.joints if j.nv and j.name not in given}
 
 
-def guessed(mechanism: Mechanism, case: Case, q: Array) -> Array:
+def apply_guess(mechanism: Mechanism, case: Case, q: Array) -> Array:
     """Return q (samples, nq) [rad], [m] with the joints that the motion leaves out at the case's guess."""
     out = q.copy()
-    for name in left_out(mechanism, case) & set(case.start):
+    for name in find_unprescribed_joints(mechanism, case) & set(case.start):
         joint = mechanism.joint_of[name]
         value = np.atleast_1d(np.asarray(case.start[name], dtype=np.float64))
         if joint.kind == "continuous" and value.size == 1:

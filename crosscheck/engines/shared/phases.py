@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.shared.loop_closure import AssemblyError, left_out
+from crosscheck.engines.shared.loop_closure import AssemblyError, find_unprescribed_joints
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -38,7 +38,7 @@ class Phase:
     time: Array
 
 
-def follow_phases(
+def solve_phases(
     mechanism: Mechanism,
     case: Case,
     time: Array,
@@ -52,31 +52,31 @@ def follow_phases(
     """
     out: list[tuple[Phase, State]] = []
     before: Array | None = None
-    for first, last in pairwise(bounds(mechanism, time)):
-        now = acting(mechanism, float(time[first]))
+    for first, last in pairwise(list_phase_bounds(mechanism, time)):
+        now = apply_active_closures(mechanism, float(time[first]))
         span = time[first : min(last + 1, len(time))]  # with the instant at which the next phase begins
-        if not now.closures and (loose := left_out(now, case)):
+        if not now.closures and (loose := find_unprescribed_joints(now, case)):
             raise AssemblyError(
                 f"from t = {time[first]:g} s on no closure acts and {', '.join(sorted(loose))} has no motion"
             )
         state = closed(now, case, span)
-        if before is not None and not _strikes(now, out[-1][0].mechanism):
-            _meet(before, state[1][0], float(time[first]), now)
+        if before is not None and not _has_impact(now, out[-1][0].mechanism):
+            _check_rates(before, state[1][0], float(time[first]), now)
         mine = slice(0, last - first)
         q, v, a = (part[mine] for part in state)
         out.append((Phase(now, case, slice(first, last), span[mine]), (q, v, a)))
-        case = replace(case, start=_places(now, case, ours(state[0][-1:])[0]))
+        case = replace(case, start=_take_free_coordinates(now, case, ours(state[0][-1:])[0]))
         before = state[1][-1]
     return out
 
 
-def _strikes(now: Mechanism, before: Mechanism) -> bool:
+def _has_impact(now: Mechanism, before: Mechanism) -> bool:
     """Return True if a closure that begins to act may stop its frames at once; rates of joints with a motion are theirs."""
     old = {c.name for c in before.closures}
     return any(c.impact == "plastic" for c in now.closures if c.name not in old)
 
 
-def _meet(before: Array, after: Array, time: float, now: Mechanism) -> None:
+def _check_rates(before: Array, after: Array, time: float, now: Mechanism) -> None:
     size = max(float(np.abs(before).max(initial=0.0)), float(np.abs(after).max(initial=0.0)), 1.0)
     if (change := np.abs(after - before).max(initial=0.0)) > MEETING * size:
         names = ", ".join(c.name for c in now.closures) or "none"
@@ -85,30 +85,30 @@ def _meet(before: Array, after: Array, time: float, now: Mechanism) -> None:
         )
 
 
-def bounds(mechanism: Mechanism, time: Array) -> list[int]:
+def list_phase_bounds(mechanism: Mechanism, time: Array) -> list[int]:
     """Return the first samples [-] of all phases, and the number of samples."""
     instants = {t for c in mechanism.closures for interval in c.active for t in interval if time[0] < t < time[-1]}
     return sorted({0, len(time), *(int(np.searchsorted(time, t - SAME)) for t in instants)})
 
 
-def acting(mechanism: Mechanism, time: float) -> Mechanism:
+def apply_active_closures(mechanism: Mechanism, time: float) -> Mechanism:
     """Return the mechanism with the closures that act at a time [s], for good."""
     there = [c for c in mechanism.closures if not c.active or any(a - SAME <= time < b - SAME for a, b in c.active)]
     return replace(mechanism, closures=tuple(replace(c, active=()) for c in there))
 
 
-def _places(mechanism: Mechanism, case: Case, q: Array) -> dict[str, Array]:
+def _take_free_coordinates(mechanism: Mechanism, case: Case, q: Array) -> dict[str, Array]:
     """Return the coordinates that the joints without a motion have reached."""
-    return {name: q[mechanism.q_slices[name]] for name in left_out(mechanism, case)}
+    return {name: q[mechanism.q_slices[name]] for name in find_unprescribed_joints(mechanism, case)}
 
 
-def joined(parts: Iterable[dict[str, Array]]) -> dict[str, Array]:
+def join_series(parts: Iterable[dict[str, Array]]) -> dict[str, Array]:
     """Return series (samples, ...) of all phases by name, one after the other [units as given]."""
     listed = list(parts)
     return {name: np.concatenate([part[name] for part in listed]) for name in listed[0]}
 
 
-def complete(mechanism: Mechanism, wrenches: dict[str, Array], samples: int) -> dict[str, Array]:
+def fill_wrenches(mechanism: Mechanism, wrenches: dict[str, Array], samples: int) -> dict[str, Array]:
     """Return the wrenches (samples, 6) [N], [N m] of all closures of a mechanism: zero of those that do not act.
 
     A coupling ties no frames: it has none.

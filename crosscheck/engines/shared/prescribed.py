@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 SPRING = ("stiffness", "rest", "damping")  # of a spring between points; one in a joint has the first two
 
 
-def beyond_a_tree(mechanism: Mechanism, sprung: bool = False) -> str | None:
+def describe_nontree_parts(mechanism: Mechanism, sprung: bool = False) -> str | None:
     """Return the parts that are neither link nor joint of a tree, in words, for engines that overlook them, or None.
 
-    sprung : springs in joints are taken care of (`spring_effort`)
+    sprung : springs in joints are taken care of (`compute_spring_effort`)
     """
     kinds = {
         "closed loops": [c.name for c in mechanism.closures],
@@ -36,7 +36,7 @@ def missing_motion(mechanism: Mechanism, case: Case) -> str | None:
     return f"every joint must be given a motion here; left to the dynamics: {', '.join(free)}" if free else None
 
 
-def scalar_positions(mechanism: Mechanism, q: Array) -> Array:
+def convert_to_scalars(mechanism: Mechanism, q: Array) -> Array:
     """Return one number per velocity (samples, nv) [rad], [m], of a continuous joint its angle in -pi .. pi.
 
     q : (samples, nq)
@@ -51,19 +51,19 @@ def scalar_positions(mechanism: Mechanism, q: Array) -> Array:
 
 def passive_effort(mechanism: Mechanism, qd: Array) -> Array:
     """Return d v + f sign(v), (samples, nv) [N m] or [N]: what damping and dry friction take from the actuator."""
-    return _per_coordinate(mechanism, "damping") * qd + _per_coordinate(mechanism, "friction") * np.sign(qd)
+    return _list_per_coordinate(mechanism, "damping") * qd + _list_per_coordinate(mechanism, "friction") * np.sign(qd)
 
 
 def rotor_effort(mechanism: Mechanism, qdd: Array) -> Array:
     """Return I_rotor a, (samples, nv) [N m] or [N]."""
-    return _per_coordinate(mechanism, "rotor_inertia") * qdd
+    return _list_per_coordinate(mechanism, "rotor_inertia") * qdd
 
 
-def passive(mechanism: Mechanism) -> dict[str, Any]:
+def collect_passive_elements(mechanism: Mechanism) -> dict[str, Any]:
     """Return damping, friction and springs for the certificates of engines without passive elements of their own.
 
     Damping [N m s/rad], [N s/m] and friction [N m], [N] are read off `passive_effort` at two speeds, springs in joints
-    [N m/rad], [N/m] off `spring_effort`, springs between points are what `wrenches.pushes` is given.
+    [N m/rad], [N/m] off `compute_spring_effort`, springs between points are what `wrenches.pushes` is given.
     """
     units = np.ones((1, mechanism.nv))
     once = passive_effort(mechanism, units)[0]
@@ -80,7 +80,7 @@ def passive(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def spring_effort(mechanism: Mechanism, q: Array) -> Array:
+def compute_spring_effort(mechanism: Mechanism, q: Array) -> Array:
     """Return k (q - rest), (samples, nv) [N m] or [N]: what springs in joints take from the actuator.  q : (samples, nq).
 
     The angle of a continuous joint is followed over the samples, from the one within half a turn at the first.
@@ -94,5 +94,5 @@ def spring_effort(mechanism: Mechanism, q: Array) -> Array:
     return out
 
 
-def _per_coordinate(mechanism: Mechanism, name: str) -> Array:
+def _list_per_coordinate(mechanism: Mechanism, name: str) -> Array:
     return np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=np.float64)

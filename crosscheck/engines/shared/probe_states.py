@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.shared.loop_closure import guessed
+from crosscheck.engines.shared.loop_closure import apply_guess
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Body, Mechanism
 from flexinv.model.motion import evaluate_motion
@@ -21,7 +21,7 @@ def configurations(mechanism: Mechanism, case: Case) -> Array:
     They need not close any loop: masses, gravity and axes of the tree are asked, whatever ties its links.
     """
     time = np.linspace(0.0, case.end, COUNT)
-    q = guessed(mechanism, case, evaluate_motion(case.motion, mechanism, time)[0])
+    q = apply_guess(mechanism, case, evaluate_motion(case.motion, mechanism, time)[0])
     given = set(case.motion.joints(mechanism))
     for k, joint in enumerate(j for j in mechanism.joints if j.nv and j.name not in given):
         if joint.nq == 1:
@@ -29,7 +29,7 @@ def configurations(mechanism: Mechanism, case: Case) -> Array:
     return q
 
 
-def about_origin(mass: float, com: Array, tensor: Array) -> tuple[Array, Array]:
+def move_inertia_to_origin(mass: float, com: Array, tensor: Array) -> tuple[Array, Array]:
     """Return first moment m c (3,) [kg m] and tensor about the origin (3, 3) [kg m^2] of a body.
 
     tensor : about its centre of mass;  I_o = I_c + m (|c|^2 1 - c c^T)
@@ -37,7 +37,7 @@ def about_origin(mass: float, com: Array, tensor: Array) -> tuple[Array, Array]:
     return mass * com, tensor + mass * (float(com @ com) * np.eye(3) - np.outer(com, com))
 
 
-def carried(mechanism: Mechanism) -> dict[str, list[tuple[str, Body]]]:
+def collect_joint_bodies(mechanism: Mechanism) -> dict[str, list[tuple[str, Body]]]:
     """Return the bodies (with their links) that each moving joint carries up to the next one; of beams, their bodies."""
     mover: dict[str, str | None] = {WORLD: None}
     found: dict[str, list[tuple[str, Body]]] = {j.name: [] for j in mechanism.joints if j.nv}

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Adapter, Options, repeatable
+from crosscheck.engines.base import Adapter, Options, is_repeatable
 from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case
@@ -41,34 +41,38 @@ class Shaken:
     def evaluate(self, mechanism: Mechanism, time: Array, *side: Any) -> tuple[Array, ...]:
         """Return q, qd, qdd as the motion does [rad], [m], [1/s], [1/s^2]."""
         given = self._motion.evaluate(mechanism, time, *side)
-        return tuple(part * (1.0 + SHAKE * _signs(part, self._way)) for part in given)
+        return tuple(part * (1.0 + SHAKE * _build_signs(part, self._way)) for part in given)
 
     def __getattr__(self, name: str) -> Any:
         """Return everything else from the motion."""
         return getattr(self._motion, name)
 
 
-def shaken(case: Case, way: int = 0) -> Case:
+def build_perturbed_case(case: Case, way: int = 0) -> Case:
     """Return a case whose motion differs by its last digits, as `Shaken` moves them [rad], [m]; way : see there [-]."""
     return replace(case, motion=cast(Motion, Shaken(case.motion, way)))
 
 
-def with_rounding(adapter: Adapter, record: Record, mechanism: Mechanism, case: Case, options: Options) -> Record:
+def add_rounding_bars(adapter: Adapter, record: Record, mechanism: Mechanism, case: Case, options: Options) -> Record:
     """Return the record with error bars of rounding [units of its series] where it has none of its own."""
-    if record.status != "ok" or not repeatable(adapter) or any(one.error is not None for one in record.series.values()):
+    if (
+        record.status != "ok"
+        or not is_repeatable(adapter)
+        or any(one.error is not None for one in record.series.values())
+    ):
         return record
-    other = adapter.run(mechanism, shaken(case), record.engine, options)
+    other = adapter.run(mechanism, build_perturbed_case(case), record.engine, options)
     if other.status != "ok" or set(other.series) != set(record.series):
         return record
     made, budget = with_bars(record.series, [Family(NAME, (other.series, record.series))])
-    return replace(record, series=made, budget={k: _closed(line) for k, line in budget.items()})
+    return replace(record, series=made, budget={k: _update_budget_line(line) for k, line in budget.items()})
 
 
-def _closed(line: Mapping[str, Any]) -> dict[str, Any]:
+def _update_budget_line(line: Mapping[str, Any]) -> dict[str, Any]:
     return {**line, "order": {}, "how": {NAME: "closed formulas: the last digits of the input moved"}}
 
 
-def _signs(values: Array, way: int) -> Array:
+def _build_signs(values: Array, way: int) -> Array:
     """Return +1 and -1 by turns along the samples, shifted from column to column, in the shape of the values [-].
 
     way : 1, 2, 3, 4, ...: 1, -1, 1/2, -1/2, ... instead in all samples of the first column, by turns in the others

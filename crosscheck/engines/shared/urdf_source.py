@@ -39,15 +39,15 @@ def read_source(mechanism: Mechanism) -> UrdfSource:
     A moving root that the URDF calls "world" has another name in the mechanism.  A link's first body is the URDF's own
     where the URDF states a mass or an inertia for it; all others were laid over it.
     """
-    robot = _root(mechanism.urdf)
+    robot = _read_root(mechanism.urdf)
     stated = {link.get("name", ""): _has_inertia(link) for link in robot.iter("link")}
     named = {link.name: link.name if link.name in stated else WORLD for link in mechanism.links}
     overlays = [(k.name, body) for k in mechanism.links for body in k.bodies[1 if stated[named[k.name]] else 0 :]]
     other = {theirs: ours for ours, theirs in named.items() if ours != theirs}
-    return UrdfSource(_plain(robot, other), named, tuple(overlays))
+    return UrdfSource(_write_plain_urdf(robot, other), named, tuple(overlays))
 
 
-def _root(path: Path | None) -> Element:
+def _read_root(path: Path | None) -> Element:
     """The root of a file, hyphens in comments and undeclared prefixes put right as other readers take them."""
     assert path is not None
     data = path.read_bytes()
@@ -63,7 +63,7 @@ def _has_inertia(link: Element) -> bool:
     return any(float(text) for entry in entries if entry is not None for text in entry.attrib.values())
 
 
-def _plain(robot: Element, other: dict[str, str]) -> str:
+def _write_plain_urdf(robot: Element, other: dict[str, str]) -> str:
     for part in list(robot):
         if part.tag not in KEPT:
             robot.remove(part)

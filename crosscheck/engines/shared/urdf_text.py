@@ -8,7 +8,7 @@ joints        a universal joint is two revolute ones with a link without mass be
 drives        damping and dry friction as ``dynamics``; the reflected rotor as ``drake:rotor_inertia`` of a transmission
 limits        those that are not stated are written as UNBOUND, since revolute and sliding joints have to have some
 couplings     of two joints: ``mimic``
-left out      gravity, other closures, springs, forces (`unsaid`); the file says so at its head
+left out      gravity, other closures, springs, forces (`list_unwritten_parts`); the file says so at its head
 """
 
 from __future__ import annotations
@@ -32,40 +32,40 @@ DRAKE = "{http://drake.mit.edu}"
 ET.register_namespace("drake", DRAKE[1:-1])
 
 
-def urdf(mechanism: Mechanism) -> str:
+def write_urdf(mechanism: Mechanism) -> str:
     """Return the URDF of a rigid tree; of one that came from a URDF that text, with what was laid over it.
 
     Raises NotExported where the format has no word for something that moves.
     """
     check_rigid(mechanism, "URDF")
-    root = _laid_over(mechanism) if mechanism.urdf else _from_data(mechanism)
+    root = _update_source_urdf(mechanism) if mechanism.urdf else _build_urdf(mechanism)
     for joint in mechanism.joints:
-        _rotor(root, joint)
+        _add_transmission(root, joint)
     for element in root.findall("joint"):
-        for closure in _mimicking(mechanism, element.get("name", "")):
-            _mimic(element, closure)
-    for words in reversed(unsaid(mechanism)):
+        for closure in _find_mimic_coupling(mechanism, element.get("name", "")):
+            _add_mimic(element, closure)
+    for words in reversed(list_unwritten_parts(mechanism)):
         root.insert(0, ET.Comment(f" not said here: {words.replace('--', '- -')} "))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def unsaid(mechanism: Mechanism) -> list[str]:
+def list_unwritten_parts(mechanism: Mechanism) -> list[str]:
     """List the parts of a mechanism that a URDF has no words for, a line each [any unit]."""
-    lost = [f"gravity {_text(mechanism.gravity)} m/s^2"]
+    lost = [f"gravity {_format_numbers(mechanism.gravity)} m/s^2"]
     lost += [f"spring of joint {j.name}" for j in mechanism.joints if j.stiffness]
     lost += [
         f"damping, friction or rotor of joint {j.name} (free)"
         for j in mechanism.joints
-        if j.kind == "free" and _driven(j)
+        if j.kind == "free" and _has_passive_values(j)
     ]
-    mimicked = {c.name for j in mechanism.joints for c in _mimicking(mechanism, j.name)}
+    mimicked = {c.name for j in mechanism.joints for c in _find_mimic_coupling(mechanism, j.name)}
     lost += [f"closure {c.name} ({c.kind})" for c in mechanism.closures if c.name not in mimicked]
     lost += [f"spring {spring.name}" for spring in mechanism.springs]
     return lost + [f"force {force.name}" for force in mechanism.forces]
 
 
-def left_to_the_reader(mechanism: Mechanism) -> bool:
+def has_implicit_root(mechanism: Mechanism) -> bool:
     """Return True if the root's free joint is not in the text: it alone hangs on the world, at its frame."""
     first = mechanism.joints[0]
     if first.kind != "free" or first.parent != WORLD:
@@ -74,11 +74,11 @@ def left_to_the_reader(mechanism: Mechanism) -> bool:
     return mechanism.urdf is not None or (here and sum(j.parent == WORLD for j in mechanism.joints) == 1)
 
 
-def _driven(joint: Joint) -> bool:
+def _has_passive_values(joint: Joint) -> bool:
     return bool(joint.damping or joint.friction or joint.rotor_inertia)
 
 
-def _mimicking(mechanism: Mechanism, name: str) -> Iterator[Closure]:
+def _find_mimic_coupling(mechanism: Mechanism, name: str) -> Iterator[Closure]:
     """Yield the coupling that a joint mimics another one by: the first that names it first, of two joints, always active."""
     kinds = {joint.name: joint.kind for joint in mechanism.joints}
     for closure in mechanism.closures:
@@ -89,14 +89,14 @@ def _mimicking(mechanism: Mechanism, name: str) -> Iterator[Closure]:
             return
 
 
-def _mimic(element: ET.Element, closure: Closure) -> None:
+def _add_mimic(element: ET.Element, closure: Closure) -> None:
     """f1 q1 + f2 q2 = offset  as  q1 = multiplier q2 + offset / f1."""
     (_, own), (other, factor) = closure.factors
     told = {"multiplier": repr(float(-factor / own)), "offset": repr(float(closure.offset / own))}
     ET.SubElement(element, "mimic", {"joint": other} | told)
 
 
-def _laid_over(mechanism: Mechanism) -> ET.Element:
+def _update_source_urdf(mechanism: Mechanism) -> ET.Element:
     source = read_source(mechanism)
     robot: ET.Element = parse(str(mechanism.urdf)).getroot()
     for part in list(robot):
@@ -106,13 +106,13 @@ def _laid_over(mechanism: Mechanism) -> ET.Element:
             part.remove(shape)
     for element in robot.findall("joint"):
         if (joint := mechanism.joint_of.get(element.get("name", ""))) is not None:
-            _as_the_mechanism(element, joint)
+            _update_joint(element, joint)
     for link, body in source.overlays:
-        _hang(robot, source.named[link], body, f"{link}.{body.name}")
+        _add_fixed_body(robot, source.named[link], body, f"{link}.{body.name}")
     return robot
 
 
-def _as_the_mechanism(element: ET.Element, joint: Joint) -> None:
+def _update_joint(element: ET.Element, joint: Joint) -> None:
     """Give a joint of a URDF the kind, limits and drive that the mechanism has, which may lock it or state others."""
     if joint.kind not in KINDS:
         raise NotExported(f"joint {joint.name!r}: URDF has no {joint.kind} joint")
@@ -120,36 +120,36 @@ def _as_the_mechanism(element: ET.Element, joint: Joint) -> None:
     kept = ("origin", "parent", "child") if joint.kind in ("fixed", "free") else ("origin", "parent", "child", "axis")
     for part in [d for d in element if d.tag not in kept]:
         element.remove(part)
-    _limits(element, joint.kind, joint.limits)
-    _dynamics(element, joint)
+    _add_limits(element, joint.kind, joint.limits)
+    _add_dynamics(element, joint)
 
 
-def _from_data(mechanism: Mechanism) -> ET.Element:
+def _build_urdf(mechanism: Mechanism) -> ET.Element:
     robot = ET.Element("robot", name=mechanism.name)
-    skipped = mechanism.joints[0] if left_to_the_reader(mechanism) else None
+    skipped = mechanism.joints[0] if has_implicit_root(mechanism) else None
     if skipped is None:
         ET.SubElement(robot, "link", name=WORLD)
     for joint in mechanism.joints:
         link = mechanism.link_of[joint.child]
         if joint is not skipped:
-            _joint(robot, joint)
+            _add_joint(robot, joint)
         own = ET.SubElement(robot, "link", name=joint.child)
         for k, body in enumerate(link.bodies):
             if k == 0:
-                _inertial(own, body)
+                _add_inertial(own, body)
             else:
-                _hang(robot, joint.child, body, f"{joint.child}.{body.name}")
+                _add_fixed_body(robot, joint.child, body, f"{joint.child}.{body.name}")
     return robot
 
 
-def _joint(robot: ET.Element, joint: Joint) -> None:
+def _add_joint(robot: ET.Element, joint: Joint) -> None:
     if joint.kind == "universal":
         between = f"{joint.name}.between"
         ET.SubElement(robot, "link", name=between)
         first = _write(robot, f"{joint.name}.1", "revolute", (joint.parent, between), joint.placement, joint.axis)
         second = _write(robot, f"{joint.name}.2", "revolute", (between, joint.child), Placement(), joint.second_axis)
         for made in (first, second):
-            _dynamics(made, joint)
+            _add_dynamics(made, joint)
         return
     if joint.kind not in KINDS or (joint.kind == "free" and joint.parent != WORLD):
         raise NotExported(
@@ -157,7 +157,7 @@ def _joint(robot: ET.Element, joint: Joint) -> None:
         )
     ends = joint.parent, joint.child
     made = _write(robot, joint.name, KINDS[joint.kind], ends, joint.placement, joint.axis, joint.limits)
-    _dynamics(made, joint)
+    _add_dynamics(made, joint)
 
 
 def _write(
@@ -170,16 +170,18 @@ def _write(
     limits: Limits | None = None,
 ) -> ET.Element:
     made = ET.SubElement(robot, "joint", name=name, type=kind)
-    ET.SubElement(made, "origin", xyz=_text(at.position), rpy=_text(roll_pitch_yaw(at.rotation)))
+    ET.SubElement(
+        made, "origin", xyz=_format_numbers(at.position), rpy=_format_numbers(compute_roll_pitch_yaw(at.rotation))
+    )
     ET.SubElement(made, "parent", link=ends[0])
     ET.SubElement(made, "child", link=ends[1])
     if kind not in ("fixed", "floating"):
-        ET.SubElement(made, "axis", xyz=_text(axis))
-    _limits(made, kind, limits or Limits())
+        ET.SubElement(made, "axis", xyz=_format_numbers(axis))
+    _add_limits(made, kind, limits or Limits())
     return made
 
 
-def _limits(element: ET.Element, kind: str, limits: Limits) -> None:
+def _add_limits(element: ET.Element, kind: str, limits: Limits) -> None:
     """Write limits: all of a revolute or sliding joint, of a continuous one effort and speed where one is stated."""
     bounds = {"effort": limits.effort, "velocity": limits.velocity}
     if kind in ("revolute", "prismatic"):
@@ -189,7 +191,7 @@ def _limits(element: ET.Element, kind: str, limits: Limits) -> None:
     ET.SubElement(element, "limit", {key: repr(float(np.clip(x, -UNBOUND, UNBOUND))) for key, x in bounds.items()})
 
 
-def _dynamics(element: ET.Element, joint: Joint) -> None:
+def _add_dynamics(element: ET.Element, joint: Joint) -> None:
     if joint.kind in ("free", "fixed"):
         return
     stated = {"damping": joint.damping, "friction": joint.friction}
@@ -197,7 +199,7 @@ def _dynamics(element: ET.Element, joint: Joint) -> None:
         ET.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in stated.items()})
 
 
-def _rotor(robot: ET.Element, joint: Joint) -> None:
+def _add_transmission(robot: ET.Element, joint: Joint) -> None:
     """Add a transmission with the gear of a drive and the rotor: rotor_inertia gear_ratio^2 = that of the joint."""
     if not (joint.rotor_inertia or joint.drive) or joint.kind in ("free", "fixed"):
         return
@@ -212,22 +214,22 @@ def _rotor(robot: ET.Element, joint: Joint) -> None:
         ET.SubElement(actuator, DRAKE + "gear_ratio", value=repr(float(ratio)))
 
 
-def _hang(robot: ET.Element, parent: str, body: Body, name: str) -> None:
+def _add_fixed_body(robot: ET.Element, parent: str, body: Body, name: str) -> None:
     link = ET.SubElement(robot, "link", name=name)
-    _inertial(link, body)
+    _add_inertial(link, body)
     _write(robot, f"{name}.fixed", "fixed", (parent, name), Placement(), None)
 
 
-def _inertial(link: ET.Element, body: Body) -> None:
+def _add_inertial(link: ET.Element, body: Body) -> None:
     inertial = ET.SubElement(link, "inertial")
     t = body.inertia.tensor
-    ET.SubElement(inertial, "origin", xyz=_text(body.inertia.com), rpy="0 0 0")
+    ET.SubElement(inertial, "origin", xyz=_format_numbers(body.inertia.com), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(body.inertia.mass)))
     entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ET.SubElement(inertial, "inertia", {key: repr(float(t[at])) for key, at in entries.items()})
 
 
-def roll_pitch_yaw(r: Any) -> tuple[float, float, float]:
+def compute_roll_pitch_yaw(r: Any) -> tuple[float, float, float]:
     """Return roll, pitch, yaw [rad] of R = Rz(yaw) Ry(pitch) Rx(roll), with full digits also near pitch = 90 degrees."""
     yaw = float(np.arctan2(r[1, 0], r[0, 0])) if np.hypot(r[0, 0], r[1, 0]) > 0 else 0.0
     c = np.cos(yaw)
@@ -237,5 +239,5 @@ def roll_pitch_yaw(r: Any) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def _text(numbers: Any) -> str:
+def _format_numbers(numbers: Any) -> str:
     return " ".join(repr(float(x)) for x in numbers)

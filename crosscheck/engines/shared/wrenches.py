@@ -28,13 +28,13 @@ class Push:
     moment: Array
 
 
-def pushes(mechanism: Mechanism, time: float, look: Look) -> list[Push]:
+def compute_applied_forces(mechanism: Mechanism, time: float, look: Look) -> list[Push]:
     """Return the forces of springs and given forces at a time [s]; look: an attachment's frame in the world."""
-    pulls = [push for spring in mechanism.springs for push in _pulls(spring, look)]
-    return pulls + [_given(force, time, look) for force in mechanism.forces]
+    pulls = [push for spring in mechanism.springs for push in _compute_spring_forces(spring, look)]
+    return pulls + [_evaluate_force(force, time, look) for force in mechanism.forces]
 
 
-def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
+def _compute_spring_forces(spring: Spring, look: Look) -> Iterator[Push]:
     """k (l - rest), or the spring's law, + d l' at both ends, towards the other one."""
     first = look(spring.first)
     second = look(spring.second)
@@ -47,21 +47,23 @@ def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
     yield Push(spring.second.link, second.x, -pull, np.zeros(3))
 
 
-def _given(force: Force, time: float, look: Look) -> Push:
+def _evaluate_force(force: Force, time: float, look: Look) -> Push:
     at = look(force.at)
-    wrench = wrench_at(force, time)
+    wrench = evaluate_wrench(force, time)
     axes = at.r if force.follower else np.eye(3)
     return Push(force.at.link, at.x, axes @ wrench[:3], axes @ wrench[3:])
 
 
-def wrench_at(force: Force, time: float) -> Array:
+def evaluate_wrench(force: Force, time: float) -> Array:
     """Return force [N] and moment [N m] (6,) of its table at a time [s], in the axes in which they are given."""
     if len(force.time) == 1:  # engines ask a hundred thousand times
         return np.array(force.wrench[0])
     return np.array([np.interp(time, force.time, column) for column in force.wrench.T], dtype=np.float64)
 
 
-def closing(mechanism: Mechanism, pairs: list[tuple[Moving, Moving]], rows: Rows, multipliers: Array) -> list[Push]:
+def compute_closure_forces(
+    mechanism: Mechanism, pairs: list[tuple[Moving, Moving]], rows: Rows, multipliers: Array
+) -> list[Push]:
     """Return the forces of closures: on the second link at its frame, on the first the opposite at the same point.
 
     multipliers : (rows,) [N], [N m]
@@ -76,7 +78,7 @@ def closing(mechanism: Mechanism, pairs: list[tuple[Moving, Moving]], rows: Rows
     return made
 
 
-def reactions(made: list[Push], pairs: list[tuple[Moving, Moving]]) -> Array:
+def compute_reactions(made: list[Push], pairs: list[tuple[Moving, Moving]]) -> Array:
     """Return force [N] and moment [N m] on each closure's second frame, there and along its axes, (closures, 6)."""
     both = [(push, second) for push, (_, second) in zip(made[::2], pairs, strict=True)]
     return np.array([[*(at.r.T @ push.force), *(at.r.T @ push.moment)] for push, at in both]).reshape(-1, 6)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
+from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 from crosscheck.equivalence.alignment.bases import BASE
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
@@ -293,7 +293,7 @@ def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:
         if words := STANDS.get(description.format, ""):
             x, y, z, w = quaternion(frame.rotation)
             turns = {
-                "rpy": vector_text(np.array(roll_pitch_yaw(frame.rotation))),
+                "rpy": vector_text(np.array(compute_roll_pitch_yaw(frame.rotation))),
                 "quat": vector_text(np.array([w, x, y, z])),
             }
             what = words.format(root=root, xyz=vector_text(frame.position), **turns)

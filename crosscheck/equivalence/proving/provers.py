@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from crosscheck.doors.packages import installed
-from crosscheck.engines import ENGINES, loaded, missing
+from crosscheck.engines import ENGINES, describe_missing_package, resolve_adapter
 from crosscheck.engines.base import offered
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import ReaderDynamics
@@ -88,10 +88,14 @@ def _offering(kind: str) -> Iterator[tuple[str, Any]]:
     engines = {**ENGINES, **installed()}
     names = [*FIRST, *(name for name in engines if name not in FIRST and "-" not in name)]
     for name in names:
-        if name not in engines or name in ("measured", "flexinv") or missing(engines[name]) is not None:
+        if (
+            name not in engines
+            or name in ("measured", "flexinv")
+            or describe_missing_package(engines[name]) is not None
+        ):
             continue
         try:
-            adapter: Any = loaded(engines[name].module)
+            adapter: Any = resolve_adapter(engines[name].module)
         except ImportError:
             continue
         dynamics = offered(adapter, "dynamics")

@@ -175,13 +175,13 @@ def test_torques_are_compared_before_they_are_timed(monkeypatch: pytest.MonkeyPa
         row["method"] for row in rows
     }
     assert all(row["difference"] <= rigid.LARGEST_ERROR and row["time"] > 0.0 for row in rows)
-    right = pinocchio_bench.loop
+    right = pinocchio_bench.prepare_loop
 
     def wrong(*given: Any) -> Any:
         run, said = right(*given)
         return run, lambda answer: said(answer) * (1.0 + 1e-9)
 
-    monkeypatch.setattr(pinocchio_bench, "loop", wrong)
+    monkeypatch.setattr(pinocchio_bench, "prepare_loop", wrong)
     rows = rigid.rows_of("ur5", ur5, 100, SHORT)
     assert [(row["method"], row["verdict"], "time" in row) for row in rows] == [
         ("pin.rnea in a loop", "deviation", False)
@@ -191,7 +191,7 @@ def test_torques_are_compared_before_they_are_timed(monkeypatch: pytest.MonkeyPa
 def test_chains_are_the_same_in_both_engines() -> None:
     mechanism = single.chain(5)
     state = random_states(mechanism, 7, np.random.default_rng(1))
-    run, said = pinocchio_bench.parallel(mechanism, *state, 1)
+    run, said = pinocchio_bench.prepare_parallel(mechanism, *state, 1)
     ours = joint_torques(mechanism, *state)
     assert np.abs(said(run()) - ours).max() < rigid.LARGEST_ERROR * np.abs(ours).max()
     rows = single.chains(joints=[1, 3], seconds=SHORT)["rows"]

@@ -31,7 +31,7 @@ def test_exudyn_and_flexinv_give_the_torque_of_a_closed_loop_that_bends() -> Non
     mechanism, case = torque_errors.subject(arm, MODELS)
     end, samples = case.motion.duration, 20
     found = loop_chains.solve(mechanism, case.motion, end / 4000, end=end, start=case.start)
-    march = torque_errors.calls("exudyn").TorqueMarch(mechanism, case, "ancf", 8, 1000, end, samples)
+    march = torque_errors.open_bench_calls("exudyn").TorqueMarch(mechanism, case, "ancf", 8, 1000, end, samples)
     own, theirs = found.torque[::200, 0], march.torques()[:, mechanism.actuated][:, 0]
     assert np.abs(own - theirs).max() < 2e-3 * np.abs(own).max()
-    march.runner()()
+    march.make_runner()()

@@ -19,7 +19,7 @@ from crosscheck.causes.dictionary import DICTIONARY, all_causes
 from crosscheck.cli import main
 from crosscheck.doors import config, packages, trust
 from crosscheck.doors.registry import Doors, doors, stamp
-from crosscheck.engines import ENGINES, adapter, missing, opened
+from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import MEMBERS, offered
 from crosscheck.verdicts.results import Results, read
 from flexinv.errors import InputError
@@ -262,7 +262,7 @@ def test_records_are_found_by_case_and_by_what_they_say(project: Path) -> None:
     from crosscheck.verdicts.plan import discover
 
     task = discover(project / "models").tasks[0]
-    asked = lambda: opened(job).unsupported(task.mechanism, task.case, "adams")  # noqa: E731
+    asked = lambda: open_adapter(job).unsupported(task.mechanism, task.case, "adams")  # noqa: E731
     assert asked() == "nobody recorded this case"
     (folder / "records" / "adams" / "meta.json").write_text('{"name": "lift"}')
     assert asked() == "nobody recorded this case"
@@ -345,7 +345,7 @@ def test_our_engines_come_through_the_same_door(root: Path) -> None:
 @pytest.mark.parametrize("name", ENGINES)
 def test_our_adapters_name_what_they_offer(name: str) -> None:
     engine = ENGINES[name]
-    if (reason := missing(engine)) is not None:
+    if (reason := describe_missing_package(engine)) is not None:
         pytest.skip(reason)
     one = adapter(engine)
     assert (offered(one, "export") is not None) == engine.exports

@@ -21,7 +21,7 @@ from crosscheck.engines.mujoco import adapter as mujoco
 from crosscheck.engines.mujoco import flex as mujoco_flex
 from crosscheck.engines.pinocchio import adapter as pinocchio
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
-from crosscheck.engines.pinocchio.model import to_engine
+from crosscheck.engines.pinocchio.model import convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.measures.record import WRENCH, XYZ, Record, check
 from flexinv.files.load_cases import Case
@@ -106,8 +106,8 @@ def test_mujocos_equality_constraints_return_the_open_tree() -> None:
         assert "mj_inverse gives the efforts of the open tree" in record.message
         mechanism, case = example
         built, time = pinocchio.build(mechanism), sample_times(case)
-        state = pinocchio_loops.motion(mechanism, case, built, time)
-        opened = pinocchio_loops.held(replace(mechanism, closures=()), built, time, state)
+        state = pinocchio_loops.solve_motion(mechanism, case, built, time)
+        opened = pinocchio_loops.solve_efforts(replace(mechanism, closures=()), built, time, state)
         moving = np.abs(state[1]).min(axis=1) > 0.0  # dry friction at rest is MuJoCo's own, see the head of `mujoco`
         for k, velocity in enumerate(mechanism.velocity_names):
             values = record.series[f"torque/{velocity}"].values
@@ -132,17 +132,17 @@ def test_pinocchios_constraint_models_span_our_rows(kind: str, contact: pin.Cont
     """Its getConstraintsJacobian after calc() at a closed position, where it has a model for the kind."""
     mechanism, case = examples.spatial()
     built = pinocchio.build(mechanism)
-    q, v, _ = pinocchio_loops.motion(mechanism, case, built, sample_times(case))
+    q, v, _ = pinocchio_loops.solve_motion(mechanism, case, built, sample_times(case))
     data, closure = built.model.createData(), mechanism.closures[0]
     tree = pinocchio_loops.Tree(replace(mechanism, closures=(replace(closure, kind=kind),)), built, data)
-    position = to_engine(built, q, v, v)[0][7]
+    position = convert_to_engine(built, q, v, v)[0][7]
     if kind == "fixed":  # frames that coincide where the ball lets them differ
         tree.pairs(position, 0 * v[7])
         turn = tree.look(closure.second).r.T @ tree.look(closure.first).r
         second = replace(closure.second, placement=Placement(closure.second.placement.position, turn))
         closure = replace(closure, kind=kind, second=second)
         tree = replace(tree, mechanism=replace(mechanism, closures=(closure,)))
-    rows = assembly.rows_of(tree.mechanism.closures, tree.pairs(position, 0 * v[7])).g
+    rows = assembly.assemble_rows(tree.mechanism.closures, tree.pairs(position, 0 * v[7])).g
     ends = [(built.link[e.link][0], built.link[e.link][1] * _se3(e)) for e in (closure.first, closure.second)]
     model = pin.RigidConstraintModel(contact, built.model, ends[0][0], ends[0][1], ends[1][0], ends[1][1])
     rigid = model.createData()
@@ -210,13 +210,13 @@ def test_a_fault_in_the_rates_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without G' v the accelerations of the passive joints are wrong, and with them the torque."""
     example = examples.four_bar()
     expected = reference(example)
-    right = assembly.rows_of
+    right = assembly.assemble_rows
 
     def without_bias(*arguments: object) -> assembly.Rows:
         rows = right(*arguments)  # type: ignore[arg-type]
         return replace(rows, bias=0 * rows.bias)
 
-    monkeypatch.setattr(assembly, "rows_of", without_bias)
+    monkeypatch.setattr(assembly, "assemble_rows", without_bias)
     assert apart(by("pinocchio", example), expected, "torque") > 1e-2
 
 
@@ -294,6 +294,6 @@ def _with_beam() -> tuple[Mechanism, Case]:
 def test_a_jacobian_that_is_rounding_ties_nothing() -> None:
     """A second bearing of a shaft: no singular value is large enough to show that all are small."""
     g, tree, one = np.array([[1e-16, 0.0], [2e-17, -1e-16]]), np.array([3.0, -2.0]), np.ones(2)
-    effort = assembly.share_out(g, tree, one > 0, one)
+    effort = assembly.split_efforts(g, tree, one > 0, one)
     np.testing.assert_allclose(effort, tree, rtol=1e-15)
-    assert np.abs(assembly.multipliers(g, tree, effort)).max() == 0.0
+    assert np.abs(assembly.solve_multipliers(g, tree, effort)).max() == 0.0

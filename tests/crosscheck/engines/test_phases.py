@@ -17,7 +17,7 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn import adapter as exudyn
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.flexinv import adapter as engine
-from crosscheck.engines.flexinv.determinacy import determinate
+from crosscheck.engines.flexinv.determinacy import find_determinate_parts
 from crosscheck.engines.mujoco import adapter as mujoco
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.pinocchio import adapter as pinocchio
@@ -85,9 +85,9 @@ def test_a_closure_that_ceases_too_early_is_seen(which: str) -> None:
 def test_mujoco_switches_its_own_equalities() -> None:
     """``eq_active`` follows the intervals, and the rows of efc_J with it."""
     mechanism, _ = model("two_arms")
-    built = mujoco.build(mechanism, extend=mujoco_loops.furnish(mechanism))
+    built = mujoco.build(mechanism, extend=mujoco_loops.make_loop_extender(mechanism))
     for time, names in ((0.2, ["lies"]), (0.7, ["left", "right"]), (1.2, ["lies_again"])):
-        data = mujoco_loops.state_of(built, phases.acting(mechanism, time))
+        data = mujoco_loops.build_data(built, phases.apply_active_closures(mechanism, time))
         on = [built.model.equality(k).name.split("/")[0] for k in range(built.model.neq) if data.eq_active[k]]
         assert on == names
         mujoco.mujoco.mj_fwdPosition(built.model, data)
@@ -125,7 +125,7 @@ def test_velocities_that_do_not_meet_are_named() -> None:
     with pytest.raises(
         assembly.AssemblyError, match=r"from t = 0\.5 s on \(left, right\) change a rate by 0\.5 at once"
     ):
-        phases.follow_phases(mechanism, case, time, closed)
+        phases.solve_phases(mechanism, case, time, closed)
 
 
 def struck(impact: str) -> tuple[Mechanism, Case]:
@@ -179,7 +179,7 @@ def test_drives_share_by_their_weights(which: str) -> None:
         series = ran(name, tied, case).series
         assert series["torque/drive"].values == pytest.approx([8.0] * 21, rel=1e-9)
         assert series["torque/free"].values == pytest.approx([24.0] * 21, rel=1e-9)
-    both = exudyn_chain.shared(tied, case, np.array([[0.1, 0.1]]), np.array([[32.0, 0.0]]))
+    both = exudyn_chain.split_sampled_efforts(tied, case, np.array([[0.1, 0.1]]), np.array([[32.0, 0.0]]))
     assert both[0] == pytest.approx([8.0, 24.0])
 
 
@@ -209,7 +209,10 @@ def test_what_a_closure_cannot_exert_is_no_reaction() -> None:
         mechanism = flexinv.load_mechanism(MODELS / name)
         case = next(iter(load_cases(MODELS / name, mechanism).values()))
         s = flexinv.solve(mechanism, case.motion, 0.1, start=case.start)
-        made |= {c: found.astype(int).tolist() for c, found in determinate(s.mesh, s.nodes, s.time).reaction.items()}
+        made |= {
+            c: found.astype(int).tolist()
+            for c, found in find_determinate_parts(s.mesh, s.nodes, s.time).reaction.items()
+        }
     assert made["C"] == [1, 1, 0, 0, 0, 0]
     assert all(made[f"ball{k}"] == [1, 1, 1, 0, 0, 0] for k in range(1, 7))
 
@@ -228,7 +231,7 @@ def test_wrenches_of_joints_that_redundant_closures_leave_open_are_not_given() -
 def test_wrenches_of_joints_of_a_planar_loop_in_space_are_unique_in_its_plane() -> None:
     mechanism = flexinv.load_mechanism(MODELS / "five_bar")
     s = flexinv.solve(mechanism, load_cases(MODELS / "five_bar", mechanism)["reach"].motion, 0.1)
-    sure = determinate(s.mesh, s.nodes, s.time).wrench
+    sure = find_determinate_parts(s.mesh, s.nodes, s.time).wrench
     assert set(sure) == {joint.name for joint in mechanism.joints}
     assert all(sure[name][[0, 1, 5]].all() for name in sure)
 
@@ -238,7 +241,7 @@ def test_a_loop_with_a_beam_leaves_nothing_open() -> None:
     mechanism = flexinv.load_mechanism(MODELS / "four_bar_flexible")
     case = next(iter(load_cases(MODELS / "four_bar_flexible", mechanism).values()))
     s = flexinv.solve(mechanism, case.motion, 1e-3, end=5e-3, start=case.start)
-    sure = determinate(s.mesh, s.nodes, s.time)
+    sure = find_determinate_parts(s.mesh, s.nodes, s.time)
     assert all(found.all() for found in sure.wrench.values())
     assert sure.reaction["C"].tolist() == [True] * 5 + [False]  # a hinge exerts no moment about its axis
 

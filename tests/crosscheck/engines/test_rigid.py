@@ -37,13 +37,13 @@ class Answer:
 
 
 def by_pinocchio(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Answer:
-    result = pinocchio.inverse_dynamics(pinocchio.build(mechanism), q, qd, qdd)
+    result = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), q, qd, qdd)
     return Answer(result.torque + pinocchio.passive_effort(mechanism, qd), result.wrench, result.tip)
 
 
 def by_mujoco(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Answer:
-    with mujoco.warnings_caught() as words:
-        result = mujoco.inverse_dynamics(mechanism, mujoco.build(mechanism), q, qd, qdd)
+    with mujoco.collect_warnings() as words:
+        result = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), q, qd, qdd)
     assert words == []
     return Answer(result.torque, result.wrench, result.tip)
 

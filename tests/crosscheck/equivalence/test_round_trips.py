@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.urdf_text import unsaid, urdf
+from crosscheck.engines.shared.urdf_text import list_unwritten_parts, write_urdf
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
@@ -34,7 +34,11 @@ def described(name: str) -> Description:
 
 def sayable(mechanism: Mechanism, form: str) -> Mechanism:
     """The mechanism without what the format has no word for, as its own head says."""
-    lost = [words for words in unsaid(mechanism) if not words.startswith("gravity")] if form == "urdf" else []
+    lost = (
+        [words for words in list_unwritten_parts(mechanism) if not words.startswith("gravity")]
+        if form == "urdf"
+        else []
+    )
     closures = tuple(c for c in mechanism.closures if not any(w.startswith(f"closure {c.name} ") for w in lost))
     joints = tuple(
         replace(j, stiffness=0.0, rest=0.0) if f"spring of joint {j.name}" in lost else j for j in mechanism.joints
@@ -44,11 +48,11 @@ def sayable(mechanism: Mechanism, form: str) -> Mechanism:
 
 def written(mechanism: Mechanism, form: str, folder: Path) -> Path:
     if form == "urdf":
-        text, name = urdf(mechanism), "model.urdf"
+        text, name = write_urdf(mechanism), "model.urdf"
     else:
-        from crosscheck.engines.mujoco.export import text_of
+        from crosscheck.engines.mujoco.export import build_mjcf
 
-        text, name = text_of(mechanism)[1], "model.xml"
+        text, name = build_mjcf(mechanism)[1], "model.xml"
     (folder / name).write_text(text)
     return folder / name
 

@@ -18,8 +18,8 @@ from machines import machine
 from retelling import base_moved, move_frames, recounted, split_links, told_first
 from same_robot import faults, outcomes
 
-from crosscheck.engines.mujoco.export import text_of
-from crosscheck.engines.shared.urdf_text import urdf
+from crosscheck.engines.mujoco.export import build_mjcf
+from crosscheck.engines.shared.urdf_text import write_urdf
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED
 from flexinv.model.mechanism import Placement
@@ -111,8 +111,8 @@ def ur5(folder: Path, quarters: int, digits: int | None = None) -> tuple[Path, P
     first = told_first(machine("ur_description/urdf/ur5_robot.urdf"))
     turn = Rotation.from_rotvec([0.0, 0.0, np.pi / 2 * quarters]).as_matrix()
     second = move_frames(base_moved(first, Placement(rotation=turn)), np.random.default_rng(5))
-    (folder / "a.urdf").write_text(urdf(first.mechanism))
-    text = text_of(second.mechanism)[1]
+    (folder / "a.urdf").write_text(write_urdf(first.mechanism))
+    text = build_mjcf(second.mechanism)[1]
     if digits is not None:
         text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda found: f"{float(found[0]):.{digits}f}", text)
     (folder / "b.xml").write_text(text)

@@ -107,7 +107,7 @@ def run(root: Path, model: str, engine: str, name: str = "", end: float | None =
     case = case if end is None else replace(case, end=end)
     driver = adapter(ENGINES[engine])
     record = driver.run(mechanism, case, engine, options)
-    return rounding_bars.with_rounding(driver, record, mechanism, case, {})
+    return rounding_bars.add_rounding_bars(driver, record, mechanism, case, {})
 
 
 @pytest.mark.parametrize(
@@ -175,6 +175,6 @@ def test_sprague_and_geers_tell_scale_from_shift() -> None:
 
 def test_a_record_with_bars_keeps_them(root: Path) -> None:
     record = run(root, "double_pendulum", "pinocchio")
-    assert rounding_bars.with_rounding(adapter(ENGINES["pinocchio"]), record, None, None, {}) is record  # type: ignore[arg-type]
+    assert rounding_bars.add_rounding_bars(adapter(ENGINES["pinocchio"]), record, None, None, {}) is record  # type: ignore[arg-type]
     failed = replace(record, status="error")
-    assert rounding_bars.with_rounding(adapter(ENGINES["pinocchio"]), failed, None, None, {}) is failed  # type: ignore[arg-type]
+    assert rounding_bars.add_rounding_bars(adapter(ENGINES["pinocchio"]), failed, None, None, {}) is failed  # type: ignore[arg-type]

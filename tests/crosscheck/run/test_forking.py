@@ -19,7 +19,7 @@ import pytest
 import rogue_engines as rogue
 
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.engines.base import forkable, prepared
+from crosscheck.engines.base import forkable, prepare_adapter
 from crosscheck.run import fork_server, forking
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
 from crosscheck.run.isolation import Attempt, Children, run_engine
@@ -251,7 +251,7 @@ def test_every_adapter_of_ours_may_be_forked() -> None:
     for engine in ENGINES.values():
         found = __import__(engine.module, fromlist=["run"])
         assert forkable(found)
-        prepared(found)
+        prepare_adapter(found)
 
 
 def test_another_system_forks_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn import run_in_time
 from crosscheck.engines.mujoco import flex as mujoco_flex
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
+from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -317,5 +317,5 @@ def test_angles_of_a_urdf_keep_their_digits() -> None:
     turns = [exp_so3(v) for v in random.uniform(-3, 3, (20, 3))]
     turns += [exp_so3(np.array([0.0, s * np.pi / 2, 0.0])) @ exp_so3(np.array([0.3, 0, 0])) for s in (1, -1)]
     for r in turns:
-        roll, pitch, yaw = (exp_so3(a * e) for a, e in zip(roll_pitch_yaw(r), np.eye(3), strict=True))
+        roll, pitch, yaw = (exp_so3(a * e) for a, e in zip(compute_roll_pitch_yaw(r), np.eye(3), strict=True))
         np.testing.assert_allclose(yaw @ pitch @ roll, r, atol=1e-15 * 4)  # three products

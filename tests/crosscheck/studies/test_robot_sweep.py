@@ -136,7 +136,7 @@ def test_a_foot_without_mass_is_named(tmp_path: Path) -> None:
 def test_no_cause_without_evidence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The difference goes away without fusing, but the inertias do not say why: then nothing is claimed."""
     footed(tmp_path, 0.0)
-    monkeypatch.setattr(mujoco_fuse, "losses", lambda mechanism: ())
+    monkeypatch.setattr(mujoco_fuse, "list_losses", lambda mechanism: ())
     row = robot_row(tmp_path / "robot.urdf", "robot")
     assert row.cause == ""
     assert row.mujoco is not None

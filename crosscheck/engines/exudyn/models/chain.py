@@ -19,8 +19,15 @@ from functools import partial
 
 import numpy as np
 
-from crosscheck.engines.exudyn.models.frames import Array, axis_pose, compose, joint_pose, joint_twist, turn
-from crosscheck.engines.exudyn.models.layout import tip_or
+from crosscheck.engines.exudyn.models.frames import (
+    Array,
+    compose,
+    compute_joint_pose,
+    compute_joint_twist,
+    compute_section_pose,
+    turn,
+)
+from crosscheck.engines.exudyn.models.layout import resolve_station
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.cross import cross, cross_columns
 from crosscheck.engines.shared.loop_closure import Moving, Rows, Task
@@ -42,24 +49,24 @@ class Tree:
     def given(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, qd, qdd of the motion at times [s], joints that it leaves out at their guess."""
         q, qd, qdd = self.history(time) if self.history else self.case.motion.evaluate(self.mechanism, time)
-        return assembly.guessed(self.mechanism, self.case, q), qd, qdd
+        return assembly.apply_guess(self.mechanism, self.case, q), qd, qdd
 
     def moved(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
         out = q.copy()
         for joint in self.mechanism.joints:
             own = self.mechanism.q_slices[joint.name]
-            out[own] = _moved(joint, q[own], step[self.mechanism.v_slices[joint.name]])
+            out[own] = _integrate_joint_step(joint, q[own], step[self.mechanism.v_slices[joint.name]])
         return out
 
     def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
         """Return the two frames of every closure."""
-        links = walk(self.mechanism, q, v)
-        seen = partial(_seen, self.mechanism, links)
+        links = compute_link_frames(self.mechanism, q, v)
+        seen = partial(_compute_attachment_frame, self.mechanism, links)
         return [(seen(c.first), seen(c.second)) for c in self.mechanism.closures]
 
 
-def _moved(joint: Joint, q: Array, step: Array) -> Array:
+def _integrate_joint_step(joint: Joint, q: Array, step: Array) -> Array:
     if joint.kind == "continuous":
         c = np.cos(step[0])
         s = np.sin(step[0])
@@ -77,10 +84,10 @@ def _moved(joint: Joint, q: Array, step: Array) -> Array:
     turned /= np.linalg.norm(turned)
     if joint.kind == "spherical":
         return turned
-    return np.concatenate([q[:3] + joint_pose(joint, q[None])[1][0] @ step[:3], turned])
+    return np.concatenate([q[:3] + compute_joint_pose(joint, q[None])[1][0] @ step[:3], turned])
 
 
-def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
+def compute_link_frames(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
     """Return every link's frame [m], [rad], [s] at q (nq,), v (nv,), the world included."""
     none = np.zeros((3, mechanism.nv))
     still = np.zeros(3)
@@ -88,17 +95,19 @@ def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
     for joint in mechanism.joints:
         own = q[mechanism.q_slices[joint.name]]
         rates = mechanism.v_slices[joint.name]
-        seat = carried(_section(mechanism, links, joint.parent, joint.station), joint.placement)
-        links[joint.child] = _outward(seat, joint, own, v[rates], rates)
+        seat = compute_offset_frame(
+            _compute_section_frame(mechanism, links, joint.parent, joint.station), joint.placement
+        )
+        links[joint.child] = _compute_child_frame(seat, joint, own, v[rates], rates)
     return links
 
 
-def carried(frame: Moving, place: Placement) -> Moving:
+def compute_offset_frame(frame: Moving, place: Placement) -> Moving:
     """Return a frame that stands at ``place`` [m] in a moving one."""
-    return _placed(frame, place.position, place.rotation)
+    return _move_frame(frame, place.position, place.rotation)
 
 
-def _placed(frame: Moving, position: Array, rotation: Array) -> Moving:
+def _move_frame(frame: Moving, position: Array, rotation: Array) -> Moving:
     turned_r = frame.r @ rotation
     if not position.any():
         return Moving(frame.x, turned_r, frame.linear, frame.angular, frame.v, frame.w, frame.a, frame.alpha)
@@ -110,12 +119,12 @@ def _placed(frame: Moving, position: Array, rotation: Array) -> Moving:
     return Moving(frame.x + r, turned_r, linear, frame.angular, frame.v + turned, w, a, frame.alpha)
 
 
-def _outward(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> Moving:
-    p, r = (part[0] for part in joint_pose(joint, q[None]))
-    child = _placed(seat, p, r)
+def _compute_child_frame(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> Moving:
+    p, r = (part[0] for part in compute_joint_pose(joint, q[None]))
+    child = _move_frame(seat, p, r)
     if not joint.nv:
         return child
-    units = [joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
+    units = [compute_joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
     # velocities of a free joint are along the child's axes, the slide of a prismatic one along the seat's: the same there
     linear = child.linear.copy()
     angular = child.angular.copy()
@@ -124,15 +133,15 @@ def _outward(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> M
         angular[:, column] = child.r @ spin
     if not qd.any() and not seat.w.any():
         return Moving(child.x, child.r, linear, angular, child.v, child.w, child.a, child.alpha)
-    slide, spin = (child.r @ part for part in joint_twist(joint, q, qd))
+    slide, spin = (child.r @ part for part in compute_joint_twist(joint, q, qd))
     swing = 2 * cross(seat.w, slide) + cross(spin, slide)
-    alpha = child.alpha + cross(seat.w, spin) + child.r @ _rate(joint, q, qd)
+    alpha = child.alpha + cross(seat.w, spin) + child.r @ _compute_bias_acceleration(joint, q, qd)
     return Moving(
         child.x, child.r, linear, angular, child.v + slide, child.w + spin, child.a + swing, alpha
     )  # fmt: skip
 
 
-def _rate(joint: Joint, q: Array, qd: Array) -> Array:
+def _compute_bias_acceleration(joint: Joint, q: Array, qd: Array) -> Array:
     """Return w' of a joint at zero accelerations, in the child's frame: only a universal joint's axes move there."""
     if joint.kind != "universal":
         return np.zeros(3)
@@ -140,21 +149,21 @@ def _rate(joint: Joint, q: Array, qd: Array) -> Array:
     return np.asarray(-cross(joint.second_axis * qd[1], first))
 
 
-def _seen(mechanism: Mechanism, links: dict[str, Moving], at: Attachment) -> Moving:
+def _compute_attachment_frame(mechanism: Mechanism, links: dict[str, Moving], at: Attachment) -> Moving:
     on_beam = at.link != WORLD and mechanism.link_of[at.link].beam is not None
-    seat = _section(mechanism, links, at.link, tip_or(at.station) if on_beam else None)
-    return carried(seat, at.placement)
+    seat = _compute_section_frame(mechanism, links, at.link, resolve_station(at.station) if on_beam else None)
+    return compute_offset_frame(seat, at.placement)
 
 
-def _section(mechanism: Mechanism, links: dict[str, Moving], name: str, station: float | None) -> Moving:
+def _compute_section_frame(mechanism: Mechanism, links: dict[str, Moving], name: str, station: float | None) -> Moving:
     """Return a link's frame, or that of a section of a beam as it is without stress."""
     beam = None if name == WORLD else mechanism.link_of[name].beam
     if beam is None or station is None:
         return links[name]
-    return carried(links[name], compose(beam.placement, axis_pose(beam, station * beam.length)))
+    return compute_offset_frame(links[name], compose(beam.placement, compute_section_pose(beam, station * beam.length)))
 
 
-def closed_motion(
+def evaluate_closed_motion(
     mechanism: Mechanism, case: Case, time: Array, history: Given | None = None
 ) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints, on the closures where there are any.
@@ -163,41 +172,49 @@ def closed_motion(
     """
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
-    return _closed(case, mechanism, time.tobytes()) if history is None else _followed(mechanism, case, time, history)
+    return (
+        _evaluate_case_motion(case, mechanism, time.tobytes())
+        if history is None
+        else _solve_tree_motion(mechanism, case, time, history)
+    )
 
 
 @make_owner_cache(most=8)
-def _closed(case: Case, mechanism: Mechanism, time: bytes) -> tuple[Array, Array, Array]:
+def _evaluate_case_motion(case: Case, mechanism: Mechanism, time: bytes) -> tuple[Array, Array, Array]:
     """The case's own motion: every run of it is shared out on the same one."""
-    made = _followed(mechanism, case, np.frombuffer(time), None)
+    made = _solve_tree_motion(mechanism, case, np.frombuffer(time), None)
     for part in made:
         part.flags.writeable = False
     return made
 
 
-def _followed(mechanism: Mechanism, case: Case, time: Array, history: Given | None) -> tuple[Array, Array, Array]:
-    free = assembly.left_out(mechanism, case)
+def _solve_tree_motion(
+    mechanism: Mechanism, case: Case, time: Array, history: Given | None
+) -> tuple[Array, Array, Array]:
+    free = assembly.find_unprescribed_joints(mechanism, case)
     unknown = np.array([j.name in free for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     unknown_q = np.array([j.name in free for j in mechanism.joints for _ in range(j.nq)], dtype=bool)
-    return assembly.closed_motion(Task(mechanism, Tree(mechanism, case, history), unknown, unknown_q), time)
+    return assembly.solve_closed_motion(Task(mechanism, Tree(mechanism, case, history), unknown, unknown_q), time)
 
 
-def shared(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:
+def split_sampled_efforts(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:
     """Return the drives' efforts (samples, nv) [N m] or [N] of efforts on whichever joints, of least norm."""
     made = np.empty_like(effort)
-    for k, (_, rows) in enumerate(closing_rows(mechanism, case, q)):
-        made[k] = assembly.share_out(rows.g, effort[k], mechanism.actuated, mechanism.weights)
+    for k, (_, rows) in enumerate(list_closure_rows(mechanism, case, q)):
+        made[k] = assembly.split_efforts(rows.g, effort[k], mechanism.actuated, mechanism.weights)
     return made
 
 
-def closing_rows(mechanism: Mechanism, case: Case, positions: Array) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
+def list_closure_rows(
+    mechanism: Mechanism, case: Case, positions: Array
+) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
     """Return frames and equations of the closures [m], [-] at rest at positions (samples, nq) [rad], [m]."""
-    return _closing_rows(case, mechanism, positions.tobytes())
+    return _list_closure_rows(case, mechanism, positions.tobytes())
 
 
 @make_owner_cache(most=8)
-def _closing_rows(case: Case, mechanism: Mechanism, q: bytes) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
+def _list_closure_rows(case: Case, mechanism: Mechanism, q: bytes) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
     tree = Tree(mechanism, case)
     rest = np.zeros(mechanism.nv)
     pairs = [tree.pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
-    return [(one, assembly.rows_of(mechanism.closures, one)) for one in pairs]
+    return [(one, assembly.assemble_rows(mechanism.closures, one)) for one in pairs]

@@ -2,7 +2,7 @@
 
 connector     ``ObjectJointGeneric``: marker 0 on the parent or first frame, marker 1 on the child or second one, x along
               the free axis.  Its multipliers are those of x0 . d, y0 . d, z0 . d (d between the markers' points) and
-              of pairs u . w of their axes that depend on how many turns are held (`turns`); so on the child at
+              of pairs u . w of their axes that depend on how many turns are held (`list_turn_constraints`); so on the child at
               marker 1, u of marker 0 and w of marker 1:   F = -sum u lambda,   M = -sum (w x u) lambda
 redundant     Equations that others imply (out of a loop's plane, say) would make its matrix singular: they are left
               out, found by our own Jacobian at one position of the motion.  Reactions are then not unique.
@@ -22,11 +22,11 @@ from exudyn.itemInterface import ObjectConnectorSpringDamper, Torque
 
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
-from crosscheck.engines.exudyn.models.frames import Array, compose, frame_along
-from crosscheck.engines.exudyn.models.layout import Frame, Layout, attached, attachments
+from crosscheck.engines.exudyn.models.frames import Array, build_frame_along, compose
+from crosscheck.engines.exudyn.models.layout import Frame, Layout, find_attachment_frame, list_attachments
 from crosscheck.engines.exudyn.models.parts import Model
-from crosscheck.engines.shared.loop_closure import REDUNDANT, Moving, direction_row, position_row
-from crosscheck.engines.shared.wrenches import wrench_at
+from crosscheck.engines.shared.loop_closure import REDUNDANT, Moving, compute_direction_row, compute_position_row
+from crosscheck.engines.shared.wrenches import evaluate_wrench
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement, Spring
 
@@ -45,7 +45,7 @@ HELD = {
 X, Y, Z = range(3)
 
 
-def turns(held: Sequence[int]) -> list[tuple[int, int, int]]:
+def list_turn_constraints(held: Sequence[int]) -> list[tuple[int, int, int]]:
     """Return index of the multiplier, column of u in marker 0, column of w in marker 1 of the turns held [-].
 
     Source: exudyn, ObjectJointGeneric, "Connector constraint equations"; those that it gives by example alone are cyclic.
@@ -59,28 +59,28 @@ def turns(held: Sequence[int]) -> list[tuple[int, int, int]]:
     return [(k, (k + 1) % 3, (k + 2) % 3) for k in about]
 
 
-def marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
+def compute_marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
     """Return the axes (3, 3) [-] of marker 0 and marker 1 in the two frames of a joint or closure."""
     if one.kind != "universal":
-        axes = frame_along(one.axis)
+        axes = build_frame_along(one.axis)
         return axes, axes
-    y, x, z = frame_along(one.second_axis, one.axis).T
-    return frame_along(one.axis, one.second_axis), np.stack([x, y, -z], axis=1)
+    y, x, z = build_frame_along(one.second_axis, one.axis).T
+    return build_frame_along(one.axis, one.second_axis), np.stack([x, y, -z], axis=1)
 
 
-def frame_of(layout: Layout, at: Attachment, axes: Array) -> Frame:
+def compute_marker_frame(layout: Layout, at: Attachment, axes: Array) -> Frame:
     """Return the frame of an attachment, turned by ``axes`` (3, 3) [-]."""
-    seat = attached(layout, at)
+    seat = find_attachment_frame(layout, at)
     return Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), axes)))
 
 
-def wrench_of(held: Sequence[int], force: Array, torque: Array, first: Array, second: Array) -> Array:
+def compute_connector_wrench(held: Sequence[int], force: Array, torque: Array, first: Array, second: Array) -> Array:
     """Return force [N] and moment [N m] on the second frame in the world, (samples, 6).
 
     force, torque : (samples, 3) multipliers; first, second : (samples, 3, 3) axes of the markers in the world
     """
     moment = np.zeros_like(torque)
-    for k, u, w in turns(held):
+    for k, u, w in list_turn_constraints(held):
         moment -= np.cross(second[:, :, w], first[:, :, u]) * torque[:, k : k + 1]
     return np.hstack([-np.einsum("sij,sj->si", first, force), moment])
 
@@ -88,15 +88,15 @@ def wrench_of(held: Sequence[int], force: Array, torque: Array, first: Array, se
 # -------------------------------------------------------------------------------------------------------- redundancy
 
 
-def independent(mechanism: Mechanism, case: Case) -> dict[str, list[int]]:
-    """Return `independent_at` a position of a case."""
+def find_independent_axes(mechanism: Mechanism, case: Case) -> dict[str, list[int]]:
+    """Return `find_independent_axes_at` a position of a case."""
     time = sample_times(case)
-    return independent_at(
-        mechanism, case, exudyn_chain.closed_motion(mechanism, case, time[: len(time) // 3 + 1])[0][-1]
+    return find_independent_axes_at(
+        mechanism, case, exudyn_chain.evaluate_closed_motion(mechanism, case, time[: len(time) // 3 + 1])[0][-1]
     )
 
 
-def independent_at(mechanism: Mechanism, case: Case, q: Array) -> dict[str, list[int]]:
+def find_independent_axes_at(mechanism: Mechanism, case: Case, q: Array) -> dict[str, list[int]]:
     """Return the axes (1 or 0) [-] that every closure holds so that its equations are independent at q (nq,) [rad], [m].
 
     Closure by closure, of all choices with the rank that the closure adds the best conditioned one.
@@ -106,33 +106,33 @@ def independent_at(mechanism: Mechanism, case: Case, q: Array) -> dict[str, list
     chosen = {}
     for closure, pair in zip(mechanism.closures, pairs, strict=True):
         full = HELD[closure.kind]
-        missing = _rank(np.vstack([kept, _rows(closure, full, *pair)])) - len(kept)
+        missing = _compute_rank(np.vstack([kept, _build_closure_jacobian(closure, full, *pair)])) - len(kept)
         choices = [
             [int(k in axes) for k in range(6)] for axes in combinations([k for k in range(6) if full[k]], missing)
         ]
-        stacks = [np.vstack([kept, _rows(closure, held, *pair)]) for held in choices]
+        stacks = [np.vstack([kept, _build_closure_jacobian(closure, held, *pair)]) for held in choices]
         best = int(np.argmax([np.linalg.svd(stack, compute_uv=False)[-1] for stack in stacks]))
         chosen[closure.name] = choices[best]
         kept = stacks[best]
     return chosen
 
 
-def _rank(rows: Array) -> int:
+def _compute_rank(rows: Array) -> int:
     return int(np.linalg.matrix_rank(rows, rtol=REDUNDANT))
 
 
-def _rows(closure: Closure, held: Sequence[int], first: Moving, second: Moving) -> Array:
+def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: Moving, second: Moving) -> Array:
     """Return the Jacobian (rows, nv) of the equations of a closure's connector that holds these axes."""
-    zero, one = (m.r @ axes for m, axes in zip((first, second), marker_axes(closure), strict=True))
-    made = [position_row(first, second, zero[:, k])[1] for k in range(3) if held[k]]
-    made += [direction_row(first, second, zero[:, u], one[:, w])[1] for _, u, w in turns(held)]
+    zero, one = (m.r @ axes for m, axes in zip((first, second), compute_marker_axes(closure), strict=True))
+    made = [compute_position_row(first, second, zero[:, k])[1] for k in range(3) if held[k]]
+    made += [compute_direction_row(first, second, zero[:, u], one[:, w])[1] for _, u, w in list_turn_constraints(held)]
     return np.array(made).reshape(-1, first.linear.shape[1])
 
 
-def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
+def describe_leaning_force(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
     """Return the force that is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
     for force in mechanism.forces:
-        turn = layout.start(frame_of(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
+        turn = layout.start(compute_marker_frame(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
         up = force.wrench[:, :3] @ (turn.T @ normal)
         across = np.cross(force.wrench[:, 3:], turn.T @ normal)
         if max(np.abs(up).max(), np.abs(across).max()) > in_plane * np.abs(force.wrench).max():
@@ -140,9 +140,9 @@ def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float)
     return None
 
 
-def points(mechanism: Mechanism, layout: Layout) -> list[Array]:
+def list_attachment_points(mechanism: Mechanism, layout: Layout) -> list[Array]:
     """Return the points at which closures, springs and forces attach at the start, (3,) [m] each."""
-    return [layout.start(attached(layout, at)).position for at in attachments(mechanism)]
+    return [layout.start(find_attachment_frame(layout, at)).position for at in list_attachments(mechanism)]
 
 
 # -------------------------------------------------------------------------------------------------- springs, loads
@@ -151,26 +151,26 @@ Marker = Callable[[Frame], Any]
 Axes = Callable[[Force], Array]
 
 
-def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axes: Axes) -> None:
+def add_loads(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axes: Axes) -> None:
     """Add springs and given forces [N], [N m]; axes : (3, 3) from the axes of a force's table to those of its load."""
     for spring in mechanism.springs:
-        ends = [marker(frame_of(layout, at, np.eye(3))) for at in (spring.first, spring.second)]
+        ends = [marker(compute_marker_frame(layout, at, np.eye(3))) for at in (spring.first, spring.second)]
         model.spring[spring.name] = model.mbs.AddObject(
             ObjectConnectorSpringDamper(
                 markerNumbers=ends,
                 referenceLength=spring.rest,
                 stiffness=spring.stiffness,
                 damping=spring.damping,
-                springForceUserFunction=_law(spring) if spring.law is not None else 0,
+                springForceUserFunction=_make_spring_law(spring) if spring.law is not None else 0,
             )
         )
     for force in mechanism.forces:
-        frame = frame_of(layout, force.at, np.eye(3))
+        frame = compute_marker_frame(layout, force.at, np.eye(3))
         if frame.group == 0:
             continue
         seat = marker(frame)
         for kind, part in ((ForceLoad, slice(0, 3)), (Torque, slice(3, 6))):
-            table = _table(force, part, axes(force))
+            table = _make_load_table(force, part, axes(force))
             vector = table(None, 0.0, None)
             number = model.mbs.AddLoad(
                 kind(markerNumber=seat, loadVector=vector, bodyFixed=force.follower, loadVectorUserFunction=table)
@@ -178,19 +178,19 @@ def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axe
             model.loads[number] = table
 
 
-def _law(spring: Spring) -> Any:
+def _make_spring_law(spring: Spring) -> Any:
     """Return the pull of a spring with a law [N] as Exudyn asks for it."""
 
-    def pull(
+    def evaluate_pull(
         mbs: Any, t: float, item: int, longer: float, rate: float, stiffness: float, damping: float, f: float
     ) -> float:
         return float(spring.evaluate_pull(np.asarray(spring.rest + longer))) + damping * rate
 
-    return pull
+    return evaluate_pull
 
 
-def _table(force: Force, part: slice, axes: Array) -> Any:
+def _make_load_table(force: Force, part: slice, axes: Array) -> Any:
     if len(force.time) == 1:
-        always = (axes @ wrench_at(force, 0.0)[part]).tolist()
+        always = (axes @ evaluate_wrench(force, 0.0)[part]).tolist()
         return lambda mbs, t, vector: always
-    return lambda mbs, t, vector: (axes @ wrench_at(force, t)[part]).tolist()
+    return lambda mbs, t, vector: (axes @ evaluate_wrench(force, t)[part]).tolist()

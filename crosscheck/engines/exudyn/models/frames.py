@@ -30,7 +30,7 @@ def skew(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def from_quaternion(q: Array) -> Array:
+def convert_from_quaternion(q: Array) -> Array:
     """Return R of unit quaternions x, y, z, w.  q : (samples, 4) [-]; returns : (samples, 3, 3) [-]."""
     x, y, z, w = q.T
     rows = [
@@ -41,7 +41,7 @@ def from_quaternion(q: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)  # (sample, row, column)
 
 
-def to_quaternion(r: Array) -> Array:
+def convert_to_quaternion(r: Array) -> Array:
     """Return the unit quaternion w, x, y, z of one rotation (Exudyn's order), the largest component from the trace.
 
     r : (3, 3) [-]; returns : (4,) [-]
@@ -55,7 +55,7 @@ def to_quaternion(r: Array) -> Array:
     return np.asarray(column / np.linalg.norm(column))
 
 
-def tait_bryan(r: Array) -> Array:
+def convert_to_tait_bryan(r: Array) -> Array:
     """Return angles a, b, c with R = Rx(a) Ry(b) Rz(c), Exudyn's ``RotXYZ``.
 
     r : (samples, 3, 3) [-]; returns : (samples, 3) [rad]
@@ -67,7 +67,7 @@ def tait_bryan(r: Array) -> Array:
     return np.stack([a, b, c], axis=1)  # (sample, angle)
 
 
-def frame_along(x: Array, hint: Array | None = None) -> Array:
+def build_frame_along(x: Array, hint: Array | None = None) -> Array:
     """Return a rotation whose first column is the unit vector x and whose second lies nearest to ``hint``.
 
     x, hint : (3,) [-]; returns : (3, 3) [-]
@@ -78,7 +78,7 @@ def frame_along(x: Array, hint: Array | None = None) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def scalar_coordinate(joint: Joint, q: Array) -> Array:
+def compute_scalar_coordinate(joint: Joint, q: Array) -> Array:
     """Return the coordinate of a revolute, continuous, prismatic or helical joint as one continuous number.
 
     q : (samples, nq of the joint); returns : (samples,) [rad] or [m]
@@ -88,14 +88,14 @@ def scalar_coordinate(joint: Joint, q: Array) -> Array:
     return q[:, 0]
 
 
-def joint_pose(joint: Joint, q: Array) -> tuple[Array, Array]:
+def compute_joint_pose(joint: Joint, q: Array) -> tuple[Array, Array]:
     """Return the child's frame in the joint frame.
 
     q : (samples, nq of the joint); returns : position (samples, 3) [m], rotation (samples, 3, 3) [-]
     """
     n = len(q)
     if joint.kind in ("revolute", "continuous"):
-        return np.zeros((n, 3)), turn(joint.axis, scalar_coordinate(joint, q))
+        return np.zeros((n, 3)), turn(joint.axis, compute_scalar_coordinate(joint, q))
     p = np.zeros((n, 3))
     r = np.tile(ONE, (n, 1, 1))
     if joint.kind == "prismatic":
@@ -106,12 +106,12 @@ def joint_pose(joint: Joint, q: Array) -> tuple[Array, Array]:
     elif joint.kind == "universal":
         r = turn(joint.axis, q[:, 0]) @ turn(joint.second_axis, q[:, 1])
     elif joint.kind in ("spherical", "free"):
-        r = from_quaternion(q[:, -4:])
+        r = convert_from_quaternion(q[:, -4:])
         p = q[:, :3] if joint.kind == "free" else p
     return p, r
 
 
-def joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
+def compute_joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
     """Return velocity and angular velocity of the child relative to the joint frame, in the child's frame.
 
     q : (nq of the joint,); qd : (nv of the joint,); returns : (3,) [m/s], (3,) [rad/s]
@@ -135,27 +135,27 @@ def joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
     return v, w
 
 
-def slides_along(joint: Joint) -> bool:
+def can_slide(joint: Joint) -> bool:
     """Return True if a joint with one coordinate slides along its axis."""
-    return bool(joint.nv == 1 and joint_twist(joint, np.zeros(joint.nq), np.ones(1))[0].any())
+    return bool(joint.nv == 1 and compute_joint_twist(joint, np.zeros(joint.nq), np.ones(1))[0].any())
 
 
-def turns_about(joint: Joint) -> bool:
+def can_turn(joint: Joint) -> bool:
     """Return False only if a joint with one coordinate does not turn."""
-    return bool(joint.nv != 1 or joint_twist(joint, np.zeros(joint.nq), np.ones(1))[1].any())
+    return bool(joint.nv != 1 or compute_joint_twist(joint, np.zeros(joint.nq), np.ones(1))[1].any())
 
 
-def effort_axes(joint: Joint, q: Array) -> tuple[Array, Array]:
+def compute_effort_axes(joint: Joint, q: Array) -> tuple[Array, Array]:
     """Return the axes that map the joint's wrench to its efforts: effort_k = force . F_k + moment . M_k.
 
-    The columns are the partial velocities of the child in its own frame, so this is the dual of ``joint_twist``.
+    The columns are the partial velocities of the child in its own frame, so this is the dual of ``compute_joint_twist``.
     q : (samples, nq of the joint); returns : F and M (samples, nv of the joint, 3) [-]
     """
     f = np.zeros((len(q), joint.nv, 3))
     m = np.zeros((len(q), joint.nv, 3))
     for s in range(len(q)):
         for k, unit in enumerate(np.eye(joint.nv)):
-            f[s, k], m[s, k] = joint_twist(joint, q[s], unit)
+            f[s, k], m[s, k] = compute_joint_twist(joint, q[s], unit)
     return f, m
 
 
@@ -169,7 +169,7 @@ def inverse(outer: Placement) -> Placement:
     return Placement(-outer.rotation.T @ outer.position, outer.rotation.T)
 
 
-def axis_pose(beam: Beam, s: float) -> Placement:
+def compute_section_pose(beam: Beam, s: float) -> Placement:
     """Return the undeformed cross-section frame at arc length s in the root frame: an arc of constant curvature.
 
     R(s) = exp(s k), x(s) = int_0^s R e_1 ds.     s : [m]
@@ -184,7 +184,7 @@ def axis_pose(beam: Beam, s: float) -> Placement:
     return Placement(v[:, 0], turn(n, a))
 
 
-def section_at(beam: Beam, fraction: float) -> tuple[Array, float, Array]:
+def evaluate_section(beam: Beam, fraction: float) -> tuple[Array, float, Array]:
     """Return stiffness (6,) [N, N m^2], mass per length [kg/m] and rotary inertia (3,) [kg m] at a fraction [-]."""
     s = beam.section
     stiffness = np.array([np.interp(fraction, s.stations, c) for c in s.stiffness.T])
@@ -192,7 +192,7 @@ def section_at(beam: Beam, fraction: float) -> tuple[Array, float, Array]:
     return stiffness, float(np.interp(fraction, s.stations, s.mass_per_length)), rotary
 
 
-def damping_at(beam: Beam, fraction: float) -> Array:
+def evaluate_damping(beam: Beam, fraction: float) -> Array:
     """Return stress by rate of strain (6,) [N s, N m^2 s] at a fraction [-], in the order of the stiffness."""
     s = beam.section
     if s.damping is None:
@@ -200,7 +200,7 @@ def damping_at(beam: Beam, fraction: float) -> Array:
     return np.array([np.interp(fraction, s.stations, c) for c in s.damping.T])
 
 
-def combine(parts: list[tuple[Inertia, Placement]]) -> Inertia:
+def join_inertias(parts: list[tuple[Inertia, Placement]]) -> Inertia:
     """Return one body of several that are fixed to each other (Huygens-Steiner).
 
     parts : inertia and its frame in the common frame
@@ -218,6 +218,6 @@ def combine(parts: list[tuple[Inertia, Placement]]) -> Inertia:
     return Inertia.stated(mass, com, tensor)
 
 
-def joint_q(mechanism: Mechanism, joint: Joint, q: Array) -> Array:
+def take_joint_q(mechanism: Mechanism, joint: Joint, q: Array) -> Array:
     """Return the columns of one joint.  q : (samples, nq); returns : (samples, nq of the joint)."""
     return q[:, mechanism.q_slices[joint.name]]

@@ -14,14 +14,14 @@ import numpy as np
 
 from crosscheck.engines.exudyn.models.frames import (
     Array,
-    axis_pose,
-    combine,
     compose,
-    damping_at,
-    joint_pose,
-    joint_q,
-    joint_twist,
-    section_at,
+    compute_joint_pose,
+    compute_joint_twist,
+    compute_section_pose,
+    evaluate_damping,
+    evaluate_section,
+    join_inertias,
+    take_joint_q,
 )
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 
@@ -75,7 +75,7 @@ class Layout:
         return compose(self.groups[frame.group].start, frame.placement)
 
 
-def lay_out(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
+def build_layout(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
     """Return the layout of a mechanism that starts at q (nq,) with qd (nv,), beams undeformed."""
     groups = [Group(None, None, Inertia(0.0), Placement())]
     bodies: list[list[tuple[Inertia, Placement]]] = [[]]
@@ -84,84 +84,86 @@ def lay_out(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
     place: dict[str, Frame] = {}
     sections: dict[tuple[str, float], int] = {}
 
-    def group_of(name: str, station: float | None) -> Frame:
+    def find_carrier_frame(name: str, station: float | None) -> Frame:
         """Return the frame at a joint's seat: the parent link's own, or that of one of its sections."""
         beam = None if name == WORLD else mechanism.link_of[name].beam
         if beam is None or station is None or station == 0.0:
             return link[name] if beam is None or station is None else root[name]
         if (name, station) not in sections:
             sections[name, station] = len(groups)
-            groups.append(_section_group(groups, root[name], name, beam, station))
+            groups.append(_make_section_group(groups, root[name], name, beam, station))
             bodies.append([])
         return Frame(sections[name, station], Placement())
 
     for joint in mechanism.joints:
-        seat = group_of(joint.parent, joint.station)
+        seat = find_carrier_frame(joint.parent, joint.station)
         seat = Frame(seat.group, compose(seat.placement, joint.placement))
         child = mechanism.link_of[joint.child]
         if joint.nv:
             place[joint.name] = seat
-            groups.append(_joint_group(groups, seat, mechanism, joint, q, qd))
+            groups.append(_make_joint_group(groups, seat, mechanism, joint, q, qd))
             bodies.append([])
             seat = Frame(len(groups) - 1, Placement())
         link[joint.child] = seat
         if child.beam is not None:
             root[joint.child] = Frame(seat.group, compose(seat.placement, child.beam.placement))
         for body in child.bodies:
-            at = _body_frame(group_of, child, body, seat)
+            at = _find_body_frame(find_carrier_frame, child, body, seat)
             bodies[at.group].append((body.inertia, at.placement))
-    held = {(at.link, tip_or(at.station)) for at in attachments(mechanism) if at.link in root}
-    section = {(name, station): group_of(name, station) for name, station in sorted(held)}
+    held = {(at.link, resolve_station(at.station)) for at in list_attachments(mechanism) if at.link in root}
+    section = {(name, station): find_carrier_frame(name, station) for name, station in sorted(held)}
 
-    groups = [replace(g, inertia=combine(parts)) for g, parts in zip(groups, bodies, strict=True)]
+    groups = [replace(g, inertia=join_inertias(parts)) for g, parts in zip(groups, bodies, strict=True)]
     stations = {
         b.name: tuple(sorted({0.0, 1.0, *(s for name, s in sections if name == b.name)})) for b in mechanism.beams
     }
     return Layout(tuple(groups), link, root, place, stations, section)
 
 
-def attachments(mechanism: Mechanism) -> list[Attachment]:
+def list_attachments(mechanism: Mechanism) -> list[Attachment]:
     """Return the attachments of closures, springs and forces to links."""
     ends = [at for closure in mechanism.closures for at in (closure.first, closure.second)]
     ends += [at for spring in mechanism.springs for at in (spring.first, spring.second)]
     return [*ends, *(force.at for force in mechanism.forces)]
 
 
-def tip_or(station: float | None) -> float:
+def resolve_station(station: float | None) -> float:
     """Return the fraction of a beam's length [-] that an attachment means: without one it is the tip."""
     return 1.0 if station is None else station
 
 
-def attached(layout: Layout, at: Attachment) -> Frame:
+def find_attachment_frame(layout: Layout, at: Attachment) -> Frame:
     """Return the frame of an attachment."""
-    seat = layout.section.get((at.link, tip_or(at.station)), layout.link[at.link])
+    seat = layout.section.get((at.link, resolve_station(at.station)), layout.link[at.link])
     return Frame(seat.group, compose(seat.placement, at.placement))
 
 
-def _body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, seat: Frame) -> Frame:
+def _find_body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, seat: Frame) -> Frame:
     if child.beam is None:
         return seat
     return group_of(child.name, 0.0 if body.station is None else body.station)
 
 
-def _section_group(groups: list[Group], root: Frame, name: str, beam: Beam, station: float) -> Group:
-    local = compose(root.placement, axis_pose(beam, station * beam.length))
+def _make_section_group(groups: list[Group], root: Frame, name: str, beam: Beam, station: float) -> Group:
+    local = compose(root.placement, compute_section_pose(beam, station * beam.length))
     carrier = groups[root.group]
-    velocity, spin = _carried(carrier, local)
+    velocity, spin = _compute_frame_velocity(carrier, local)
     return Group(None, (name, station), Inertia(0.0), compose(carrier.start, local), velocity, spin)
 
 
-def _joint_group(groups: list[Group], seat: Frame, mechanism: Mechanism, joint: Joint, q: Array, qd: Array) -> Group:
-    own = joint_q(mechanism, joint, q[None])
-    p, r = joint_pose(joint, own)
-    v, w = joint_twist(joint, own[0], qd[mechanism.v_slices[joint.name]])
+def _make_joint_group(
+    groups: list[Group], seat: Frame, mechanism: Mechanism, joint: Joint, q: Array, qd: Array
+) -> Group:
+    own = take_joint_q(mechanism, joint, q[None])
+    p, r = compute_joint_pose(joint, own)
+    v, w = compute_joint_twist(joint, own[0], qd[mechanism.v_slices[joint.name]])
     local = compose(seat.placement, Placement(p[0], r[0]))
     start = compose(groups[seat.group].start, local)
-    velocity, spin = _carried(groups[seat.group], local)
+    velocity, spin = _compute_frame_velocity(groups[seat.group], local)
     return Group(joint.name, None, Inertia(0.0), start, velocity + start.rotation @ v, spin + start.rotation @ w)
 
 
-def _carried(carrier: Group, local: Placement) -> tuple[Array, Array]:
+def _compute_frame_velocity(carrier: Group, local: Placement) -> tuple[Array, Array]:
     """Return velocity [m/s] and spin [rad/s] of a frame that a moving group carries."""
     arm = carrier.start.rotation @ local.position
     return carrier.velocity + np.cross(carrier.spin, arm), carrier.spin
@@ -187,7 +189,7 @@ class Mesh:
         return int(np.argmin(np.abs(self.fraction - station)))
 
 
-def mesh(beam: Beam, stations: tuple[float, ...], elements: int, nodes: int = 2) -> Mesh:
+def build_mesh(beam: Beam, stations: tuple[float, ...], elements: int, nodes: int = 2) -> Mesh:
     """Return about ``elements`` elements of ``nodes`` nodes each, so that every station [-] has a node.
 
     stations : increasing, from 0 to 1; those that are equal up to rounding share a node
@@ -202,8 +204,8 @@ def mesh(beam: Beam, stations: tuple[float, ...], elements: int, nodes: int = 2)
     fraction = np.array([0.0, *(a + (b - a) * k / (nodes - 1) for a, b in cells for k in range(1, nodes))])
     return Mesh(
         fraction=fraction,
-        pose=tuple(axis_pose(beam, f * beam.length) for f in fraction),
+        pose=tuple(compute_section_pose(beam, f * beam.length) for f in fraction),
         lengths=np.array([(b - a) * beam.length for a, b in cells]),
-        sections=tuple(section_at(beam, (a + b) / 2) for a, b in cells),
-        damping=tuple(damping_at(beam, (a + b) / 2) for a, b in cells),
+        sections=tuple(evaluate_section(beam, (a + b) / 2) for a, b in cells),
+        damping=tuple(evaluate_damping(beam, (a + b) / 2) for a, b in cells),
     )

@@ -11,7 +11,7 @@ from exudyn.itemInterface import LoadMassProportional, MarkerBodyMass, ObjectGro
 
 from crosscheck.engines.exudyn.integration import Driver
 from crosscheck.engines.exudyn.models.frames import Array
-from crosscheck.engines.exudyn.script import listening
+from crosscheck.engines.exudyn.script import make_listener
 
 Poses = tuple[Array, Array]
 
@@ -58,21 +58,21 @@ class Outcome:
     closure: dict[str, Array] = field(default_factory=dict)
 
 
-def empty() -> Model:
+def make_empty_model() -> Model:
     """Return a system with nothing but the ground in it."""
     container = exu.SystemContainer()
-    mbs = listening(container.AddSystem())
+    mbs = make_listener(container.AddSystem())
     return Model(container, mbs, mbs.AddObject(ObjectGround()))
 
 
-def weigh(model: Model, number: Any, gravity: Array) -> None:
+def add_gravity(model: Model, number: Any, gravity: Array) -> None:
     """Put gravity (3,) [m/s^2] on an object with mass."""
     if gravity.any():
         marker = model.mbs.AddMarker(MarkerBodyMass(bodyNumber=number))
         model.mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=list(gravity)))
 
 
-def homogeneous(position: Array, rotation: Array) -> Array:
+def build_pose_matrix(position: Array, rotation: Array) -> Array:
     """Return the 4 x 4 matrix of a pose."""
     h = np.eye(4)
     h[:3, :3] = rotation

@@ -42,9 +42,16 @@ from exudyn.itemInterface import (
 from crosscheck.engines.exudyn.integration import Begin, Driver, Key, Plan, Sensors, Table, integrate
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models import planar_connectors as exudyn_flat
-from crosscheck.engines.exudyn.models.frames import Array, compose, frame_along, joint_q, scalar_coordinate, turn
-from crosscheck.engines.exudyn.models.layout import Frame, Layout, Mesh, attached, mesh
-from crosscheck.engines.exudyn.models.parts import Model, Outcome, empty, homogeneous, weigh
+from crosscheck.engines.exudyn.models.frames import (
+    Array,
+    build_frame_along,
+    compose,
+    compute_scalar_coordinate,
+    take_joint_q,
+    turn,
+)
+from crosscheck.engines.exudyn.models.layout import Frame, Layout, Mesh, build_mesh, find_attachment_frame
+from crosscheck.engines.exudyn.models.parts import Model, Outcome, add_gravity, build_pose_matrix, make_empty_model
 from flexinv.model.mechanism import Beam, Closure, Force, Joint, Mechanism, Placement
 
 OUT = exu.OutputVariableType
@@ -53,7 +60,7 @@ Z = np.array([0.0, 0.0, 1.0])
 IN_PLANE = 1e-9
 
 
-def plane_of(mechanism: Mechanism, layout: Layout, free: frozenset[str] = frozenset()) -> Array | str:
+def find_plane(mechanism: Mechanism, layout: Layout, free: frozenset[str] = frozenset()) -> Array | str:
     """Return P (3, 3) [-] whose third column is the normal of the plane, or why the mechanism is not planar.
 
     Planar means a mirror: everything is its own image in one plane, so nothing leaves it and no reaction does.
@@ -69,21 +76,23 @@ def plane_of(mechanism: Mechanism, layout: Layout, free: frozenset[str] = frozen
         return "no joint moves" if not moving else "no joint turns"
     normal = pins[0]
     for joint in moving:
-        if reason := exudyn_flat.leaning(joint, axes[joint.name], normal, IN_PLANE):
+        if reason := exudyn_flat.describe_leaning_axis(joint, axes[joint.name], normal, IN_PLANE):
             return reason
     if abs(mechanism.gravity @ normal) > IN_PLANE * np.linalg.norm(mechanism.gravity):
         return "gravity leans out of the plane"
     for closure in mechanism.closures:
         for at in (closure.first, closure.second):
-            axis = layout.start(attached(layout, at)).rotation @ closure.axis
-            if reason := exudyn_flat.leaning(closure, axis, normal, IN_PLANE):
+            axis = layout.start(find_attachment_frame(layout, at)).rotation @ closure.axis
+            if reason := exudyn_flat.describe_leaning_axis(closure, axis, normal, IN_PLANE):
                 return reason
-    reason = _leaning(mechanism, layout, normal) or exudyn_closing.planar(mechanism, layout, normal, IN_PLANE)
-    reason = reason or _stacked(mechanism, layout, normal)
-    return reason or frame_along(normal)[:, [1, 2, 0]]
+    reason = _describe_asymmetry(mechanism, layout, normal) or exudyn_closing.describe_leaning_force(
+        mechanism, layout, normal, IN_PLANE
+    )
+    reason = reason or _describe_height_offsets(mechanism, layout, normal)
+    return reason or build_frame_along(normal)[:, [1, 2, 0]]
 
 
-def _leaning(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
+def _describe_asymmetry(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     """Return the section or inertia that is not its own mirror image, in words, or None."""
     for link in mechanism.beams:
         assert link.beam is not None
@@ -99,10 +108,10 @@ def _leaning(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     return None
 
 
-def _stacked(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
+def _describe_height_offsets(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     """Return that joints, beams and masses lie at different heights over the plane, or None."""
     points = [layout.start(f).position for f in [*layout.joint.values(), *layout.root.values()]]
-    points += exudyn_closing.points(mechanism, layout)
+    points += exudyn_closing.list_attachment_points(mechanism, layout)
     points += [g.start.position + g.start.rotation @ g.inertia.com for g in layout.groups[1:] if g.inertia.mass]
     if np.ptp(np.array(points) @ normal) > IN_PLANE * np.linalg.norm(points, axis=1).max():
         return "joints, beams and masses lie at different heights over the plane"
@@ -147,7 +156,7 @@ def build(
 
     free : joints without a driver, which closures move, where they start [rad], [m]
     """
-    d = Drawing(mechanism, layout, plane, cable, elements, empty(), free)
+    d = Drawing(mechanism, layout, plane, cable, elements, make_empty_model(), free)
     zero = d.model.mbs.AddNode(NodePointGround())
     d.model.node[0] = zero
     for index in range(1, len(layout.groups)):
@@ -159,17 +168,19 @@ def build(
         if joint.nv:
             _add_joint(d, joint)
     for closure in mechanism.closures:
-        d.model.closure[closure.name] = _connect(d, closure)
-    exudyn_closing.load(d.model, mechanism, layout, lambda frame: _marker(d, frame), lambda force: _load_axes(d, force))
+        d.model.closure[closure.name] = _add_connector(d, closure)
+    exudyn_closing.add_loads(
+        d.model, mechanism, layout, lambda frame: _add_marker(d, frame), lambda force: _compute_load_axes(d, force)
+    )
     d.model.mbs.Assemble()
     return d
 
 
-def _load_axes(drawing: Drawing, force: Force) -> Array:
+def _compute_load_axes(drawing: Drawing, force: Force) -> Array:
     """Return the rotation from the table of a force to the axes of its load: those of the plane, or of its marker."""
     if not force.follower:
         return drawing.plane.T
-    frame = exudyn_closing.frame_of(drawing.layout, force.at, np.eye(3))
+    frame = exudyn_closing.compute_marker_frame(drawing.layout, force.at, np.eye(3))
     return np.asarray(turn(Z, -drawing.flat(frame)[1]) @ drawing.plane.T @ drawing.layout.start(frame).rotation)
 
 
@@ -177,7 +188,7 @@ def _add_body(drawing: Drawing, index: int) -> None:
     """Add the body of a group: reference point at its centre of mass, angle 0 at the start."""
     group = drawing.layout.groups[index]
     mbs = drawing.model.mbs
-    centre = _centre(drawing, index)
+    centre = _compute_mass_centre(drawing, index)
     arm = drawing.plane.T @ group.start.rotation @ group.inertia.com
     spin = float(drawing.plane.T[2] @ group.spin)
     velocity = drawing.plane.T @ group.velocity + spin * np.cross(Z, arm)
@@ -187,25 +198,29 @@ def _add_body(drawing: Drawing, index: int) -> None:
     drawing.model.node[index] = mbs.AddNode(node)
     body = ObjectRigidBody2D(mass=group.inertia.mass, inertia=inertia, nodeNumber=drawing.model.node[index])
     drawing.model.body[index] = mbs.AddObject(body)
-    weigh(drawing.model, drawing.model.body[index], drawing.plane.T @ drawing.mechanism.gravity * (1, 1, 0))
+    add_gravity(drawing.model, drawing.model.body[index], drawing.plane.T @ drawing.mechanism.gravity * (1, 1, 0))
 
 
-def _centre(drawing: Drawing, index: int) -> Array:
+def _compute_mass_centre(drawing: Drawing, index: int) -> Array:
     group = drawing.layout.groups[index]
     return drawing.flatten(Placement(group.start.position + group.start.rotation @ group.inertia.com))[0]
 
 
-def _marker(drawing: Drawing, frame: Frame) -> Any:
+def _add_marker(drawing: Drawing, frame: Frame) -> Any:
     """Return a marker with the position and the orientation of a frame on its group's body or on the ground."""
     at, angle = drawing.flat(frame)
-    local = at - (_centre(drawing, frame.group) if frame.group else np.zeros(3))
+    local = at - (_compute_mass_centre(drawing, frame.group) if frame.group else np.zeros(3))
     number = drawing.model.body[frame.group] if frame.group else drawing.model.ground
-    return drawing.model.mbs.AddMarker(MarkerBodyRigid(bodyNumber=number, localHT=homogeneous(local, turn(Z, angle))))
+    return drawing.model.mbs.AddMarker(
+        MarkerBodyRigid(bodyNumber=number, localHT=build_pose_matrix(local, turn(Z, angle)))
+    )
 
 
-def _connect(drawing: Drawing, one: Joint | Closure) -> Any:
-    markers = [_marker(drawing, end) for end in exudyn_flat.ends(drawing.layout, one, drawing.plane[:, 2])]
-    return exudyn_flat.connect(drawing.model.mbs, one.kind, markers)
+def _add_connector(drawing: Drawing, one: Joint | Closure) -> Any:
+    markers = [
+        _add_marker(drawing, end) for end in exudyn_flat.compute_marker_frames(drawing.layout, one, drawing.plane[:, 2])
+    ]
+    return exudyn_flat.add_connector(drawing.model.mbs, one.kind, markers)
 
 
 def _add_joint(drawing: Drawing, joint: Joint) -> None:
@@ -213,7 +228,7 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
     name = joint.name
     seat = drawing.layout.joint[joint.name]
     child = next(k for k, g in enumerate(drawing.layout.groups) if g.joint == name)
-    pin = _connect(drawing, joint)
+    pin = _add_connector(drawing, joint)
     angles = [
         mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=drawing.model.node[k], coordinate=2 if k else 0))
         for k in (seat.group, child)
@@ -221,7 +236,7 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
     if name in drawing.free:
         drawing.model.joint[name] = (pin,)
         if drawing.mechanism.beams:  # where all is rigid, these efforts follow from the motion afterwards
-            exudyn_flat.hinder(mbs, joint, angles, sign_of(drawing, joint), drawing.free[name])
+            exudyn_flat.add_spring_damper(mbs, joint, angles, compute_axis_sign(drawing, joint), drawing.free[name])
         return
     motor = mbs.AddObject(ObjectConnectorCoordinate(markerNumbers=angles))
     drawing.model.joint[name] = (pin, motor)
@@ -230,19 +245,19 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
 def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
     mbs = drawing.model.mbs
     root = drawing.layout.root[name]
-    cells = mesh(beam, drawing.layout.stations[name], drawing.elements, 2 if drawing.cable else 3)
-    nodes = [mbs.AddNode(_node(drawing, root, pose)) for pose in cells.pose]
+    cells = build_mesh(beam, drawing.layout.stations[name], drawing.elements, 2 if drawing.cable else 3)
+    nodes = [mbs.AddNode(_make_node(drawing, root, pose)) for pose in cells.pose]
     drawing.model.beam[name] = nodes
     for k in range(len(cells.lengths)):
-        number = mbs.AddObject(_element(drawing, root, beam, cells, nodes, k))
-        weigh(drawing.model, number, drawing.plane.T @ drawing.mechanism.gravity * (1, 1, 0))
-    drawing.model.lock[name] = _lock(drawing, _marker(drawing, root), nodes[0])
+        number = mbs.AddObject(_make_element(drawing, root, beam, cells, nodes, k))
+        add_gravity(drawing.model, number, drawing.plane.T @ drawing.mechanism.gravity * (1, 1, 0))
+    drawing.model.lock[name] = _add_lock(drawing, _add_marker(drawing, root), nodes[0])
     for index, group in enumerate(drawing.layout.groups):
         if group.station is not None and group.station[0] == name:
-            _lock(drawing, _marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
+            _add_lock(drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
 
 
-def _node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
+def _make_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     at, angle = drawing.flatten(compose(drawing.layout.start(root), pose))
     carrier = drawing.layout.groups[root.group]
     spin = float(drawing.plane.T[2] @ carrier.spin)
@@ -254,7 +269,7 @@ def _node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     return NodeRigidBody2D(referenceCoordinates=[*at[:2], angle], initialVelocities=[*velocity[:2], spin])
 
 
-def _element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any], k: int) -> Any:
+def _make_element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any], k: int) -> Any:
     """Return element k: bending about the section axis that is normal to the plane, shear along the other."""
     stiffness, mass, rotary = cells.sections[k]
     damping = cells.damping[k]
@@ -283,7 +298,7 @@ def _element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list
     )
 
 
-def _lock(drawing: Drawing, marker: Any, node: Any) -> Any:
+def _add_lock(drawing: Drawing, marker: Any, node: Any) -> Any:
     """Hold a node's position and angle to a frame that is turned as the node is at the start."""
     markers = [marker, drawing.model.mbs.AddMarker(MarkerNodeRigid(nodeNumber=node))]
     return drawing.model.mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=[1, 1, 0, 0, 0, 1]))
@@ -300,34 +315,36 @@ def run(drawing: Drawing, plan: Plan, q: Array, qd: Array, begin: Begin | None =
     for joint in moving:
         if joint.name in drawing.free:
             continue
-        sign = sign_of(drawing, joint)
-        angle = sign * scalar_coordinate(joint, joint_q(drawing.mechanism, joint, q))
+        sign = compute_axis_sign(drawing, joint)
+        angle = sign * compute_scalar_coordinate(joint, take_joint_q(drawing.mechanism, joint, q))
         rate = sign * qd[:, drawing.mechanism.v_slices[joint.name]][:, 0]
-        offset = _user_function(plan, (angle - angle[0])[-steps:])
-        offset_t = _user_function(plan, rate[-steps:])
+        offset = _make_user_function(plan, (angle - angle[0])[-steps:])
+        offset_t = _make_user_function(plan, rate[-steps:])
         drawing.model.drivers.append(Driver(drawing.model.joint[joint.name][1], offset, offset_t))
-    seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *sensors(drawing), drawing.model.loads, begin)
-    pose = {index: _pose(drawing, index, seen) for index in range(len(drawing.layout.groups))}
+    seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *add_sensors(drawing), drawing.model.loads, begin)
+    pose = {index: _compute_group_poses(drawing, index, seen) for index in range(len(drawing.layout.groups))}
     return Outcome(
         pose=pose,
-        end={name: in_world(drawing, drawing.layout.root[name], seen["end", name]) for name in drawing.model.beam},
-        wrench={j.name: _wrench(drawing, j, pose, seen) for j in moving},
+        end={
+            name: convert_to_world(drawing, drawing.layout.root[name], seen["end", name]) for name in drawing.model.beam
+        },
+        wrench={j.name: _compute_joint_wrench(drawing, j, pose, seen) for j in moving},
         root={name: -seen["lock", name] for name in drawing.model.lock},
-        closure={c.name: _reaction(drawing, c, pose, seen) for c in drawing.mechanism.closures},
+        closure={c.name: _compute_reaction(drawing, c, pose, seen) for c in drawing.mechanism.closures},
     )
 
 
-def sign_of(drawing: Drawing, joint: Joint) -> float:
+def compute_axis_sign(drawing: Drawing, joint: Joint) -> float:
     """Return 1 or -1 [-]: how a joint's axis lies along the normal."""
     return float(drawing.plane[:, 2] @ drawing.layout.start(drawing.layout.joint[joint.name]).rotation @ joint.axis)
 
 
-def _user_function(plan: Plan, values: Array) -> Any:
+def _make_user_function(plan: Plan, values: Array) -> Any:
     table = Table(plan.step, values)
     return lambda mbs, t, item, offset: table(t)
 
 
-def sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
+def add_sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     """Return the sensors of motions and of reactions, by what they see and whose it is."""
     add = drawing.model.mbs.AddSensor
     states: dict[Key, Any] = {
@@ -338,11 +355,11 @@ def sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     for joint in drawing.mechanism.joints:
         if joint.nv:
             numbers = drawing.model.joint[joint.name]
-            items |= _connector_items(joint, ("pin", joint.name), numbers[0])
+            items |= _list_connector_outputs(joint, ("pin", joint.name), numbers[0])
             if len(numbers) > 1:
                 items["motor", joint.name] = (numbers[1], OUT.Force)
     for closure in drawing.mechanism.closures:
-        items |= _connector_items(closure, ("closure", closure.name), drawing.model.closure[closure.name])
+        items |= _list_connector_outputs(closure, ("closure", closure.name), drawing.model.closure[closure.name])
     motions = {
         k: add(SensorNode(nodeNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in states.items()
     }
@@ -352,54 +369,58 @@ def sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     return motions, reactions
 
 
-def _connector_items(one: Joint | Closure, key: Key, number: Any) -> dict[Key, Any]:
-    """Return the forces that a connector has to be asked for, by the keys that `_exerted` looks up."""
+def _list_connector_outputs(one: Joint | Closure, key: Key, number: Any) -> dict[Key, Any]:
+    """Return the forces that a connector has to be asked for, by the keys that `_compute_connector_wrench` looks up."""
     if one.kind in exudyn_flat.PINS:
         return {key: (number, OUT.Force)}
     return {key: (number, OUT.ForceLocal), (*key, "torque"): (number, OUT.TorqueLocal)}
 
 
-def _pose(drawing: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]:
+def _compute_group_poses(drawing: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]:
     """Return position (samples, 3) [m] and rotation (samples, 3, 3) [-] of a group's frame in the world."""
     group = drawing.layout.groups[index]
     if index == 0:
         samples = len(next(iter(seen.values())))
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
     u = seen["pose", index]
-    centre = _centre(drawing, index)
+    centre = _compute_mass_centre(drawing, index)
     r = turn(Z, u[:, 2])
     flat = centre + u * (1, 1, 0) + r @ (drawing.flatten(group.start)[0] - centre)
     position = flat @ drawing.plane.T + drawing.plane[:, 2] * (drawing.plane[:, 2] @ group.start.position)
     return position, drawing.plane @ r @ drawing.plane.T @ group.start.rotation
 
 
-def in_world(drawing: Drawing, root: Frame, flat: Array) -> Array:
+def convert_to_world(drawing: Drawing, root: Frame, flat: Array) -> Array:
     """Return points of the plane (samples, 3) in the world, at the height of a frame [m]."""
     return flat @ drawing.plane.T + drawing.plane[:, 2] * (drawing.plane[:, 2] @ drawing.layout.start(root).position)
 
 
-def _wrench(drawing: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]) -> Array:
+def _compute_joint_wrench(
+    drawing: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
-    both = _exerted(drawing, joint, ("pin", joint.name), pose, seen)
+    both = _compute_connector_wrench(drawing, joint, ("pin", joint.name), pose, seen)
     if joint.name not in drawing.free:
         both[:, 1] -= seen["motor", joint.name] * drawing.plane[:, 2]
     child = next(k for k, g in enumerate(drawing.layout.groups) if g.joint == joint.name)
     return np.asarray(both @ pose[child][1]).reshape(len(both), 6)
 
 
-def _reaction(
+def _compute_reaction(
     drawing: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
 ) -> Array:
     """Return force [N] and moment [N m] on the second frame of a closure along its axes, (samples, 6)."""
-    both = _exerted(drawing, closure, ("closure", closure.name), pose, seen)
-    second = attached(drawing.layout, closure.second)
+    both = _compute_connector_wrench(drawing, closure, ("closure", closure.name), pose, seen)
+    second = find_attachment_frame(drawing.layout, closure.second)
     return np.asarray(both @ (pose[second.group][1] @ second.placement.rotation)).reshape(len(both), 6)
 
 
-def _exerted(
+def _compute_connector_wrench(
     drawing: Drawing, one: Joint | Closure, key: Key, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
 ) -> Array:
     """Return force [N] and moment [N m] of a connector on its second frame in the world, (samples, 2, 3)."""
-    first = exudyn_flat.ends(drawing.layout, one, drawing.plane[:, 2])[0]
+    first = exudyn_flat.compute_marker_frames(drawing.layout, one, drawing.plane[:, 2])[0]
     axes = pose[first.group][1] @ first.placement.rotation
-    return exudyn_flat.wrench(one.kind, seen[key], seen.get((*key, "torque")), axes, drawing.plane).reshape(-1, 2, 3)
+    return exudyn_flat.compute_wrench(one.kind, seen[key], seen.get((*key, "torque")), axes, drawing.plane).reshape(
+        -1, 2, 3
+    )

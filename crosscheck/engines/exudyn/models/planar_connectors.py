@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from exudyn.itemInterface import ObjectConnectorCoordinateSpringDamper, ObjectJointGeneric, ObjectJointRevolute2D
 
-from crosscheck.engines.exudyn.models.connectors import frame_of
-from crosscheck.engines.exudyn.models.frames import Array, frame_along
+from crosscheck.engines.exudyn.models.connectors import compute_marker_frame
+from crosscheck.engines.exudyn.models.frames import Array, build_frame_along
 from crosscheck.engines.exudyn.models.layout import Frame, Layout
 from flexinv.model.mechanism import Closure, Joint, Mechanism, Placement
 
@@ -30,7 +30,7 @@ HELD = {
 }
 
 
-def leaning(one: Joint | Closure, axis: Array, normal: Array, in_plane: float) -> str | None:
+def describe_leaning_axis(one: Joint | Closure, axis: Array, normal: Array, in_plane: float) -> str | None:
     """Return the reason why a joint or a closure is not its own mirror image in the plane, or None.
 
     axis, normal : (3,) [-], of the joint and of the plane, world; in_plane : largest component that is rounding [-]
@@ -46,37 +46,39 @@ def leaning(one: Joint | Closure, axis: Array, normal: Array, in_plane: float) -
     return f"{what} is {one.kind}"
 
 
-def ends(layout: Layout, one: Joint | Closure, normal: Array) -> tuple[Frame, Frame]:
+def compute_marker_frames(layout: Layout, one: Joint | Closure, normal: Array) -> tuple[Frame, Frame]:
     """Return the frames of the two markers, x along the axis or, of what has none in the plane, in the plane."""
     if isinstance(one, Closure):
-        axes = _axes(one, layout.start(frame_of(layout, one.first, np.eye(3))).rotation.T @ normal)
-        return frame_of(layout, one.first, axes), frame_of(layout, one.second, axes)
+        axes = _build_marker_axes(
+            one, layout.start(compute_marker_frame(layout, one.first, np.eye(3))).rotation.T @ normal
+        )
+        return compute_marker_frame(layout, one.first, axes), compute_marker_frame(layout, one.second, axes)
     seat = layout.joint[one.name]
-    axes = _axes(one, layout.start(seat).rotation.T @ normal)
+    axes = _build_marker_axes(one, layout.start(seat).rotation.T @ normal)
     child = next(k for k, g in enumerate(layout.groups) if g.joint == one.name)
     turned = Placement(seat.placement.position, seat.placement.rotation @ axes)
     return Frame(seat.group, turned), Frame(child, Placement(np.zeros(3), axes))
 
 
-def _axes(one: Joint | Closure, normal: Array) -> Array:
+def _build_marker_axes(one: Joint | Closure, normal: Array) -> Array:
     if one.kind in SLIDES:
-        return frame_along(one.axis)
-    return frame_along(np.eye(3)[int(np.argmin(np.abs(normal)))])
+        return build_frame_along(one.axis)
+    return build_frame_along(np.eye(3)[int(np.argmin(np.abs(normal)))])
 
 
-def equations(mechanism: Mechanism) -> int:
+def count_equations(mechanism: Mechanism) -> int:
     """Return the number of equations of all closures in the plane [-]."""
     return sum(2 if c.kind in PINS else sum(HELD[c.kind]) for c in mechanism.closures if c.kind != "universal")
 
 
-def connect(mbs: Any, kind: str, markers: list[Any]) -> Any:
+def add_connector(mbs: Any, kind: str, markers: list[Any]) -> Any:
     """Add the connector of a kind between two markers and return its number."""
     if kind in PINS:
         return mbs.AddObject(ObjectJointRevolute2D(markerNumbers=markers))
     return mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=list(HELD[kind])))
 
 
-def wrench(kind: str, force: Array, torque: Array | None, first: Array, plane: Array) -> Array:
+def compute_wrench(kind: str, force: Array, torque: Array | None, first: Array, plane: Array) -> Array:
     """Return force [N] and moment [N m] on the second frame at its origin, in the world, (samples, 6).
 
     force, torque : (samples, 3) as the sensors give them (a pin has no torque); first : (samples, 3, 3) axes of marker 0
@@ -91,7 +93,7 @@ def wrench(kind: str, force: Array, torque: Array | None, first: Array, plane: A
     return np.hstack([-np.einsum("sij,sj->si", flat, force[:, :2]), torque[:, 2:] * plane[:, 2]])
 
 
-def hinder(mbs: Any, joint: Joint, angles: list[Any], sign: float, start: float) -> None:
+def add_spring_damper(mbs: Any, joint: Joint, angles: list[Any], sign: float, start: float) -> None:
     """Add damping and spring of a joint that closures turn, where it has any.
 
     angles : markers of the two rotations, both 0 at the start; sign : of the joint's axis along the normal
@@ -108,7 +110,7 @@ def hinder(mbs: Any, joint: Joint, angles: list[Any], sign: float, start: float)
         )
 
 
-def not_moved(mechanism: Mechanism, free: frozenset[str]) -> str | None:
+def describe_unmodelled_effort(mechanism: Mechanism, free: frozenset[str]) -> str | None:
     """Return the effort of a joint that closures move for which there is no connector here, in words, or None."""
     for joint in mechanism.joints:
         if joint.name not in free:

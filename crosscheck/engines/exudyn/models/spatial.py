@@ -50,17 +50,24 @@ from crosscheck.engines.exudyn.integration import Begin, Driver, Key, Plan, Sens
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models.frames import (
     Array,
+    build_frame_along,
+    can_slide,
+    can_turn,
     compose,
-    frame_along,
-    joint_pose,
-    joint_q,
-    slides_along,
-    tait_bryan,
-    to_quaternion,
-    turns_about,
+    compute_joint_pose,
+    convert_to_quaternion,
+    convert_to_tait_bryan,
+    take_joint_q,
 )
-from crosscheck.engines.exudyn.models.layout import Frame, Layout, Mesh, mesh
-from crosscheck.engines.exudyn.models.parts import Model, Outcome, Poses, empty, homogeneous, weigh
+from crosscheck.engines.exudyn.models.layout import Frame, Layout, Mesh, build_mesh
+from crosscheck.engines.exudyn.models.parts import (
+    Model,
+    Outcome,
+    Poses,
+    add_gravity,
+    build_pose_matrix,
+    make_empty_model,
+)
 from flexinv.model.mechanism import WORLD, Beam, Closure, Joint, Mechanism, Placement
 
 OUT = exu.OutputVariableType
@@ -108,7 +115,7 @@ def unsupported(mechanism: Mechanism) -> str | None:
     return None
 
 
-def damping_left_out(mechanism: Mechanism) -> str | None:
+def describe_damping_loss(mechanism: Mechanism) -> str | None:
     """Return the reason why ``BeamGeometricallyExact`` is another beam, or None (``ANCFBeam`` applies its damping)."""
     for link in mechanism.beams:
         if link.beam is not None and link.beam.section.damping is not None and link.beam.section.damping.any():
@@ -128,7 +135,7 @@ def build(
 
     free : joints without a driver; held : which of its six equations [-] every closure keeps
     """
-    d = Drawing(mechanism, layout, ancf, elements, empty(), free, held)
+    d = Drawing(mechanism, layout, ancf, elements, make_empty_model(), free, held)
     for index in range(1, len(layout.groups)):
         _add_body(d, index)
     for link in mechanism.beams:
@@ -139,7 +146,7 @@ def build(
             _add_joint(d, joint)
     for closure in mechanism.closures:
         _add_closure(d, closure)
-    exudyn_closing.load(d.model, mechanism, layout, lambda frame: _marker(d, frame), lambda force: np.eye(3))
+    exudyn_closing.add_loads(d.model, mechanism, layout, lambda frame: _add_marker(d, frame), lambda force: np.eye(3))
     d.model.mbs.Assemble()
     return d
 
@@ -151,34 +158,34 @@ def _add_body(drawing: Drawing, index: int) -> None:
     inertia = drawing.layout.groups[index].inertia
     arm = group.start.rotation @ inertia.com
     velocity = group.velocity + np.cross(group.spin, arm)
-    node = _rigid_node(Placement(group.start.position + arm, group.start.rotation), velocity, group.spin)
+    node = _make_rigid_node(Placement(group.start.position + arm, group.start.rotation), velocity, group.spin)
     drawing.model.node[index] = mbs.AddNode(node)
     t = inertia.tensor
     six = [t[0, 0], t[1, 1], t[2, 2], t[1, 2], t[0, 2], t[0, 1]]
     body = ObjectRigidBody(mass=inertia.mass, inertia=six, nodeNumber=drawing.model.node[index])
     drawing.model.body[index] = mbs.AddObject(body)
-    weigh(drawing.model, drawing.model.body[index], drawing.mechanism.gravity)
+    add_gravity(drawing.model, drawing.model.body[index], drawing.mechanism.gravity)
 
 
-def _rigid_node(pose: Placement, velocity: Array, spin: Array) -> Any:
+def _make_rigid_node(pose: Placement, velocity: Array, spin: Array) -> Any:
     """Return a node with Euler parameters e; e' = 1/2 (0, w) e with w in the world (quaternion product)."""
-    e = to_quaternion(pose.rotation)
+    e = convert_to_quaternion(pose.rotation)
     rate = 0.5 * np.array([-spin @ e[1:], *(e[0] * spin + np.cross(spin, e[1:]))])
     return NodeRigidBodyEP(referenceCoordinates=[*pose.position, *e], initialVelocities=[*velocity, *rate])
 
 
-def _marker(drawing: Drawing, frame: Frame) -> Any:
+def _add_marker(drawing: Drawing, frame: Frame) -> Any:
     """Return a marker with the position and the orientation of a frame on its group's body or on the ground."""
     centre = drawing.layout.groups[frame.group].inertia.com if frame.group else np.zeros(3)
     local = frame.placement.position - centre
     number = drawing.model.body[frame.group] if frame.group else drawing.model.ground
-    ht = homogeneous(local, frame.placement.rotation)
+    ht = build_pose_matrix(local, frame.placement.rotation)
     return drawing.model.mbs.AddMarker(MarkerBodyRigid(bodyNumber=number, localHT=ht))
 
 
-def _axes(joint: Joint) -> Array:
+def _build_marker_axes(joint: Joint) -> Array:
     """Return the frame (3, 3) of a joint's markers in the child's frame: x along the axis, y near the second one."""
-    return frame_along(joint.axis, joint.second_axis if joint.kind == "universal" else None)
+    return build_frame_along(joint.axis, joint.second_axis if joint.kind == "universal" else None)
 
 
 def _add_joint(drawing: Drawing, joint: Joint) -> None:
@@ -188,24 +195,24 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
     mbs = drawing.model.mbs
     seat = drawing.layout.joint[joint.name]
     child = drawing.child(joint.name)
-    axes = Placement(np.zeros(3), _axes(joint))
-    start = _relative(drawing, seat, child)
+    axes = Placement(np.zeros(3), _build_marker_axes(joint))
+    start = _compute_relative_pose(drawing, seat, child)
     markers = [
-        _marker(drawing, Frame(seat.group, compose(start, axes))),
-        _marker(drawing, Frame(child, axes)),
+        _add_marker(drawing, Frame(seat.group, compose(start, axes))),
+        _add_marker(drawing, Frame(child, axes)),
     ]
-    held = CONNECTORS[slides_along(joint), turns_about(joint)]
+    held = CONNECTORS[can_slide(joint), can_turn(joint)]
     objects = [mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=axes)) for axes in held]
     drawing.model.joint[joint.name] = tuple(objects)
 
 
-def _ends(drawing: Drawing, one: Joint | Closure) -> tuple[Frame, Frame]:
+def _compute_marker_frames(drawing: Drawing, one: Joint | Closure) -> tuple[Frame, Frame]:
     """Return the frames of the two markers of a joint without a driver or of a closure."""
-    zero, axes = exudyn_closing.marker_axes(one)
+    zero, axes = exudyn_closing.compute_marker_axes(one)
     if isinstance(one, Closure):
-        return exudyn_closing.frame_of(drawing.layout, one.first, zero), exudyn_closing.frame_of(
-            drawing.layout, one.second, axes
-        )
+        return exudyn_closing.compute_marker_frame(
+            drawing.layout, one.first, zero
+        ), exudyn_closing.compute_marker_frame(drawing.layout, one.second, axes)
     seat = drawing.layout.joint[one.name]
     turned = Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), zero)))
     return turned, Frame(drawing.child(one.name), Placement(np.zeros(3), axes))
@@ -213,18 +220,18 @@ def _ends(drawing: Drawing, one: Joint | Closure) -> tuple[Frame, Frame]:
 
 def _add_free_joint(drawing: Drawing, joint: Joint) -> None:
     held = exudyn_closing.HELD[joint.kind]
-    markers = [_marker(drawing, end) for end in _ends(drawing, joint)]
+    markers = [_add_marker(drawing, end) for end in _compute_marker_frames(drawing, joint)]
     made = ObjectJointGeneric(markerNumbers=markers, constrainedAxes=list(held))
     drawing.model.joint[joint.name] = (drawing.model.mbs.AddObject(made),) if any(held) else ()
 
 
 def _add_closure(drawing: Drawing, closure: Closure) -> None:
-    markers = [_marker(drawing, end) for end in _ends(drawing, closure)]
+    markers = [_add_marker(drawing, end) for end in _compute_marker_frames(drawing, closure)]
     made = ObjectJointGeneric(markerNumbers=markers, constrainedAxes=list(drawing.held[closure.name]))
     drawing.model.closure[closure.name] = drawing.model.mbs.AddObject(made)
 
 
-def _relative(drawing: Drawing, seat: Frame, child: int) -> Placement:
+def _compute_relative_pose(drawing: Drawing, seat: Frame, child: int) -> Placement:
     """Return the child's pose in its parent group's frame at the start."""
     parent = drawing.layout.groups[seat.group].start
     own = drawing.layout.groups[child].start
@@ -235,27 +242,27 @@ def _relative(drawing: Drawing, seat: Frame, child: int) -> Placement:
 def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
     mbs = drawing.model.mbs
     root = drawing.layout.root[name]
-    cells = mesh(beam, drawing.layout.stations[name], drawing.elements)
-    nodes = [mbs.AddNode(_beam_node(drawing, root, pose)) for pose in cells.pose]
+    cells = build_mesh(beam, drawing.layout.stations[name], drawing.elements)
+    nodes = [mbs.AddNode(_make_beam_node(drawing, root, pose)) for pose in cells.pose]
     drawing.model.beam[name] = nodes
-    elements = [mbs.AddObject(_element(drawing, cells, nodes, k)) for k in range(len(cells.lengths))]
+    elements = [mbs.AddObject(_make_element(drawing, cells, nodes, k)) for k in range(len(cells.lengths))]
     if drawing.ancf:
-        _weigh_nodes(drawing, cells, nodes)
+        _add_node_weights(drawing, cells, nodes)
     else:
         for element in elements:
-            weigh(drawing.model, element, drawing.mechanism.gravity)
-    drawing.model.lock[name] = _lock(drawing, _marker(drawing, root), nodes[0])
+            add_gravity(drawing.model, element, drawing.mechanism.gravity)
+    drawing.model.lock[name] = _add_lock(drawing, _add_marker(drawing, root), nodes[0])
     for index, group in enumerate(drawing.layout.groups):
         if group.station is not None and group.station[0] == name:
-            _lock(drawing, _marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
+            _add_lock(drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
 
 
-def _beam_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
+def _make_beam_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     carrier = drawing.layout.groups[root.group]
     at = compose(drawing.layout.start(root), pose)
     velocity = carrier.velocity + np.cross(carrier.spin, at.position - carrier.start.position)
     if not drawing.ancf:
-        return _rigid_node(at, velocity, carrier.spin)
+        return _make_rigid_node(at, velocity, carrier.spin)
     slopes = at.rotation[:, 1:].T  # (slope, xyz)
     rates = np.cross(carrier.spin, slopes)
     return NodePointSlope23(
@@ -263,7 +270,7 @@ def _beam_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     )
 
 
-def _element(drawing: Drawing, cells: Mesh, nodes: list[Any], k: int) -> Any:
+def _make_element(drawing: Drawing, cells: Mesh, nodes: list[Any], k: int) -> Any:
     stiffness, mass, rotary = cells.sections[k]
     section = exu.BeamSection()
     section.stiffnessMatrix = np.diag(stiffness)
@@ -274,7 +281,7 @@ def _element(drawing: Drawing, cells: Mesh, nodes: list[Any], k: int) -> Any:
     return kind(nodeNumbers=nodes[k : k + 2], length=cells.lengths[k], sectionData=section)
 
 
-def _weigh_nodes(drawing: Drawing, cells: Mesh, nodes: list[Any]) -> None:
+def _add_node_weights(drawing: Drawing, cells: Mesh, nodes: list[Any]) -> None:
     """Put half of the weight of each element on each of its nodes: the consistent load of linear shape functions."""
     halves = np.array([mass * length / 2 for (_, mass, _), length in zip(cells.sections, cells.lengths, strict=True)])
     for node, mass in zip(nodes, np.append(halves, 0.0) + np.append(0.0, halves), strict=True):
@@ -282,7 +289,7 @@ def _weigh_nodes(drawing: Drawing, cells: Mesh, nodes: list[Any]) -> None:
         drawing.model.mbs.AddLoad(Force(markerNumber=marker, loadVector=list(mass * drawing.mechanism.gravity)))
 
 
-def _lock(drawing: Drawing, marker: Any, node: Any) -> Any:
+def _add_lock(drawing: Drawing, marker: Any, node: Any) -> Any:
     """Hold a node's position and orientation to a frame that is turned as the node is at the start."""
     markers = [marker, drawing.model.mbs.AddMarker(MarkerNodeRigid(nodeNumber=node))]
     return drawing.model.mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=LOCKED))
@@ -298,40 +305,40 @@ def run(drawing: Drawing, plan: Plan, q: Array, begin: Begin | None = None) -> O
     for joint in moving:
         if joint.name in drawing.free:
             continue
-        own = joint_q(drawing.mechanism, joint, q)
-        for number, rows in zip(drawing.model.joint[joint.name], _offsets(drawing, joint, own), strict=True):
-            drawing.model.drivers.append(Driver(number, _user_function(plan, rows[-plan.steps - 1 :])))
-    seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *_sensors(drawing), drawing.model.loads, begin)
-    pose = {index: _pose(drawing, index, seen) for index in range(len(drawing.layout.groups))}
+        own = take_joint_q(drawing.mechanism, joint, q)
+        for number, rows in zip(drawing.model.joint[joint.name], _compute_offsets(drawing, joint, own), strict=True):
+            drawing.model.drivers.append(Driver(number, _make_user_function(plan, rows[-plan.steps - 1 :])))
+    seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *_add_sensors(drawing), drawing.model.loads, begin)
+    pose = {index: _compute_group_poses(drawing, index, seen) for index in range(len(drawing.layout.groups))}
     return Outcome(
         pose=pose,
         end={name: seen["end", name] for name in drawing.model.beam},
-        wrench={j.name: _wrench(drawing, j, pose, seen) for j in moving},
+        wrench={j.name: _compute_joint_wrench(drawing, j, pose, seen) for j in moving},
         root={name: -seen["lock", name] for name in drawing.model.lock},
-        closure={c.name: _reaction(drawing, c, pose, seen) for c in drawing.mechanism.closures},
+        closure={c.name: _compute_reaction(drawing, c, pose, seen) for c in drawing.mechanism.closures},
     )
 
 
-def _offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
+def _compute_offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
     """Return the offsets (steps + 1, 6) [m], [rad] of each of a joint's connectors, zero at the start."""
-    p, r = joint_pose(joint, q)
-    axes = _axes(joint)
-    angles = tait_bryan(axes.T @ r[0].T @ r @ axes)
-    if slides_along(joint):
+    p, r = compute_joint_pose(joint, q)
+    axes = _build_marker_axes(joint)
+    angles = convert_to_tait_bryan(axes.T @ r[0].T @ r @ axes)
+    if can_slide(joint):
         slide = p @ joint.axis
         still = np.zeros((len(q), 6))
-        turned = [np.pad(angles, ((0, 0), (3, 0)))] if turns_about(joint) else []
+        turned = [np.pad(angles, ((0, 0), (3, 0)))] if can_turn(joint) else []
         return [*turned, still, np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
     seat = drawing.layout.start(drawing.layout.joint[joint.name])
     return [np.hstack([(p - p[0]) @ seat.rotation.T, angles])]
 
 
-def _user_function(plan: Plan, values: Array) -> Any:
+def _make_user_function(plan: Plan, values: Array) -> Any:
     table = Table(plan.step, values)
     return lambda mbs, t, item, parameters: table(t)
 
 
-def _sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
+def _add_sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     """Return the sensors of motions and of reactions, by what they see and whose it is."""
     add = drawing.model.mbs.AddSensor
     motions: Sensors = {}
@@ -359,33 +366,35 @@ def _sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     return motions, reactions
 
 
-def _pose(d: Drawing, index: int, seen: dict[Key, Array]) -> Poses:
+def _compute_group_poses(d: Drawing, index: int, seen: dict[Key, Array]) -> Poses:
     samples = len(next(iter(seen.values())))
     if index == 0:
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
     return seen["position", index], seen["rotation", index].reshape(samples, 3, 3)
 
 
-def _wrench(drawing: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+def _compute_joint_wrench(drawing: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
     if joint.name in drawing.free:
-        return _reaction(drawing, joint, pose, seen)
+        return _compute_reaction(drawing, joint, pose, seen)
     seat = drawing.layout.joint[joint.name]
     child = drawing.child(joint.name)
-    axes = _axes(joint)
+    axes = _build_marker_axes(joint)
     force = -sum(seen["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
-    marker = pose[seat.group][1] @ _relative(drawing, seat, child).rotation @ axes
+    marker = pose[seat.group][1] @ _compute_relative_pose(drawing, seat, child).rotation @ axes
     to_child = np.swapaxes(pose[child][1], 1, 2) @ marker
     moment = MOMENT_SIGNS * seen["moment", joint.name]
     return np.hstack([np.einsum("sij,sj->si", to_child, force), moment @ axes.T])  # (sample, component)
 
 
-def _reaction(drawing: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+def _compute_reaction(drawing: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
     """Return the wrench of a closure, or a joint without a driver, on its second frame, along its axes, (samples, 6)."""
-    first, second = (pose[end.group][1] @ end.placement.rotation for end in _ends(drawing, one))
+    first, second = (pose[end.group][1] @ end.placement.rotation for end in _compute_marker_frames(drawing, one))
     if ("moment", one.name) not in seen:
         return np.zeros((len(first), 6))
     held = drawing.held.get(one.name, exudyn_closing.HELD[one.kind])
-    wrench = exudyn_closing.wrench_of(held, seen["force", one.name, 0], seen["moment", one.name], first, second)
-    own = second @ exudyn_closing.marker_axes(one)[1].T
+    wrench = exudyn_closing.compute_connector_wrench(
+        held, seen["force", one.name, 0], seen["moment", one.name], first, second
+    )
+    own = second @ exudyn_closing.compute_marker_axes(one)[1].T
     return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])

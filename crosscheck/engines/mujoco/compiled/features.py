@@ -29,28 +29,28 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.compiled.names import (
-    actuators_on,
-    body_name,
-    gear_of,
-    joint_name,
-    name_of,
-    tendon_name,
+    find_actuators,
+    read_gear,
+    resolve_body_name,
+    resolve_joint_name,
+    resolve_name,
+    resolve_tendon_name,
 )  # fmt: skip
 from crosscheck.engines.mujoco.compiled.tendons import (
     OTHERS,
+    convert_to_tuple,
     find_coupling_laws,
     find_other_equalities,
     find_tendon_equalities,
-    finder_of_tendons,
-    keep_linear_couplings,
-    off,
-    row,
-    switch_equalities_off,
-    switch_tendons_off,
-    tendon_armature,
-    tendon_damper,
-    tendon_friction,
-    tendon_spring,
+    is_disabled,
+    make_equality_remover,
+    make_tendon_finder,
+    make_tendon_remover,
+    read_tendon_armature,
+    read_tendon_damper,
+    read_tendon_friction,
+    read_tendon_spring,
+    remove_nonlinear_terms,
 )
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 
@@ -82,28 +82,28 @@ def find_features(model: Any) -> tuple[Feature, ...]:
     return tuple(feature for kind in KINDS for feature in kind.find(model))
 
 
-def switch_off(model: Any, names: Collection[str]) -> None:
+def remove_features(model: Any, names: Collection[str]) -> None:
     """Switch the features of some names off in a model."""
     for kind in KINDS:
         if kind.name in names:
             kind.switch_off(model)
 
 
-def _set(**arrays: float) -> Callable[[Any], None]:
+def _make_array_setter(**arrays: float) -> Callable[[Any], None]:
     """A function that sets whole arrays of a model to a number."""
 
-    def switch(model: Any) -> None:
+    def fill_arrays(model: Any) -> None:
         for name, value in arrays.items():
             getattr(model, name)[...] = value
 
-    return switch
+    return fill_arrays
 
 
 def _find_gravcomp(model: Any) -> Iterator[Feature]:
     for body in np.flatnonzero(model.body_gravcomp):
-        if not off(model, GRAVITY_OFF):
+        if not is_disabled(model, GRAVITY_OFF):
             value = float(model.body_gravcomp[body])
-            yield Feature("gravcomp", f"link {body_name(model, int(body))}", {"gravcomp": value})
+            yield Feature("gravcomp", f"link {resolve_body_name(model, int(body))}", {"gravcomp": value})
 
 
 def _find_fluid(model: Any) -> Iterator[Feature]:
@@ -111,14 +111,14 @@ def _find_fluid(model: Any) -> Iterator[Feature]:
     if not (option.density or option.viscosity):
         return
     numbers: dict[str, Parameter] = {
-        "density": float(option.density), "viscosity": float(option.viscosity), "wind": row(option.wind),
+        "density": float(option.density), "viscosity": float(option.viscosity), "wind": convert_to_tuple(option.wind),
     }  # fmt: skip
     for geom in np.flatnonzero(model.geom_fluid[:, 0]):
-        numbers[f"shape {geom}"] = row(model.geom_fluid[geom])
+        numbers[f"shape {geom}"] = convert_to_tuple(model.geom_fluid[geom])
     yield Feature("fluid", "the world", numbers)
 
 
-def _fluid_off(model: Any) -> None:
+def _remove_fluid(model: Any) -> None:
     model.opt.density = 0.0
     model.opt.viscosity = 0.0
 
@@ -128,55 +128,57 @@ def _find_springs(name: str, types: tuple[Any, ...], law: bool) -> Callable[[Any
 
     def find(model: Any) -> Iterator[Feature]:
         for index in range(model.njnt):
-            if JOINT(int(model.jnt_type[index])) not in types or off(model, SPRING_OFF):
+            if JOINT(int(model.jnt_type[index])) not in types or is_disabled(model, SPRING_OFF):
                 continue
             more = np.ravel(model.jnt_stiffnesspoly[index])
             if more.any() or (model.jnt_stiffness[index] and not law):
                 start = int(model.jnt_qposadr[index])
                 count = {JOINT.mjJNT_FREE: 7, JOINT.mjJNT_BALL: 4}.get(JOINT(int(model.jnt_type[index])), 1)
                 numbers: dict[str, Parameter] = {
-                    "stiffness": row([model.jnt_stiffness[index], *more]),
-                    "rest": row(model.qpos_spring[start : start + count]),
+                    "stiffness": convert_to_tuple([model.jnt_stiffness[index], *more]),
+                    "rest": convert_to_tuple(model.qpos_spring[start : start + count]),
                 }
-                yield Feature(name, f"joint {joint_name(model, index)}", numbers)
+                yield Feature(name, f"joint {resolve_joint_name(model, index)}", numbers)
 
     return find
 
 
-def _springs_off(types: tuple[Any, ...], law: bool) -> Callable[[Any], None]:
-    def switch(model: Any) -> None:
+def _make_spring_remover(types: tuple[Any, ...], law: bool) -> Callable[[Any], None]:
+    def remove_springs(model: Any) -> None:
         for index in range(model.njnt):
             if JOINT(int(model.jnt_type[index])) in types:
                 model.jnt_stiffnesspoly[index] = 0.0
                 if not law:
                     model.jnt_stiffness[index] = 0.0
 
-    return switch
+    return remove_springs
 
 
 def _find_damper_laws(model: Any) -> Iterator[Feature]:
     for index in range(model.njnt):
-        if off(model, DAMPER_OFF):
+        if is_disabled(model, DAMPER_OFF):
             return
         more = np.array(model.dof_dampingpoly[int(model.jnt_dofadr[index])], dtype=float)
-        for k in actuators_on(model, index):
-            more = more + gear_of(model, k) ** 2 * np.ravel(model.actuator_dampingpoly[k])
+        for k in find_actuators(model, index):
+            more = more + read_gear(model, k) ** 2 * np.ravel(model.actuator_dampingpoly[k])
         if more.any():
-            yield Feature("damper-law", f"joint {joint_name(model, index)}", {"higher orders": row(more)})
+            yield Feature(
+                "damper-law", f"joint {resolve_joint_name(model, index)}", {"higher orders": convert_to_tuple(more)}
+            )
 
 
 def _find_plastic(model: Any) -> Iterator[Feature]:
-    if off(model, SPRING_OFF):
+    if is_disabled(model, SPRING_OFF):
         return
     for index in range(model.njnt):
         if model.jnt_plasticadr[index] >= 0:
             numbers: dict[str, Parameter] = {"yield": float(model.jnt_springyield[index])}
-            name = joint_name(model, index)
+            name = resolve_joint_name(model, index)
             yield Feature("plastic", f"joint {name}", numbers, felt=False, joints=(name,))
     for index in range(model.ntendon):
         if model.tendon_plasticadr[index] >= 0:
             numbers = {"yield": float(model.tendon_springyield[index])}
-            yield Feature("plastic", f"tendon {tendon_name(model, index)}", numbers, felt=False)
+            yield Feature("plastic", f"tendon {resolve_tendon_name(model, index)}", numbers, felt=False)
 
 
 def _find_of_free(name: str, key: str, array: str, flags: int) -> Callable[[Any], Iterator[Feature]]:
@@ -184,37 +186,37 @@ def _find_of_free(name: str, key: str, array: str, flags: int) -> Callable[[Any]
 
     def find(model: Any) -> Iterator[Feature]:
         for index in range(model.njnt):
-            if JOINT(int(model.jnt_type[index])) != JOINT.mjJNT_FREE or off(model, flags):
+            if JOINT(int(model.jnt_type[index])) != JOINT.mjJNT_FREE or is_disabled(model, flags):
                 continue
             first = int(model.jnt_dofadr[index])
             value = float(getattr(model, array)[first])
             if array == "dof_armature":
                 value += sum(
-                    gear_of(model, k) ** 2 * float(model.actuator_armature[k]) for k in actuators_on(model, index)
+                    read_gear(model, k) ** 2 * float(model.actuator_armature[k]) for k in find_actuators(model, index)
                 )
             if value:
-                yield Feature(name, f"joint {joint_name(model, index)}", {key: value})
+                yield Feature(name, f"joint {resolve_joint_name(model, index)}", {key: value})
 
     return find
 
 
-def _off_of_free(array: str) -> Callable[[Any], None]:
-    def switch(model: Any) -> None:
+def _make_free_remover(array: str) -> Callable[[Any], None]:
+    def remove_values(model: Any) -> None:
         for index in range(model.njnt):
             if JOINT(int(model.jnt_type[index])) != JOINT.mjJNT_FREE:
                 continue
             first = int(model.jnt_dofadr[index])
             getattr(model, array)[first : first + 6] = 0.0
             if array == "dof_armature":
-                for k in actuators_on(model, index):
+                for k in find_actuators(model, index):
                     model.actuator_armature[k] = 0.0
 
-    return switch
+    return remove_values
 
 
 def _find_flex(model: Any) -> Iterator[Feature]:
     for index in range(model.nflex):
-        name = name_of(model, mujoco.mjtObj.mjOBJ_FLEX, index, "flex")
+        name = resolve_name(model, mujoco.mjtObj.mjOBJ_FLEX, index, "flex")
         numbers: dict[str, Parameter] = {"points": float(model.flex_vertnum[index])}
         for array in FLEX:
             values = np.ravel(getattr(model, array))
@@ -227,11 +229,11 @@ def _find_plugins(model: Any) -> Iterator[Feature]:
         for index in range(count):
             instance = int(getattr(model, array)[index])
             if instance >= 0:
-                place = body_name(model, index) if array == "body_plugin" else f"shape {index}"
-                yield Feature("plugin", f"link {place}", {"settings": _settings(model, instance)})
+                place = resolve_body_name(model, index) if array == "body_plugin" else f"shape {index}"
+                yield Feature("plugin", f"link {place}", {"settings": _read_plugin_settings(model, instance)})
 
 
-def _settings(model: Any, instance: int) -> str:
+def _read_plugin_settings(model: Any, instance: int) -> str:
     """The settings of an instance of a plugin as text."""
     bounds = [*(int(at) for at in model.plugin_attradr), int(model.npluginattr)]
     letters = bytes(int(code) & 255 for code in np.ravel(model.plugin_attr)[bounds[instance] : bounds[instance + 1]])
@@ -241,51 +243,51 @@ def _settings(model: Any, instance: int) -> str:
 def _find_actuation(model: Any) -> Iterator[Feature]:
     if not model.nactuator:
         return
-    if off(model, ACTUATION_OFF):
+    if is_disabled(model, ACTUATION_OFF):
         yield Feature("actuation", "the world", {"actuators": "switched off"}, felt=False)
     groups = [k for k in range(model.nactuator) if model.opt.disableactuator >> int(model.actuator_group[k]) & 1]
     if groups:
-        names = ", ".join(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k, "actuator") for k in groups)
+        names = ", ".join(resolve_name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k, "actuator") for k in groups)
         yield Feature("actuation", f"actuators {names}", {"switched off": names}, felt=False)
 
 
-def _nothing(model: Any) -> None:
+def _remove_nothing(model: Any) -> None:
     """Leave a model as it is: the feature cannot be switched off, or neither efforts nor equations feel it."""
 
 
 KINDS = (
-    Kind("gravcomp", _find_gravcomp, _set(body_gravcomp=0.0)),
-    Kind("fluid", _find_fluid, _fluid_off),
-    Kind("spring-law", _find_springs("spring-law", SCALAR, True), _springs_off(SCALAR, True)),
-    Kind("ball-spring", _find_springs("ball-spring", (JOINT.mjJNT_BALL,), False), _springs_off((JOINT.mjJNT_BALL,), False)),
-    Kind("free-spring", _find_springs("free-spring", (JOINT.mjJNT_FREE,), False), _springs_off((JOINT.mjJNT_FREE,), False)),
-    Kind("damper-law", _find_damper_laws, _set(dof_dampingpoly=0.0, actuator_dampingpoly=0.0)),
-    Kind("plastic", _find_plastic, _set(jnt_plasticadr=-1, tendon_plasticadr=-1)),
-    Kind("free-armature", _find_of_free("free-armature", "armature", "dof_armature", 0), _off_of_free("dof_armature")),
+    Kind("gravcomp", _find_gravcomp, _make_array_setter(body_gravcomp=0.0)),
+    Kind("fluid", _find_fluid, _remove_fluid),
+    Kind("spring-law", _find_springs("spring-law", SCALAR, True), _make_spring_remover(SCALAR, True)),
+    Kind("ball-spring", _find_springs("ball-spring", (JOINT.mjJNT_BALL,), False), _make_spring_remover((JOINT.mjJNT_BALL,), False)),
+    Kind("free-spring", _find_springs("free-spring", (JOINT.mjJNT_FREE,), False), _make_spring_remover((JOINT.mjJNT_FREE,), False)),
+    Kind("damper-law", _find_damper_laws, _make_array_setter(dof_dampingpoly=0.0, actuator_dampingpoly=0.0)),
+    Kind("plastic", _find_plastic, _make_array_setter(jnt_plasticadr=-1, tendon_plasticadr=-1)),
+    Kind("free-armature", _find_of_free("free-armature", "armature", "dof_armature", 0), _make_free_remover("dof_armature")),
     Kind(
         "free-friction", _find_of_free("free-friction", "frictionloss", "dof_frictionloss", FRICTION_OFF),
-        _off_of_free("dof_frictionloss"),
+        _make_free_remover("dof_frictionloss"),
     ),
     Kind(
-        "tendon-spring", finder_of_tendons("tendon-spring", SPRING_OFF, tendon_spring),
-        switch_tendons_off("tendon_stiffness", "tendon_stiffnesspoly"),
+        "tendon-spring", make_tendon_finder("tendon-spring", SPRING_OFF, read_tendon_spring),
+        make_tendon_remover("tendon_stiffness", "tendon_stiffnesspoly"),
     ),
     Kind(
-        "tendon-damper", finder_of_tendons("tendon-damper", DAMPER_OFF, tendon_damper),
-        switch_tendons_off("tendon_damping", "tendon_dampingpoly", "actuator_damping", "actuator_dampingpoly"),
+        "tendon-damper", make_tendon_finder("tendon-damper", DAMPER_OFF, read_tendon_damper),
+        make_tendon_remover("tendon_damping", "tendon_dampingpoly", "actuator_damping", "actuator_dampingpoly"),
     ),
     Kind(
-        "tendon-armature", finder_of_tendons("tendon-armature", 0, tendon_armature),
-        switch_tendons_off("tendon_armature", "actuator_armature"),
+        "tendon-armature", make_tendon_finder("tendon-armature", 0, read_tendon_armature),
+        make_tendon_remover("tendon_armature", "actuator_armature"),
     ),
     Kind(
-        "tendon-friction", finder_of_tendons("tendon-friction", FRICTION_OFF, tendon_friction),
-        switch_tendons_off("tendon_frictionloss"),
+        "tendon-friction", make_tendon_finder("tendon-friction", FRICTION_OFF, read_tendon_friction),
+        make_tendon_remover("tendon_frictionloss"),
     ),
-    Kind("flex", _find_flex, _set(**dict.fromkeys(FLEX, 0.0))),
-    Kind("plugin", _find_plugins, _nothing),
-    Kind("coupling-law", find_coupling_laws, keep_linear_couplings),
-    Kind("tendon-equality", find_tendon_equalities, switch_equalities_off(EQUALITY.mjEQ_TENDON, linear=True)),
-    Kind("equality", find_other_equalities, switch_equalities_off(*OTHERS)),
-    Kind("actuation", _find_actuation, _nothing),
+    Kind("flex", _find_flex, _make_array_setter(**dict.fromkeys(FLEX, 0.0))),
+    Kind("plugin", _find_plugins, _remove_nothing),
+    Kind("coupling-law", find_coupling_laws, remove_nonlinear_terms),
+    Kind("tendon-equality", find_tendon_equalities, make_equality_remover(EQUALITY.mjEQ_TENDON, linear=True)),
+    Kind("equality", find_other_equalities, make_equality_remover(*OTHERS)),
+    Kind("actuation", _find_actuation, _remove_nothing),
 )  # fmt: skip

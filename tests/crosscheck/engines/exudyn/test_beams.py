@@ -18,7 +18,7 @@ from crosscheck.engines.exudyn import run_in_time as exudyn_march
 from crosscheck.engines.exudyn.integration import quiet
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.models.parts import weigh
+from crosscheck.engines.exudyn.models.parts import add_gravity
 from crosscheck.measures.record import Record, check
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -67,7 +67,7 @@ def off(a: Record, b: Record, name: str) -> float:
 @pytest.fixture
 def in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let planar mechanisms be run by the model in space."""
-    monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
+    monkeypatch.setattr(exudyn_planar, "find_plane", lambda *what: "in space for the test")
 
 
 # --------------------------------------------------------------------------------------------------------- statics
@@ -111,7 +111,7 @@ def test_why_the_weight_of_ancf_beams_goes_on_nodes(monkeypatch: pytest.MonkeyPa
     mechanism = arm(Beam(length, section(1e6, 1e6, 1e3, 1e3, mass / length, 1e-6)), gravity=(0, 0, -9.81))
 
     def moments(elements: int) -> float:
-        layout = exudyn_march.layout_of(mechanism, still())
+        layout = exudyn_march.build_start_layout(mechanism, still())
         drawing = exudyn_spatial.build(mechanism, layout, True, elements)
         plan = exudyn_march.choose(mechanism, still(), "exudyn-ancf", {"step": 1e-3}).plans[0]
         with quiet():
@@ -120,11 +120,11 @@ def test_why_the_weight_of_ancf_beams_goes_on_nodes(monkeypatch: pytest.MonkeyPa
     def by_mass(d: exudyn_spatial.Drawing, cells: object, nodes: list[object]) -> None:
         for number in range(d.model.mbs.systemData.NumberOfObjects()):
             if d.model.mbs.GetObject(number)["objectType"] == "ObjectANCFBeam":
-                weigh(d.model, number, d.mechanism.gravity)
+                add_gravity(d.model, number, d.mechanism.gravity)
 
     right = -9.81 * mass * length / 2
     np.testing.assert_allclose(moments(4), right, rtol=5e-6)  # as above
-    monkeypatch.setattr(exudyn_spatial, "_weigh_nodes", by_mass)
+    monkeypatch.setattr(exudyn_spatial, "_add_node_weights", by_mass)
     for elements in (4, 8):
         np.testing.assert_allclose(moments(elements), right * (1 + 1 / elements), rtol=5e-6)
 
@@ -242,7 +242,7 @@ def test_space_and_plane_agree(engine: str, monkeypatch: pytest.MonkeyPatch) -> 
     mechanism, case = arm(Beam(0.4, STRIP), PAYLOAD), half_turn(0.2)
     plane = strip("exudyn-ge", "payload", end=0.2)
     assert plane.settings["model"] == "planar bodies"
-    monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
+    monkeypatch.setattr(exudyn_planar, "find_plane", lambda *what: "in space for the test")
     options = {"elements": 2, "step": 1e-3, "error": False}
     coarse, fine = (exudyn.run(mechanism, case, engine, {**options, "refinement": k}) for k in (0, 1))
     check(fine, sample_times(case))

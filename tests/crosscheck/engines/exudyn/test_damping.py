@@ -10,10 +10,10 @@ from flexible_examples import arm, clamped, uniform
 
 exudyn = pytest.importorskip("exudyn")
 
-from crosscheck.engines.exudyn.integration import Plan, grid, quiet  # noqa: E402
+from crosscheck.engines.exudyn.integration import Plan, compute_step_times, quiet  # noqa: E402
 from crosscheck.engines.exudyn.models import planar as exudyn_planar  # noqa: E402
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial  # noqa: E402
-from crosscheck.engines.exudyn.models.layout import lay_out  # noqa: E402
+from crosscheck.engines.exudyn.models.layout import build_layout  # noqa: E402
 from flexinv.model.mechanism import Mechanism  # noqa: E402
 from flexinv.model.motion import Motion  # noqa: E402
 
@@ -33,15 +33,15 @@ def tip(kind: str) -> np.ndarray:
     """Deflection of the tip across the link at rest, every millisecond from 0.06 s on [m]."""
     mechanism = wet(arm())
     q, qd, _ = MOVE.evaluate(mechanism, np.zeros(1))
-    layout = lay_out(mechanism, q[0], qd[0])
+    layout = build_layout(mechanism, q[0], qd[0])
     plan = Plan(end=0.3, step=5e-4, sample=1e-3, index2=False, spectral_radius=0.9, tolerance=1e-8, extrapolate=False,
                 static_start=False)  # fmt: skip
-    q, qd, _ = MOVE.evaluate(mechanism, grid(plan))
+    q, qd, _ = MOVE.evaluate(mechanism, compute_step_times(plan))
     with quiet():
         if kind == "ANCFBeam":
             seen = exudyn_spatial.run(exudyn_spatial.build(mechanism, layout, True, 8), plan, q)
         else:
-            plane = exudyn_planar.plane_of(mechanism, layout)
+            plane = exudyn_planar.find_plane(mechanism, layout)
             assert not isinstance(plane, str)
             seen = exudyn_planar.run(
                 exudyn_planar.build(mechanism, layout, plane, kind == "ANCFCable2D", 8), plan, q, qd
@@ -62,8 +62,8 @@ def test_the_decay_is_that_of_theory(kind: str) -> None:
 
 def test_a_beam_that_leaves_its_damping_out_is_refused() -> None:
     mechanism = wet(clamped(uniform(1.0, 10.0, 10.0, 1.0, (1.0, 1.0)), 1, 2))
-    reason = exudyn_spatial.damping_left_out(mechanism)
+    reason = exudyn_spatial.describe_damping_loss(mechanism)
     assert reason is not None
     assert "beam is damped" in reason
     assert "leaves it out" in reason
-    assert exudyn_spatial.damping_left_out(arm()) is None
+    assert exudyn_spatial.describe_damping_loss(arm()) is None

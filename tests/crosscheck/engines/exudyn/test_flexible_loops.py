@@ -127,7 +127,9 @@ def test_damping_and_springs_in_passive_joints() -> None:
     a, b = (run(one, case, "exudyn-ge", 5e-4) for one in (replace(damped, joints=sprung), damped))
     # In equilibrium the spring's moment k (q_D - rest), times the rocker's turn per turn of the crank, joins the torque.
     nudge = replace(case, motion=Motion.point_to_point({"A": 0.3 - 1e-4}, {"A": 0.3 + 1e-4}, 1.0), end=1.0, sample=0.5)
-    angle = exudyn_chain.closed_motion(mechanism, nudge, sample_times(nudge))[0][:, mechanism.q_slices["D"]][:, 0]
+    angle = exudyn_chain.evaluate_closed_motion(mechanism, nudge, sample_times(nudge))[0][:, mechanism.q_slices["D"]][
+        :, 0
+    ]
     moment = 0.5 * (angle[1] - 0.4) * (angle[2] - angle[0]) / 2e-4
     added = a.series["torque/A"].values[0] - b.series["torque/A"].values[0]
     assert abs(added - moment) < 1e-3 * abs(
@@ -211,7 +213,7 @@ def test_a_coupler_in_space(engine: str) -> None:
 
 def test_the_plane_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     """The planar linkage by the spatial model: its joints and closures are of other kinds there."""
-    monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
+    monkeypatch.setattr(exudyn_planar, "find_plane", lambda *what: "in space for the test")
     mechanism, case = four_bar()
     record = run(mechanism, case, "exudyn-ge", 5e-4, elements=8, error=False)
     assert record.settings["closures"] == "GenericJoint"
@@ -270,7 +272,7 @@ def test_rigid_loops_are_not_for_beams() -> None:
 
 def test_a_closure_out_of_the_plane_is_not_planar() -> None:
     mechanism, case = four_bar()
-    model = exudyn_loops.model_of(mechanism, case, "exudyn-ge")
+    model = exudyn_loops.build_model(mechanism, case, "exudyn-ge")
     tilted = Closure("C", "universal", mechanism.closures[0].first, mechanism.closures[0].second)
     for closure, words in (
         (tilted, "closure C is universal"),
@@ -281,14 +283,14 @@ def test_a_closure_out_of_the_plane_is_not_planar() -> None:
         (replace(tilted, kind="point-on-line"), "the axis of closure C is not in the plane of the others"),
     ):
         other = replace(mechanism, closures=(closure,))
-        assert exudyn_planar.plane_of(other, model.layout, frozenset(model.free)) == words
+        assert exudyn_planar.find_plane(other, model.layout, frozenset(model.free)) == words
 
 
 def test_sliding_dampers_are_refused() -> None:
     mechanism, _ = slider_crank()
     damped = tuple(replace(j, damping=1.0) if j.name == "slide" else j for j in mechanism.joints)
     words = "joint slide: damping and springs of prismatic joints without a drive have no connector here"
-    assert exudyn_flat.not_moved(replace(mechanism, joints=damped), frozenset({"slide"})) == words
+    assert exudyn_flat.describe_unmodelled_effort(replace(mechanism, joints=damped), frozenset({"slide"})) == words
 
 
 # ------------------------------------------------------------------------------------------------------------ mesh
@@ -299,11 +301,11 @@ def test_stations_that_are_equal_up_to_rounding_share_a_node() -> None:
     mechanism, _ = four_bar()
     beam = mechanism.link_of["coupler"].beam
     assert beam is not None
-    cells = exudyn_layout.mesh(beam, (0.0, 0.3, 0.1 + 0.2, 1.0 - 1e-16, 1.0), 10)
+    cells = exudyn_layout.build_mesh(beam, (0.0, 0.3, 0.1 + 0.2, 1.0 - 1e-16, 1.0), 10)
     assert len(cells.lengths) == 10
     assert cells.lengths.min() > 0.9 * beam.length / 10
     assert cells.node(0.3) == cells.node(0.1 + 0.2) == 3
     assert cells.fraction[0] == 0.0
     assert cells.fraction[-1] == 1.0
-    apart = exudyn_layout.mesh(beam, (0.0, 0.3, 0.3 + 1e-6, 1.0), 10)
+    apart = exudyn_layout.build_mesh(beam, (0.0, 0.3, 0.3 + 1e-6, 1.0), 10)
     assert len(apart.lengths) == 11  # what is apart stays apart

@@ -13,7 +13,15 @@ import rigid_trees as trees
 from crosscheck.engines.exudyn import adapter as exudyn
 from crosscheck.engines.exudyn import integration as exudyn_solve
 from crosscheck.engines.exudyn import run_in_time as exudyn_march
-from crosscheck.engines.exudyn.integration import ExudynFailure, NewtonStalled, Plan, Table, grid, quiet, step_size
+from crosscheck.engines.exudyn.integration import (
+    ExudynFailure,
+    NewtonStalled,
+    Plan,
+    Table,
+    compute_step_size,
+    compute_step_times,
+    quiet,
+)
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -28,13 +36,13 @@ def pendulum() -> tuple[Mechanism, Case]:
 
 
 def test_the_step_divides_the_spacing_of_the_samples() -> None:
-    assert step_size(1e-3, 1e-4) == pytest.approx(1e-4, rel=1e-12)
-    assert step_size(5e-3, 3.75e-4) == pytest.approx(5e-3 / 14, rel=1e-12)
-    assert step_size(1e-3, 1.0) == 1e-3
+    assert compute_step_size(1e-3, 1e-4) == pytest.approx(1e-4, rel=1e-12)
+    assert compute_step_size(5e-3, 3.75e-4) == pytest.approx(5e-3 / 14, rel=1e-12)
+    assert compute_step_size(1e-3, 1.0) == 1e-3
     for wanted in (1e-4, 3.3e-4, 7e-6):
-        ratio = 1e-3 / step_size(1e-3, wanted)
+        ratio = 1e-3 / compute_step_size(1e-3, wanted)
         assert ratio == pytest.approx(round(ratio), rel=1e-12)
-        assert step_size(1e-3, wanted) <= wanted * (1 + 1e-9)
+        assert compute_step_size(1e-3, wanted) <= wanted * (1 + 1e-9)
 
 
 def test_a_time_between_the_steps_is_refused() -> None:
@@ -80,11 +88,11 @@ def test_a_stalled_run_is_repeated_and_the_record_says_so(monkeypatch: pytest.Mo
 
 def test_a_motion_that_is_not_finite_is_an_error_not_a_record() -> None:
     mechanism, case = pendulum()
-    layout = exudyn_march.layout_of(mechanism, case)
-    plane = exudyn_planar.plane_of(mechanism, layout)
+    layout = exudyn_march.build_start_layout(mechanism, case)
+    plane = exudyn_planar.find_plane(mechanism, layout)
     assert not isinstance(plane, str)
-    q, qd, _ = case.motion.evaluate(mechanism, grid(PLAN))
-    q, qd = np.where(grid(PLAN)[:, None] < 0.05, (q, qd), np.nan)
+    q, qd, _ = case.motion.evaluate(mechanism, compute_step_times(PLAN))
+    q, qd = np.where(compute_step_times(PLAN)[:, None] < 0.05, (q, qd), np.nan)
     for index2 in (True, False):
         drawing = exudyn_planar.build(mechanism, layout, plane, False, 1)
         with quiet(), pytest.raises(ExudynFailure, match=r"dynamicSolver failed"):
@@ -94,7 +102,7 @@ def test_a_motion_that_is_not_finite_is_an_error_not_a_record() -> None:
 def test_values_that_are_not_finite_are_found_with_their_time() -> None:
     class Sensor:
         def GetSensorStoredData(self, sensor: int) -> np.ndarray:
-            data = np.stack([grid(PLAN), np.zeros(101)], axis=1)
+            data = np.stack([compute_step_times(PLAN), np.zeros(101)], axis=1)
             data[30, 1] = np.inf
             return data
 
@@ -122,4 +130,4 @@ def test_reactions_at_rest_survive_a_hold() -> None:
     weight = p["g"] * ((p["m1"] * p["c1"] + p["m2"] * p["l1"]) * np.cos(1.8) + p["m2"] * p["c2"] * np.cos(1.8 + 0.9))
     held = record.series["torque/j1"].values[record.time > 0.1001]
     np.testing.assert_allclose(held, weight, rtol=0, atol=4e-4 * p["g"])  # index 2 drifts in place, (w h)^2 at 20 rad/s
-    assert exudyn_solve.settings(PLAN).timeIntegration.newton.modifiedNewtonJacUpdatePerStep
+    assert exudyn_solve.build_solver_settings(PLAN).timeIntegration.newton.modifiedNewtonJacUpdatePerStep

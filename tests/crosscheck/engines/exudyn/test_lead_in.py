@@ -55,7 +55,9 @@ def test_a_loop_that_starts_in_motion(rate: float, acceleration: float) -> None:
 def test_without_a_lead_in_the_start_is_a_transient(monkeypatch: pytest.MonkeyPatch) -> None:
     example = moving(examples.four_bar(), 0.0, 8.0)
     other = pinocchio.run(*example, "pinocchio", {})
-    monkeypatch.setattr(exudyn_loops, "history_of", lambda mechanism, case, step: exudyn_lead.History(mechanism, case))
+    monkeypatch.setattr(
+        exudyn_loops, "build_history", lambda mechanism, case, step: exudyn_lead.History(mechanism, case)
+    )
     record = exudyn.run(*example, "exudyn-dae", {"step": 5e-4, "error": False})
     assert off(record, other, "torque") > 1e-3
 
@@ -64,7 +66,7 @@ def test_without_a_lead_in_the_start_is_a_transient(monkeypatch: pytest.MonkeyPa
 def test_the_lead_in_meets_the_motion(rate: float) -> None:
     """From rest, with speed, acceleration and jerk of the motion where it begins."""
     mechanism, case = moving(examples.four_bar(), rate, 8.0)
-    history = exudyn_lead.history_of(mechanism, case, 1e-3)
+    history = exudyn_lead.build_history(mechanism, case, 1e-3)
     assert history.lead >= 0.1
     near = 1e-5
     before, after = history(np.array([-near])), history(np.array([near]))
@@ -82,7 +84,7 @@ def test_the_lead_in_meets_the_motion(rate: float) -> None:
 
 
 def test_from_rest_there_is_none() -> None:
-    assert exudyn_lead.history_of(*examples.four_bar(), 1e-3).lead == 0.0
+    assert exudyn_lead.build_history(*examples.four_bar(), 1e-3).lead == 0.0
 
 
 def test_what_cannot_be_led_into() -> None:

@@ -93,7 +93,7 @@ def test_wrenches_are_left_out_where_they_are_not() -> None:
 @pytest.fixture
 def in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let planar mechanisms be run by the model in space, where their loops have redundant equations."""
-    monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
+    monkeypatch.setattr(exudyn_planar, "find_plane", lambda *what: "in space for the test")
 
 
 @pytest.mark.usefixtures("in_space")
@@ -101,7 +101,7 @@ def test_redundant_equations_are_told() -> None:
     record = by_exudyn(examples.slider_crank("pin"))
     assert record.settings["redundant equations left out of"] == ["C"]
     mechanism, case = examples.slider_crank("pin")
-    held = exudyn_closing.independent(mechanism, case)
+    held = exudyn_closing.find_independent_axes(mechanism, case)
     assert sum(held["C"]) == 2  # of five: the plane holds the other three
 
 
@@ -109,7 +109,7 @@ def test_redundant_equations_are_told() -> None:
 def test_redundant_equations_are_singular_in_exudyn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without leaving any out, the engine gives up."""
     full = {"C": list(exudyn_closing.HELD["revolute"])}
-    monkeypatch.setattr(exudyn_closing, "independent", lambda mechanism, case: full)
+    monkeypatch.setattr(exudyn_closing, "find_independent_axes", lambda mechanism, case: full)
     with pytest.raises(Exception, match="failed"):
         exudyn.run(*examples.slider_crank("pin"), "exudyn-dae", STEP)
 
@@ -118,7 +118,7 @@ def test_kinematics_of_the_cut_tree_are_flexinvs() -> None:
     for name in ("spatial", "platform"):
         mechanism, case = EXAMPLES[name]()
         s = flexinv.solve(mechanism, case.motion, case.sample, start=case.start)
-        made = exudyn_chain.closed_motion(mechanism, case, sample_times(case))
+        made = exudyn_chain.evaluate_closed_motion(mechanism, case, sample_times(case))
         for ours, theirs in zip(made, (s.q, s.qd, s.qdd), strict=True):
             assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()  # rounding of small linear systems
 
@@ -158,7 +158,7 @@ def test_the_multipliers_need_their_share(monkeypatch: pytest.MonkeyPatch) -> No
     """With a third drive the effort that Exudyn gives on the prescribed joints is not the one of least norm."""
     example = examples.five_bar(3)
     other = pinocchio.run(*example, "pinocchio", {})
-    monkeypatch.setattr(exudyn_chain, "shared", lambda mechanism, case, q, effort: effort)
+    monkeypatch.setattr(exudyn_chain, "split_sampled_efforts", lambda mechanism, case, q, effort: effort)
     assert apart(by_exudyn(example), other, "torque")[0] > 0.05
 
 

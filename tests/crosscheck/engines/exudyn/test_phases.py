@@ -79,8 +79,8 @@ def test_exudyn_meets_the_bound_of_the_report(name: str) -> None:
 def test_there_are_as_many_drives_as_freedoms() -> None:
     """Two hands on the bar leave three freedoms: three of the six joints have drives, the others are loose."""
     mechanism, case, _ = model("two_arms")
-    followed = exudyn_phases.follow_phases(mechanism, case)
-    made = exudyn_phases.switching(mechanism, case, followed)
+    followed = exudyn_phases.solve_phases(mechanism, case)
+    made = exudyn_phases.plan_switching(mechanism, case, followed)
     arms = {j.name for j in mechanism.joints} - made.free
     driven = [on & arms for on in made.acting]
     assert [len(names) for names in driven] == [6, 3, 6]
@@ -122,7 +122,7 @@ def test_a_hand_that_lets_go_too_early_is_seen() -> None:
 def test_the_engines_own_share_is_not_least_norm(monkeypatch: pytest.MonkeyPatch) -> None:
     """Efforts and reactions of the drives that the model happens to have are far from those asked for."""
     mechanism, case, other = model("walker")
-    monkeypatch.setattr(exudyn_phases, "_shared", lambda phase, q, torque: (torque, {}))
+    monkeypatch.setattr(exudyn_phases, "_split_phase_efforts", lambda phase, q, torque: (torque, {}))
     raw = ran(mechanism, case, COARSE)
     for quantity in ("torque", "reaction"):
         assert apart(raw, other, quantity) > 0.1
@@ -132,7 +132,7 @@ def test_the_engines_own_share_is_not_least_norm(monkeypatch: pytest.MonkeyPatch
 def test_drives_on_both_sides_are_singular(monkeypatch: pytest.MonkeyPatch) -> None:
     """With all six drives while both hands hold the bar, the engine gives up."""
     mechanism, case, _ = model("two_arms")
-    monkeypatch.setattr(exudyn_phases, "drives", lambda phase, given, q: {j.name for j in given})
+    monkeypatch.setattr(exudyn_phases, "choose_drives", lambda phase, given, q: {j.name for j in given})
     with pytest.raises(Exception, match="failed"):
         exudyn.run(mechanism, case, "exudyn-dae", COARSE)
 
@@ -161,7 +161,7 @@ def test_kinematics_meet_at_the_switches() -> None:
     """The motion that efforts are shared on is closed through the switches, as flexinv has it."""
     mechanism, case, _ = model("walker")
     s = flexinv.solve(mechanism, case.motion, case.sample, start=case.start)
-    followed = exudyn_phases.follow_phases(mechanism, case)
+    followed = exudyn_phases.solve_phases(mechanism, case)
     for k, expected in enumerate((s.q, s.qd, s.qdd)):
         made = np.concatenate([state[k] for _, state in followed])
         assert np.abs(made - expected).max() < 1e-12 * np.abs(expected).max()  # rounding of small linear systems

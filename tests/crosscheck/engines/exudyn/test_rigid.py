@@ -124,8 +124,8 @@ def test_why_prismatic_joints_stand_on_frames_that_move() -> None:
     mechanism = trees.chain("prismatic")
     q, qd, qdd = random_states(mechanism, 3, np.random.default_rng(5))
     expected = np.array([kane.torque(mechanism, *row) for row in zip(q, qd, qdd, strict=True)])
-    right = exudyn_rigid.inverse_dynamics(mechanism, q, qd, qdd).torque
-    wrong = exudyn_rigid.inverse_dynamics(mechanism, q * (1, -1), qd, qdd).torque
+    right = exudyn_rigid.compute_inverse_dynamics(mechanism, q, qd, qdd).torque
+    wrong = exudyn_rigid.compute_inverse_dynamics(mechanism, q * (1, -1), qd, qdd).torque
     bodies = trees.without_drives(mechanism)
     expected = np.array([kane.torque(bodies, *row) for row in zip(q, qd, qdd, strict=True)])
     assert np.abs(right - expected).max() < ROUNDING * np.abs(expected).max()
@@ -215,7 +215,7 @@ def test_what_is_planar_and_what_is_not() -> None:
     case = trees.case_of(Motion.point_to_point([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], 0.5), 0.5, 0.1)
 
     def verdict(changed: Mechanism) -> str | Array:
-        return exudyn_planar.plane_of(changed, exudyn.layout_of(changed, case))
+        return exudyn_planar.find_plane(changed, exudyn.build_start_layout(changed, case))
 
     plane = verdict(mechanism)
     assert not isinstance(plane, str)

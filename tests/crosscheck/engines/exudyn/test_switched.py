@@ -89,6 +89,6 @@ def test_the_velocities_of_an_impact_are_those_of_momentum() -> None:
     markers = [mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=n, coordinate=0)) for n in nodes]
     mbs.AddObject(ObjectConnectorCoordinate(markerNumbers=markers))
     mbs.Assemble()
-    plan = exudyn_switched.plans_of(model()[1], COARSE)[0]
-    jump = exudyn_switched.velocity_jump(mbs, plan)
+    plan = exudyn_switched.plan_runs(model()[1], COARSE)[0]
+    jump = exudyn_switched.compute_velocity_jump(mbs, plan)
     np.testing.assert_allclose(jump, [-1.0, 0, 0, 2.0, 0, 0], rtol=1e-12, atol=1e-12)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import adapter as mujoco
 from crosscheck.engines.mujoco import joints as mujoco_joints
-from crosscheck.engines.mujoco.fuse import losses
+from crosscheck.engines.mujoco.fuse import list_losses
 from crosscheck.measures.record import check
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.files.from_urdf import from_urdf
@@ -64,7 +64,7 @@ def test_warnings_become_words_and_no_file(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     mechanism, _ = trees.double_pendulum()
     before = mujoco.mujoco.get_mju_user_warning()
-    with mujoco.warnings_caught() as words:
+    with mujoco.collect_warnings() as words:
         data = mujoco.mujoco.MjData(mujoco.build(mechanism).model)
         data.qacc[:] = np.nan
         data.qpos[:] = np.nan
@@ -91,7 +91,7 @@ def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str, payload:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
     mechanism = trees.overlaid(mechanism) if payload else mechanism
     state = random_states(mechanism, 5, np.random.default_rng(1))
-    found = mujoco.inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
+    found = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
     expected = judged(mechanism, state)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
@@ -108,17 +108,17 @@ def test_a_urdf_that_is_not_the_mechanism_is_refused(tmp_path: Path) -> None:
 
 
 def test_fusing_loses_the_inertia_of_links_without_mass(tmp_path: Path) -> None:
-    (loss,) = losses(trees.footed(tmp_path, 0.0))
+    (loss,) = list_losses(trees.footed(tmp_path, 0.0))
     assert (loss.body, loss.massless, loss.explained) == ("hand", ("tool",), True)
     assert np.trace(loss.missing) == pytest.approx(0.05, rel=1e-9)  # MuJoCo's principal axes are good to 1e-12
 
 
 def test_fusing_loses_nothing_of_links_with_mass(tmp_path: Path) -> None:
-    assert losses(trees.footed(tmp_path, 0.5)) == ()
+    assert list_losses(trees.footed(tmp_path, 0.5)) == ()
 
 
 def test_a_loss_that_is_not_that_inertia_is_not_explained(tmp_path: Path) -> None:
-    (loss,) = losses(trees.footed(tmp_path, 0.0))
+    (loss,) = list_losses(trees.footed(tmp_path, 0.0))
     assert not replace(loss, missing=1.001 * loss.missing).explained
     assert not replace(loss, massless=()).explained
 
@@ -137,7 +137,7 @@ def placement_forgotten(joint: Joint, q: Any) -> Any:
 def no_bias(mechanism: Mechanism, built: Any, q: Any, qd: Any, qdd: Any) -> Any:
     """a_mj = R0 R v' without w x v."""
     state = ORIGINAL_MAP(mechanism, built, q, qd, qdd)
-    turn = mujoco_joints._absolute(mechanism.joints[0], q[:, :7])
+    turn = mujoco_joints._compute_world_rotation(mechanism.joints[0], q[:, :7])
     state.a[:, :3] = turn.apply(qdd[:, :3])
     return state
 
@@ -146,7 +146,7 @@ def no_dual(mechanism: Mechanism, built: Any, q: Any, force: Any) -> Any:
     return force
 
 
-ORIGINAL_POSITION, ORIGINAL_MAP = mujoco_joints._position, mujoco_joints.to_engine
+ORIGINAL_POSITION, ORIGINAL_MAP = mujoco_joints._convert_position, mujoco_joints.convert_to_engine
 MAP_FAULTS: dict[str, tuple[str, Callable[..., Any]]] = {
     "quaternion order": ("_position", quaternion_not_rolled),
     "base placement": ("_absolute", placement_forgotten),
@@ -161,7 +161,7 @@ def test_a_fault_in_the_map_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch)
     state = random_states(mechanism, 5, np.random.default_rng(1))
     for module in (mujoco, mujoco_joints):
         monkeypatch.setattr(module, *MAP_FAULTS[fault], raising=False)
-    wrong = mujoco.inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
+    wrong = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
     expected = judged(mechanism, state)
     assert np.abs(wrong - expected).max() > 1e-3 * np.abs(expected).max()
 
@@ -173,7 +173,7 @@ def test_default_friction_would_be_soft(monkeypatch: pytest.MonkeyPatch) -> None
     qd = 1e-6 * np.sign(qd)
     expected = judged(mechanism, (q, qd, qdd))
     monkeypatch.setattr(mujoco_joints, "STIFF_FRICTION", (0.02, 1.0))
-    soft = mujoco.inverse_dynamics(mechanism, mujoco.build(mechanism), q, qd, qdd).torque
+    soft = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), q, qd, qdd).torque
     assert np.abs(soft - expected).max() > 1e-3 * np.abs(expected).max()
 
 

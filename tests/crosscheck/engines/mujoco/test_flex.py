@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import flex as mujoco_flex
 from crosscheck.engines.mujoco import rod as mujoco_rod
-from crosscheck.engines.mujoco.rod import bending_axis, flexible, rod_of
+from crosscheck.engines.mujoco.rod import build_flexible_model, build_rod, find_bending_axis
 from crosscheck.measures.record import check
 from flexinv import solve
 from flexinv.errors import InputError
@@ -43,8 +43,8 @@ def turn(end: float = 0.5, sample: float = 1e-3) -> Case:
 
 def stiffness_and_mass(elements: int) -> tuple[Array, Array]:
     """Of all points, by central differences of MuJoCo's passive forces about the straight rod."""
-    rod = rod_of(ONE_LINK, elements)
-    model = flexible(ONE_LINK, rod, 1e-6).model
+    rod = build_rod(ONE_LINK, elements)
+    model = build_flexible_model(ONE_LINK, rod, 1e-6).model
     data = mujoco.MjData(model)
     free = [int(model.joint(f"{rod.point(k)}/{c}").dofadr[0]) for c in "xy" for k in range(1, elements + 1)]
     out = np.empty((len(free), len(free)))
@@ -170,7 +170,7 @@ def turned(mechanism: Mechanism, axis: str) -> Mechanism:
 def test_the_frame_of_the_beam_does_not_matter(axis: str, bent: int) -> None:
     case = turn(end=0.02, sample=5e-3)
     other = turned(ONE_LINK, axis)
-    assert bending_axis(other, other.links[0]) == bent
+    assert find_bending_axis(other, other.links[0]) == bent
     one, two = (mujoco_flex.run(m, case, "mujoco-flex", {"elements": 8}) for m in (ONE_LINK, other))
     scale = np.abs(one.series["torque/hub"].values).max()
     # Rounding of elastic forces EA / l x 1e-16 m at arm's length, over some thousand steps.

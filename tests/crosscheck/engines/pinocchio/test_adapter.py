@@ -84,7 +84,7 @@ def test_a_body_has_the_moments_that_are_stated(moment: float) -> None:
 def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
     state = random_states(mechanism, 5, np.random.default_rng(1))
-    found = pinocchio.inverse_dynamics(pinocchio.build(mechanism), *state).torque
+    found = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state).torque
     found += pinocchio.passive_effort(mechanism, state[1])
     expected = np.array([kane.torque(mechanism, *row) for row in zip(*state, strict=True)])
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
@@ -95,11 +95,11 @@ def test_what_is_laid_over_a_urdf_reaches_the_model(tmp_path: Path, base: str) -
     mechanism = from_urdf(trees.urdf(tmp_path), base=base)
     loaded = trees.overlaid(mechanism)
     state = random_states(mechanism, 5, np.random.default_rng(1))
-    found = pinocchio.inverse_dynamics(pinocchio.build(loaded), *state).torque
+    found = pinocchio.compute_inverse_dynamics(pinocchio.build(loaded), *state).torque
     found += pinocchio.passive_effort(loaded, state[1])
     expected = np.array([kane.torque(loaded, *row) for row in zip(*state, strict=True)])
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
-    plain = pinocchio.inverse_dynamics(pinocchio.build(mechanism), *state).torque
+    plain = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state).torque
     assert np.abs(found - plain).max() > 1e-2 * np.abs(expected).max()
 
 
@@ -118,9 +118,9 @@ def test_the_turn_of_a_continuous_joint_matters(monkeypatch: pytest.MonkeyPatch)
     """Without A the joint turns about z instead of its axis."""
     mechanism = trees.chain("continuous")
     state = random_states(mechanism, 5, np.random.default_rng(1))
-    right = pinocchio.inverse_dynamics(pinocchio.build(mechanism), *state)
-    monkeypatch.setattr(pinocchio_model, "_to_z", lambda joint: pinocchio.pin.SE3.Identity())
-    wrong = pinocchio.inverse_dynamics(pinocchio.build(mechanism), *state)
+    right = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state)
+    monkeypatch.setattr(pinocchio_model, "_build_z_frame", lambda joint: pinocchio.pin.SE3.Identity())
+    wrong = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state)
     assert np.abs(wrong.torque - right.torque).max() > 1e-2 * np.abs(right.torque).max()
 
 
@@ -134,12 +134,12 @@ def test_the_order_of_joints_matters(tmp_path: Path) -> None:
     )
     state = random_states(turned, 5, np.random.default_rng(1))
     built = pinocchio.build(turned)
-    found = pinocchio.inverse_dynamics(built, *state).torque + pinocchio.passive_effort(turned, state[1])
+    found = pinocchio.compute_inverse_dynamics(built, *state).torque + pinocchio.passive_effort(turned, state[1])
     expected = np.array([kane.torque(turned, *row) for row in zip(*state, strict=True)])
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
     assert built.v_order.tolist() != sorted(built.v_order.tolist())
     unmapped = replace(built, v_order=np.sort(built.v_order), q_order=np.sort(built.q_order))
-    wrong = pinocchio.inverse_dynamics(unmapped, *state).torque + pinocchio.passive_effort(turned, state[1])
+    wrong = pinocchio.compute_inverse_dynamics(unmapped, *state).torque + pinocchio.passive_effort(turned, state[1])
     assert np.abs(wrong - expected).max() > 1e-2 * np.abs(expected).max()
 
 
