@@ -10,7 +10,7 @@ from crosscheck.causes.subject import States, Subject
 from crosscheck.measures.record import Record
 
 
-def with_efforts(record: Record, subject: Subject, states: States) -> Record:
+def apply_effort_changes(record: Record, subject: Subject, states: States) -> Record:
     """Return a record after the changes of a subject's efforts [N m], [N]; states : motion of all joints at its samples."""
     names = [f"torque/{n}" for n in subject.mechanism.velocity_names]
     effort = np.array([record.series[n].values for n in names]).T

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.causes.cause import Cause
-from crosscheck.causes.dictionary import all_causes
+from crosscheck.causes.dictionary import collect_causes
 from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
 from crosscheck.causes.fit import IMPOSSIBLE, Fit
 from crosscheck.causes.model import Model
-from crosscheck.causes.naming import MARCHED, Naming, Question, chosen
+from crosscheck.causes.naming import MARCHED, Naming, Question, choose_causes
 from crosscheck.causes.quantities import Quantities
 
 # What leaves more of the differences after a linear look is not refined; so many are, by whether the mechanism is rigid.
@@ -20,7 +20,7 @@ DISTANT = 0.7
 REFINED = {True: 12, False: 6}
 
 
-def named_beside(evidence: Evidence, before: Naming) -> Naming:
+def find_other_causes(evidence: Evidence, before: Naming) -> Naming:
     """Return the naming of what other quantities than the efforts show; ``before`` where they agree or are not known.
 
     A base that stands elsewhere, a clamp that is turned, an axis that points the other way: the motor feels none of that, and
@@ -33,47 +33,47 @@ def named_beside(evidence: Evidence, before: Naming) -> Naming:
     difference = beside.difference()
     asked = Question(evidence.model, difference, np.ones_like(difference))
     rigid = evidence.model.base.mechanism.is_rigid
-    first = sorted(_looked_at(evidence.model, beside), key=lambda one: one.left)
+    first = sorted(_fit_other_causes(evidence.model, beside), key=lambda one: one.left)
     likely = [one for one in first if one.left < DISTANT][: REFINED[rigid]]
-    fits = sorted((_refined(beside, one) for one in likely), key=lambda one: one.left)
-    heard = tuple(Heard(one, _against(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
-    found = chosen(asked, fits, heard, evidence)
+    fits = sorted((_fit_closer(beside, one) for one in likely), key=lambda one: one.left)
+    heard = tuple(Heard(one, _list_contradictions(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
+    found = choose_causes(asked, fits, heard, evidence)
     words = found.words.replace("the efforts", "the efforts and all else") if found.words else ""
     return replace(found, size=max(apart.values()), noise=before.noise, words=words)
 
 
-def _looked_at(model: Model, beside: Quantities) -> Iterator[Fit]:
+def _fit_other_causes(model: Model, beside: Quantities) -> Iterator[Fit]:
     """Yield a linear fit of every cause that changes more than what is done to efforts."""
-    for cause in all_causes().values():
+    for cause in collect_causes().values():
         if cause.linear or cause.guess is not None or cause.remeshes:
             continue
         for target in cause.targets(model):
             try:
-                if cause.scale(model, target) and _shows(model, cause, target):
+                if cause.scale(model, target) and _is_visible(model, cause, target):
                     yield beside.look(cause, target)
             except IMPOSSIBLE:
                 continue
 
 
-def _shows(model: Model, cause: Cause, target: str) -> bool:
+def _is_visible(model: Model, cause: Cause, target: str) -> bool:
     """Return True if a cause changes the mechanism or its motion."""
     size = np.full(max(cause.parameters, 1), 1e-3 * cause.scale(model, target))
     harmed = cause.change(model.base, target, size)
     return harmed.mechanism is not model.base.mechanism or harmed.case is not model.base.case
 
 
-def _refined(beside: Quantities, one: Fit) -> Fit:
+def _fit_closer(beside: Quantities, one: Fit) -> Fit:
     if not one.cause.sized:
         return one
     try:
-        better = beside.judged(beside.fitted(one))
+        better = beside.judged(beside.fit_size(one))
     except IMPOSSIBLE:
         return one
     return min(one, better, key=lambda fit: fit.left)
 
 
-def _against(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:
+def _list_contradictions(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:
     try:
-        return evidence.contradictions(one, sure)
+        return evidence.list_contradictions(one, sure)
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return (NOT_RUNNING,)

@@ -20,12 +20,12 @@ Scale = Callable[[Model, str], float]
 Guess = Callable[[Model, str, Array], Sequence[Array]]
 
 
-def whole(model: Model) -> list[str]:
+def list_global_target(model: Model) -> list[str]:
     """Return the one target of a cause that concerns everything."""
     return [""]
 
 
-def one(model: Model, target: str) -> float:
+def compute_unit_scale(model: Model, target: str) -> float:
     """Return 1: the size is a fraction, or as it stands [-]."""
     return 1.0
 
@@ -54,9 +54,9 @@ class Cause:
     name: str
     words: str
     change: Change
-    targets: Targets = whole
+    targets: Targets = list_global_target
     parameters: int = 1
-    scale: Scale = one
+    scale: Scale = compute_unit_scale
     unit: str = ""
     linear: bool = False
     remeshes: bool = False
@@ -77,43 +77,43 @@ class Cause:
 # ---------------------------------------------------------------------------------------------------------- targets
 
 
-def joints(model: Model) -> list[str]:
+def list_moving_joints(model: Model) -> list[str]:
     """Return the joints that move."""
     return [j.name for j in model.base.mechanism.joints if j.nv]
 
 
-def driven(model: Model) -> list[str]:
+def list_driven_joints(model: Model) -> list[str]:
     """Return the joints that move and have a drive."""
     return [j.name for j in model.base.mechanism.joints if j.nv and j.actuated]
 
 
-def scalar(model: Model) -> list[str]:
+def list_scalar_joints(model: Model) -> list[str]:
     """Return the joints with one coordinate and an axis."""
     return [j.name for j in model.base.mechanism.joints if j.nv == 1]
 
 
-def bodies(model: Model) -> list[str]:
+def list_bodies(model: Model) -> list[str]:
     """Return all bodies with mass."""
     return [name for name, (_, body) in model.base.bodies.items() if body.inertia.mass > 0.0]
 
 
-def beams(model: Model) -> list[str]:
+def list_beams(model: Model) -> list[str]:
     """Return the links that bend."""
     return [link.name for link in model.base.mechanism.beams]
 
 
-def flexible(model: Model) -> list[str]:
+def list_flexible_target(model: Model) -> list[str]:
     """Return the one target where something bends."""
     return [""] if model.base.mechanism.beams else []
 
 
-def closed(model: Model) -> list[str]:
+def list_closed_target(model: Model) -> list[str]:
     """Return the one target of a rigid mechanism with closures."""
     mechanism = model.base.mechanism
     return [""] if mechanism.closures and mechanism.is_rigid and not any(c.active for c in mechanism.closures) else []
 
 
-def pulled(model: Model) -> list[str]:
+def list_gravity_target(model: Model) -> list[str]:
     """Return the one target where there is gravity."""
     return [""] if model.base.mechanism.gravity.any() else []
 
@@ -121,34 +121,40 @@ def pulled(model: Model) -> list[str]:
 # ----------------------------------------------------------------------------------------------------------- scales
 
 
-def _column(model: Model, target: str) -> slice:
+def _find_columns(model: Model, target: str) -> slice:
     return model.base.mechanism.v_slices[target]
 
 
-def effort(model: Model, target: str) -> float:
+def compute_effort_range(model: Model, target: str) -> float:
     """Return the range of the efforts of a joint's unit [N m], [N]."""
-    return float(model.scale[_column(model, target)].max())
+    return float(model.scale[_find_columns(model, target)].max())
 
 
-def per_speed(model: Model, target: str) -> float:
+def compute_damping_scale(model: Model, target: str) -> float:
     """Return the range of the efforts over the largest speed of a joint [N m s/rad], [N s/m]; 0 at rest."""
-    return _over(effort(model, target), float(np.abs(model.states.qd[:, _column(model, target)]).max()))
+    return _compute_range_ratio(
+        compute_effort_range(model, target), float(np.abs(model.states.qd[:, _find_columns(model, target)]).max())
+    )
 
 
-def per_acceleration(model: Model, target: str) -> float:
+def compute_inertia_scale(model: Model, target: str) -> float:
     """Return the range of the efforts over the largest acceleration of a joint [kg m^2], [kg]; 0 at rest."""
-    return _over(effort(model, target), float(np.abs(model.states.qdd[:, _column(model, target)]).max()))
+    return _compute_range_ratio(
+        compute_effort_range(model, target), float(np.abs(model.states.qdd[:, _find_columns(model, target)]).max())
+    )
 
 
-def per_travel(model: Model, target: str) -> float:
+def compute_stiffness_scale(model: Model, target: str) -> float:
     """Return the range of the efforts over a radian, or over the travel of a slide [N m/rad], [N/m]."""
     joint = model.base.mechanism.joint_of[target]
     if joint.kind != "prismatic":
-        return effort(model, target)
-    return _over(effort(model, target), float(np.ptp(model.states.q[:, model.base.mechanism.q_slices[target]])))
+        return compute_effort_range(model, target)
+    return _compute_range_ratio(
+        compute_effort_range(model, target), float(np.ptp(model.states.q[:, model.base.mechanism.q_slices[target]]))
+    )
 
 
-def reach(model: Model, target: str = "") -> float:
+def compute_typical_length(model: Model, target: str = "") -> float:
     """Return the length of a typical link [m]: the mean distance from joint to joint, tip or centre of mass."""
     mechanism = model.base.mechanism
     lengths = [float(np.linalg.norm(j.placement.position)) for j in mechanism.joints]
@@ -157,12 +163,12 @@ def reach(model: Model, target: str = "") -> float:
     return float(np.mean([length for length in lengths if length > 0.0] or [1.0]))
 
 
-def coordinate(model: Model, target: str) -> float:
+def compute_coordinate_scale(model: Model, target: str) -> float:
     """Return a size of a joint's coordinate: 1 rad, or the typical length [m] of a slide."""
-    return reach(model) if model.base.mechanism.joint_of[target].kind == "prismatic" else 1.0
+    return compute_typical_length(model) if model.base.mechanism.joint_of[target].kind == "prismatic" else 1.0
 
 
-def mass(model: Model, target: str = "") -> float:
+def compute_mean_mass(model: Model, target: str = "") -> float:
     """Return the mean mass of the moving links [kg]."""
     mechanism = model.base.mechanism
     total = sum(body.inertia.mass for _, body in model.base.bodies.values())
@@ -172,16 +178,16 @@ def mass(model: Model, target: str = "") -> float:
     return total / max(1, len([j for j in mechanism.joints if j.nv]))
 
 
-def pull(model: Model, target: str = "") -> float:
+def compute_gravity_scale(model: Model, target: str = "") -> float:
     """Return the size of gravity, 9.81 where there is none [m/s^2]."""
     return float(np.linalg.norm(model.base.mechanism.gravity)) or 9.81
 
 
-def _over(effort: float, motion: float) -> float:
+def _compute_range_ratio(effort: float, motion: float) -> float:
     return effort / motion if motion else 0.0
 
 
-def more_than_nothing(size: Array) -> float:
+def check_fraction(size: Array) -> float:
     """Return a fraction [-] that leaves something of what it is added to; raises InputError."""
     if not size[0] > LEAST - 1.0:
         raise InputError(f"a fraction of {size[0]:g} leaves next to nothing: expected more than {LEAST - 1:g}")

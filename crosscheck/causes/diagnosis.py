@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.beside import named_beside
-from crosscheck.causes.dictionary import all_causes
+from crosscheck.causes.beside import find_other_causes
+from crosscheck.causes.dictionary import collect_causes
 from crosscheck.causes.evidence import Evidence
-from crosscheck.causes.fit import Columns, Fit, amount
-from crosscheck.causes.model import Model, model_of
-from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, name
-from crosscheck.causes.quantities import quantities
-from crosscheck.causes.repair import Repair, repair
-from crosscheck.causes.separate import separating
+from crosscheck.causes.fit import Columns, Fit, describe_size
+from crosscheck.causes.model import Model, make_model
+from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, find_causes
+from crosscheck.causes.quantities import collect_quantities
+from crosscheck.causes.repair import Repair, apply_repair
+from crosscheck.causes.separate import find_separating_motion
 from crosscheck.causes.subject import Array, Subject
 from crosscheck.engines import open_adapter
 from crosscheck.engines.base import Adapter
@@ -68,18 +68,18 @@ def diagnose(
     door : where the engine's adapter is (`crosscheck.engines.open_adapter`), None for one of ours
     columns : those of the diagnosis before, where several are asked for in one process
     """
-    found = named(folder, case, ours, theirs, columns)
+    found = find_record_causes(folder, case, ours, theirs, columns)
     naming = found.naming
     settled = naming
     best = None
     if naming.named and found.shown:
         behind = None if door is None else open_adapter({**door, "engine": engine, "mechanism": folder})
-        settled, best = proved(found, engine, behind)
+        settled, best = check_by_full_runs(found, engine, behind)
     fits = settled.named
     return {
-        "words": sentence(settled, best),
-        "named": [described(f) for f in fits],
-        "separate": separating(found.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
+        "words": describe_diagnosis(settled, best),
+        "named": [describe_cause(f) for f in fits],
+        "separate": find_separating_motion(found.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
         "difference": naming.size,
         "noise": naming.noise,
         "repaired": None if best is None else best.left,
@@ -87,7 +87,7 @@ def diagnose(
     }
 
 
-def diagnose_together(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+def make_diagnoses(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the diagnoses of several engines in one case: ``answers`` in their order, None where one has failed.
 
     asked : what `diagnose` is called with, for each engine
@@ -103,7 +103,7 @@ def diagnose_together(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return {"answers": answers}
 
 
-def proved(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Repair]:
+def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Repair]:
     """Return the naming without the causes that full runs refute, and the repair of the first that is left.
 
     A cause that leaves more than enough in its own run does not explain the difference, whatever the model's columns
@@ -112,76 +112,76 @@ def proved(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Re
     naming = found.naming
     tried: list[Repair] = []
     for k, fit in enumerate(naming.named):
-        one = repair(found.model, fit, engine, found.reference, found.record, door, found.enough)
-        if one.heals(found.enough):
+        one = apply_repair(found.model, fit, engine, found.reference, found.record, door, found.enough)
+        if one.is_sufficient(found.enough):
             return replace(naming, named=(one.fit, *naming.named[k + 1 :])), one
         tried.append(one)
     best = min(tried, key=lambda one: one.most)
-    return replace(naming, named=(), next=best.fit, words=refuted(best, naming.size)), best
+    return replace(naming, named=(), next=best.fit, words=describe_refutation(best, naming.size)), best
 
 
-def refuted(one: Repair, size: float) -> str:
+def describe_refutation(one: Repair, size: float) -> str:
     """Return the reason against a cause that explains a difference in the model, and not in full runs; size : of it [-]."""
     return (
-        f"the cause is unknown: {one.fit.cause.name} would explain {_share(1 - one.fit.left**2)} of the difference, but "
+        f"the cause is unknown: {one.fit.cause.name} would explain {_format_share(1 - one.fit.left**2)} of the difference, but "
         f"{one.where}, {one.left:.1e} of the range remains of {size:.1e}, more than the error bars"
     )
 
 
-def named(folder: str, case: str, ours: str, theirs: str, columns: Columns | None = None) -> Answer:
+def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: Columns | None = None) -> Answer:
     """Return the naming by two saved records (stems of their files) of a case [-]; no engine is run."""
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
     record = load(Path(ours))
     reference = load(Path(theirs))
-    model = model_of(subject, reference)
+    model = make_model(subject, reference)
     residual = model.residual(record, reference)
     evidence = Evidence(
         model,
         residual,
         certificate(record.certificate),
         certificate(reference.certificate),
-        quantities(model, record, reference),
+        collect_quantities(model, record, reference),
     )
-    bars = noise_of(model, record, reference)
-    limit = agreed(model, record, reference)
-    known = None if columns is None else columns.of(model, all_causes())
-    naming = name(model, residual, bars, known, evidence, limit)
+    bars = compute_noise(model, record, reference)
+    limit = find_allowed_difference(model, record, reference)
+    known = None if columns is None else columns.of(model, collect_causes())
+    naming = find_causes(model, residual, bars, known, evidence, limit)
     shown = naming.found
-    naming = naming if shown else named_beside(evidence, naming)
+    naming = naming if shown else find_other_causes(evidence, naming)
     return Answer(model, record, reference, naming, shown, limit)
 
 
-def noise_of(model: Model, *records: Record) -> Array:
+def compute_noise(model: Model, *records: Record) -> Array:
     """Return the checked error bars of the records added up, per coordinate the largest, over the range, (samples nv,) [-]."""
     total = np.zeros(model.torque.shape)
     for record in records:
         for k, coordinate in enumerate(model.base.mechanism.velocity_names):
             total[:, k] += checked_bar(record, f"torque/{coordinate}") or 0.0
-    return np.maximum(model.weighted(total), ROUNDING)
+    return np.maximum(model.scale_efforts(total), ROUNDING)
 
 
-def agreed(model: Model, record: Record, reference: Record) -> float:
+def find_allowed_difference(model: Model, record: Record, reference: Record) -> float:
     """Return the largest difference of efforts [-] that a limit allows the two engines, 0 where none is stated."""
     limit = find(model.base.case.limits, "torque", record.engine, reference.engine, record.version)
     return 0.0 if limit is None else limit.maximum
 
 
-def described(fit: Fit) -> dict[str, Any]:
+def describe_cause(fit: Fit) -> dict[str, Any]:
     """Return one cause for the report: name, target, the sentence with its size [unit], what it leaves [-]."""
-    words = fit.cause.words.format(target=fit.target or "all", size=amount(fit.size, fit.cause.unit))
+    words = fit.cause.words.format(target=fit.target or "all", size=describe_size(fit.size, fit.cause.unit))
     return {"cause": fit.cause.name, "target": fit.target, "words": words, "left": fit.left, "shows": fit.cause.shows}
 
 
-def sentence(naming: Naming, repaired: Repair | None = None) -> str:
+def describe_diagnosis(naming: Naming, repaired: Repair | None = None) -> str:
     """Return the diagnosis in a sentence or two; repaired : what full runs with the first cause say of it."""
     fails = f" Lines of its certificate that fail: {', '.join(naming.failing)}." if naming.failing else ""
     fits = naming.named
     if not fits:
         return f"{naming.words}.{fails}"
     best = fits[0]
-    text = best.cause.words.format(target=best.target or "all", size=amount(best.size, best.cause.unit))
-    text += f": explains {_share(1 - best.left**2)} of the difference"
+    text = best.cause.words.format(target=best.target or "all", size=describe_size(best.size, best.cause.unit))
+    text += f": explains {_format_share(1 - best.left**2)} of the difference"
     if repaired is not None and repaired.left is not None:
         text += f"; {repaired.where}, {repaired.left:.1e} of the range remains of {naming.size:.1e}"
     others = len(fits) - 1
@@ -195,6 +195,6 @@ def sentence(naming: Naming, repaired: Repair | None = None) -> str:
     return text + (f" Ruled out by what the engine says besides: {'; '.join(told)}." if told else "") + fails
 
 
-def _share(part: float) -> str:
+def _format_share(part: float) -> str:
     """Return a part of the squares in per cent, never rounded up to all of it."""
     return f"{min(part, 0.9999):.2%}" if part > 0.99 else f"{part:.0%}"

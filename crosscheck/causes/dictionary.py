@@ -36,18 +36,18 @@ TABLES = (
 DICTIONARY: dict[str, Cause] = {cause.name: cause for table in TABLES for cause in table.ROWS}
 
 
-def all_causes() -> dict[str, Cause]:
+def collect_causes() -> dict[str, Cause]:
     """Return the dictionary and the causes of installed packages (entry points ``crosscheck.causes``), by name."""
     found = dict(DICTIONARY)
     for point in points(CAUSE_GROUP):
-        for cause in _causes(point):
+        for cause in _list_entry_point_causes(point):
             if cause.name in found:
                 warnings.warn(f"package {point.package}: a cause called {cause.name!r} is there already", stacklevel=2)
             found.setdefault(cause.name, cause)
     return found
 
 
-def _causes(point: Point) -> Iterator[Cause]:
+def _list_entry_point_causes(point: Point) -> Iterator[Cause]:
     """Yield the causes that an entry point leads to: one, or several; one that fails ends no diagnosis."""
     module, _, name = point.value.partition(":")
     try:

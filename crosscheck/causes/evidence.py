@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, effect, fit_from
+from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, compute_effect, fit_from
 from crosscheck.causes.model import Model
 from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
@@ -83,7 +83,7 @@ class Evidence:
         """Names of the lines of the engine's certificate that do not hold."""
         return tuple(line.what for line in checks("", "", "", self.theirs, self.ours) if not line.holds)
 
-    def hear(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+    def judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
         """Return the fit with every line of the certificate, and every quantity, that contradicts it.
 
         Sizes of several numbers, of which the motion may not show all, are fitted to the certificates before they are
@@ -91,7 +91,7 @@ class Evidence:
         """
         asked = (*fit.key, fit.size.tobytes())
         if asked not in self._answers:
-            self._answers[asked] = self._hear(fit, explains, sure)
+            self._answers[asked] = self._judge_fit(fit, explains, sure)
         return self._answers[asked]
 
     @cached_property
@@ -99,12 +99,12 @@ class Evidence:
         """Answers of ``hear`` by cause, target and size: every deeper look asks for most of them again."""
         return {}
 
-    def _hear(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+    def _judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
         try:
-            told = self._against(fit, sure)
-            if told and fit.cause.parameters > 1 and not self._leaves_no_size(fit):
-                again = self._fitted(fit)
-                if explains(again) and not (other := self._against(again, sure)):
+            told = self._list_contradicting_lines(fit, sure)
+            if told and fit.cause.parameters > 1 and not self._has_zero_size(fit):
+                again = self._fit_size(fit)
+                if explains(again) and not (other := self._list_contradicting_lines(again, sure)):
                     fit = again
                     told = other
             said = tuple(x for x in told if x not in fit.cause.unsaid)
@@ -112,23 +112,27 @@ class Evidence:
             if not said and self.quantities is not None:
                 said = self.quantities.against(fit)
                 if said and fit.cause.parameters > 1:
-                    again = self._with_column(self.quantities.fitted(fit))
-                    if explains(again) and not self._against(again, sure) and not self.quantities.against(again):
+                    again = self._update_column(self.quantities.fit_size(fit))
+                    if (
+                        explains(again)
+                        and not self._list_contradicting_lines(again, sure)
+                        and not self.quantities.against(again)
+                    ):
                         fit = again
                         said = ()
         except (*IMPOSSIBLE, RuntimeError, KeyError):
             return Heard(fit, (NOT_RUNNING,))
         return Heard(fit, said, beside)
 
-    def contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:
+    def list_contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:
         """Return the lines of the certificate, else the quantities, that contradict a fit as it is; raises like a run.
 
         sure : part [-] to which its size is known
         """
-        said = tuple(x for x in self._against(fit, sure) if x not in fit.cause.unsaid)
+        said = tuple(x for x in self._list_contradicting_lines(fit, sure) if x not in fit.cause.unsaid)
         return said or (self.quantities.against(fit) if self.quantities is not None else ())
 
-    def suggested(self, candidate: Candidate, rounds: int, noise: float) -> Fit | None:
+    def fit_to_certificate(self, candidate: Candidate, rounds: int, noise: float) -> Fit | None:
         """Return the fit of a cause that starts from the size that explains the certificate, None where none does.
 
         Where sizes are large the motion leads astray; what a model weighs, and how stiff it is, knows them at once.
@@ -137,29 +141,31 @@ class Evidence:
         target = candidate.target
         nothing = Fit(cause, target, np.zeros(cause.parameters), 1.0, 0.0 * self.residual)
         try:
-            size = self._sized(nothing)
+            size = self._find_size(nothing)
             one = replace(nothing, size=size)
-            if not size.any() or any(x in LISTED for x in self._against(one, AGREES)):
+            if not size.any() or any(x in LISTED for x in self._list_contradicting_lines(one, AGREES)):
                 return None
             return fit_from(self.model, self.residual, candidate, size, rounds, noise)
         except IMPOSSIBLE:
             return None
 
-    def _against(self, fit: Fit, sure: float) -> tuple[str, ...]:
+    def _list_contradicting_lines(self, fit: Fit, sure: float) -> tuple[str, ...]:
         """Return the lines of the certificate in which a cause would not change just what is wrong.
 
         An engine that misreads the motion may have been asked along the right one or along its own.
         """
-        lines = self._lines(fit, self._predicted(fit, fit.size), sure)
+        lines = self._lines(fit, self._compute_harmed_certificate(fit, fit.size), sure)
         harmed = fit.cause.change(self.model.base, fit.target, fit.size)
         if lines and harmed.case.motion is not self.model.base.case.motion:
-            lines = min(lines, self._lines(fit, self._said(harmed.mechanism, harmed.case), sure), key=len)
+            lines = min(
+                lines, self._lines(fit, self._compute_tree_certificate(harmed.mechanism, harmed.case), sure), key=len
+            )
         return (*lines, *(x for x in self.failing if x in UNTOUCHED))
 
     def _lines(self, fit: Fit, said: Certificate, sure: float) -> tuple[str, ...]:
         part = min(AGREES, SURE_PART + max(sure, fit.left))
         kept = (
-            (name, what, _line(name, limit, self.theirs, self.ours, said, part))
+            (name, what, _is_line_explained(name, limit, self.theirs, self.ours, said, part))
             for name, (what, limit) in LINES.items()
         )
         return tuple(
@@ -167,15 +173,15 @@ class Evidence:
             if not holds or (what in self.failing and _is_left(name, self.theirs, self.ours, said))
         )  # fmt: skip
 
-    def _predicted(self, fit: Fit, size: Array) -> Certificate:
+    def _compute_harmed_certificate(self, fit: Fit, size: Array) -> Certificate:
         """Return the reference's certificate of a harmed mechanism, of its tree: closures have lines of their own."""
         base = self.model.base
         harmed = fit.cause.change(base, fit.target, size).mechanism
         if harmed is base.mechanism:
             return self.ours
-        return self._said(harmed, base.case)
+        return self._compute_tree_certificate(harmed, base.case)
 
-    def _said(self, harmed: Mechanism, case: Case) -> Certificate:
+    def _compute_tree_certificate(self, harmed: Mechanism, case: Case) -> Certificate:
         """Return the reference's certificate of a mechanism's tree, whichever joints have drives, and of its closures."""
         given = case.motion.joints(self.model.base.mechanism)  # a tree's drives are where its motion is
         joints = tuple(replace(j, actuated=j.actuated and j.name in given, weight=1.0) for j in harmed.joints)
@@ -183,25 +189,25 @@ class Evidence:
             certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **collect_attachment_data(harmed)
         )
 
-    def _column(self, said: Certificate) -> Array:
+    def _assemble_column(self, said: Certificate) -> Array:
         """Return a certificate's numbers that both engines have, over the size of their line, as one column [-]."""
         found = [np.zeros(0)]
         for name in LINES:
-            a, b, c = (_parts(getattr(one, name)) for one in (self.theirs, self.ours, said))
+            a, b, c = (_split_line(getattr(one, name)) for one in (self.theirs, self.ours, said))
             size = max((float(np.abs(one).max(initial=0.0)) for one in b.values()), default=0.0) or 1.0
             known = [key for key in sorted(b) if key in a and a[key].shape == b[key].shape]
             found += [c.get(key, b[key]).ravel() / size for key in known]  # a bent beam is not probed: it says nothing
         return np.concatenate(found)
 
-    def _fitted(self, fit: Fit) -> Fit:
+    def _fit_size(self, fit: Fit) -> Fit:
         """Return the fit with the size that explains the certificates best."""
-        return self._with_column(replace(fit, size=self._sized(fit)))
+        return self._update_column(replace(fit, size=self._find_size(fit)))
 
-    def _sized(self, fit: Fit) -> Array:
+    def _find_size(self, fit: Fit) -> Array:
         """Return the size that explains the certificates best; every look at the causes asks for most of them again."""
         asked = (*fit.key, fit.size.tobytes())
         if asked not in self._sizes:
-            self._sizes[asked] = self._iterated(fit)
+            self._sizes[asked] = self._solve_size(fit)
         return self._sizes[asked]
 
     @cached_property
@@ -209,13 +215,13 @@ class Evidence:
         """Sizes [unit] of ``_sized`` by cause, target and the size that the motion says."""
         return {}
 
-    def _iterated(self, fit: Fit) -> Array:
+    def _solve_size(self, fit: Fit) -> Array:
         """Gauss-Newton from the motion's size to that which explains the certificates best."""
-        zero = self._column(self.ours)
+        zero = self._assemble_column(self.ours)
         size = fit.size
-        measured = self._column(self.theirs) - zero
+        measured = self._assemble_column(self.theirs) - zero
         for _ in range(ROUNDS):
-            here = self._column(self._predicted(fit, size))
+            here = self._assemble_column(self._compute_harmed_certificate(fit, size))
             slope = self._slope(fit, size)
             step_of = np.linalg.lstsq(slope, measured - (here - zero), rcond=SMALL)[0]
             size = size + step_of
@@ -230,12 +236,12 @@ class Evidence:
         """
         step = PROBE * fit.cause.scale(self.model, fit.target)
         ends = [
-            [self._column(self._predicted(fit, size + sign * unit)) for sign in (step, -step)]
+            [self._assemble_column(self._compute_harmed_certificate(fit, size + sign * unit)) for sign in (step, -step)]
             for unit in np.eye(len(size))
         ]
         return np.stack([(up - down) / (2 * step) for up, down in ends], axis=1)
 
-    def _leaves_no_size(self, fit: Fit) -> bool:
+    def _has_zero_size(self, fit: Fit) -> bool:
         """Return True if the certificate alone says that a cause has the size zero.
 
         Nothing fails in it, and every number of the size shows there: whatever the motion says, no other size agrees.
@@ -253,16 +259,18 @@ class Evidence:
         """Answers of ``_leaves_no_size`` by cause and target: True where every number of a size shows in the certificate."""
         return {}
 
-    def _with_column(self, fit: Fit) -> Fit:
+    def _update_column(self, fit: Fit) -> Fit:
         """Return a fit whose size was changed with what it explains then."""
-        column = effect(self.model, fit.cause, fit.target, fit.size)
+        column = compute_effect(self.model, fit.cause, fit.target, fit.size)
         left = float(np.linalg.norm(self.residual - column) / np.linalg.norm(self.residual))
         return replace(fit, left=left, column=column)
 
 
-def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said: Certificate, part: float) -> bool:
+def _is_line_explained(
+    name: str, limit: float, theirs: Certificate, ours: Certificate, said: Certificate, part: float
+) -> bool:
     """Return True if a cause would change in one line of the certificate what is wrong there, to a part of it [-]."""
-    a, b, c = (_parts(getattr(one, name)) for one in (theirs, ours, said))
+    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, said))
     size = max((float(np.abs(b[key]).max(initial=0.0)) for key in b), default=0.0)
     for key in b:
         if key not in a or key not in c or not a[key].shape == b[key].shape == c[key].shape:
@@ -278,14 +286,14 @@ def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said:
 
 def _is_left(name: str, theirs: Certificate, ours: Certificate, said: Certificate) -> bool:
     """Return True if a cause leaves a line of the certificate as it is, to AGREES of what is wrong there [-]."""
-    a, b, c = (_parts(getattr(one, name)) for one in (theirs, ours, said))
+    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, said))
     known = [key for key in b if key in a and key in c and a[key].shape == b[key].shape == c[key].shape]
     return bool(known) and all(
         np.abs(c[key] - b[key]).max(initial=0.0) <= AGREES * np.abs(a[key] - b[key]).max(initial=0.0) for key in known
     )
 
 
-def _parts(value: Any) -> dict[str, Array]:
+def _split_line(value: Any) -> dict[str, Array]:
     """Return the numbers of one line by name; a line that is not there has none."""
     if value is None:
         return {}

@@ -63,42 +63,42 @@ class Bench:
         return mechanism, self.motion[1](mechanism, case) if self.motion else case
 
 
-def _quick(mechanism: Mechanism, case: Case) -> Case:
+def _make_quick_case(mechanism: Mechanism, case: Case) -> Case:
     """All joints quickly, each at a rhythm of its own: the trial motion that the report proposes to tell inertias apart."""
     trial = TRIALS["all joints moved quickly, each at a rhythm of its own"]
-    return Subject(mechanism, case).with_states(lambda harmed, given: trial(harmed, given.time)).case
+    return Subject(mechanism, case).add_state_change(lambda harmed, given: trial(harmed, given.time)).case
 
 
 def _turn(angle: float, duration: float, hold: float) -> Moved:
     """Return a turn of all joints by an angle [rad], then rest [s]: a stroke that leaves short waves ringing."""
 
-    def moved(mechanism: Mechanism, case: Case) -> Case:
+    def make_turn_case(mechanism: Mechanism, case: Case) -> Case:
         joints = [joint.name for joint in mechanism.joints if joint.nv]
         there = dict.fromkeys(joints, angle)
         motion = Motion.point_to_point(dict.fromkeys(joints, 0.0), there, duration, hold=hold, law="quintic")
         sample = (duration + hold) / 300
         return replace(case, motion=motion, end=motion.duration, step=sample / 20, sample=sample)
 
-    return moved
+    return make_turn_case
 
 
-def _beams(change: Callable[[Beam], Beam]) -> Shaped:
+def _make_beam_change(change: Callable[[Beam], Beam]) -> Shaped:
     """Return the change of a mechanism that changes all its beams."""
 
-    def shaped(mechanism: Mechanism) -> Mechanism:
+    def update_mechanism(mechanism: Mechanism) -> Mechanism:
         links = (x if x.beam is None else replace(x, beam=change(x.beam)) for x in mechanism.links)
         return replace(mechanism, links=tuple(links))
 
-    return shaped
+    return update_mechanism
 
 
-def _geared(mechanism: Mechanism) -> Mechanism:
+def _add_rotors(mechanism: Mechanism) -> Mechanism:
     """Rotors behind gears, no two alike: half a kg m^2 at the first joint, a tenth less at each that follows."""
     joints = (replace(j, rotor_inertia=ROTOR * 0.9**k if j.nv == 1 else 0.0) for k, j in enumerate(mechanism.joints))
     return replace(mechanism, joints=tuple(joints))
 
 
-def _rubbing(mechanism: Mechanism) -> Mechanism:
+def _add_friction(mechanism: Mechanism) -> Mechanism:
     """Dry friction and damping in every joint, no two alike: a newton metre, and one per radian a second, and less."""
     joints = (
         replace(j, friction=RUB * 0.8**k, damping=RUB * 0.7**k) if j.nv == 1 else j
@@ -107,7 +107,7 @@ def _rubbing(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, joints=tuple(joints))
 
 
-def _sprung(mechanism: Mechanism) -> Mechanism:
+def _add_springs_and_force(mechanism: Mechanism) -> Mechanism:
     """A spring in every joint, and a force that goes with the last link."""
     joints = (replace(j, stiffness=RUB * 0.8**k, rest=0.1) if j.nv == 1 else j for k, j in enumerate(mechanism.joints))
     last = mechanism.joints[-1].child
@@ -116,7 +116,7 @@ def _sprung(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, joints=tuple(joints), forces=(force,))
 
 
-def _loaded(mechanism: Mechanism) -> Mechanism:
+def _add_beam_loads(mechanism: Mechanism) -> Mechanism:
     """A body half-way along every beam, half as heavy as the beam."""
     links = []
     for link in mechanism.links:
@@ -127,7 +127,7 @@ def _loaded(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, links=tuple(links))
 
 
-def _holding(mechanism: Mechanism) -> Mechanism:
+def _add_closure_tools(mechanism: Mechanism) -> Mechanism:
     """A tool on every hinge that closes a loop, held by the link on its other side: frames that may be turned."""
     tools = []
     hinges = []
@@ -146,13 +146,13 @@ def _holding(mechanism: Mechanism) -> Mechanism:
     )
 
 
-def _with_damper(mechanism: Mechanism) -> Mechanism:
+def _add_spring_dampers(mechanism: Mechanism) -> Mechanism:
     """Springs between points with dampers beside them that take some per cent of what they give."""
     springs = (replace(s, damping=DAMPER * s.stiffness) for s in mechanism.springs)
     return replace(mechanism, springs=tuple(springs))
 
 
-def _thick(beam: Beam) -> Beam:
+def _make_thick_beam(beam: Beam) -> Beam:
     """THICKER times as thick with the same area: bending, twist and rotary inertia grow with the square of that."""
     stiffness = beam.section.stiffness.copy()
     section = beam.section
@@ -162,7 +162,7 @@ def _thick(beam: Beam) -> Beam:
     )
 
 
-def _tube(beam: Beam) -> Beam:
+def _make_tube_beam(beam: Beam) -> Beam:
     """A round tube with the area and the bending stiffness along y of a section, a fifth of its radius thick, nu = 0.3."""
     section = beam.section
     nu = 0.3
@@ -177,7 +177,7 @@ def _tube(beam: Beam) -> Beam:
     return replace(beam, section=replace(section, stiffness=stiffness))
 
 
-def _bent(beam: Beam) -> Beam:
+def _make_curved_beam(beam: Beam) -> Beam:
     """An arc of a radian in the plane of the motion."""
     return replace(beam, curvature=np.array([0.0, 0.0, 1.0 / beam.length]))
 
@@ -187,13 +187,13 @@ DAMPER = 1e-4  # [s]
 ROTOR = 0.5  # [kg m^2]: 5e-5 kg m^2 on the motor's side of a gear of 100
 TOOL = Inertia(0.2, np.array([0.05, 0.08, 0.0]), 1e-4 * np.eye(3))  # [kg], [m], [kg m^2]: its weight is on one side
 THICKER = 30.0  # a strip of 1.95 mm, 0.4 m long, is then 15 % as thick as long
-QUICK = ("quick", _quick)
+QUICK = ("quick", _make_quick_case)
 FLICK = ("flick", _turn(0.1, 0.02, 0.13))
 SNAP = ("snap", _turn(0.01, 0.001, 0.0065))
-TUBE = ("tube", _beams(_tube))
-STOUT = ("stout", _beams(_thick))
-ARC = ("arc", _beams(_bent))
-GEARED = ("geared", _geared)
+TUBE = ("tube", _make_beam_change(_make_tube_beam))
+STOUT = ("stout", _make_beam_change(_make_thick_beam))
+ARC = ("arc", _make_beam_change(_make_curved_beam))
+GEARED = ("geared", _add_rotors)
 # Flexible ones at half their usual fineness: hundreds of runs, and error bars that know of it.
 COARSE = {"elements": 8, "error": False}
 FINE = {"elements": 16, "error": False}  # where waves are short
@@ -245,9 +245,9 @@ BENCHES = (
     Bench("ur5", "reach", "mujoco", more=("bodies exchanged", "force at the tip")),
     Bench("ur5", "reach", "pinocchio", causes=OF_INERTIA, motion=QUICK),
     Bench("ur5", "reach", "pinocchio", causes=OF_DRIVES, shape=GEARED),
-    Bench("ur5", "reach", "mujoco", causes=(*OF_FRICTION, "spring in a joint"), shape=("rubbing", _rubbing)),
-    Bench("ur5", "reach", "pinocchio", causes=OF_FORCES, shape=("sprung", _sprung)),
-    Bench("andrews_squeezer", "turn", "pinocchio", causes=OF_SPRINGS, shape=("with a damper", _with_damper)),
+    Bench("ur5", "reach", "mujoco", causes=(*OF_FRICTION, "spring in a joint"), shape=("rubbing", _add_friction)),
+    Bench("ur5", "reach", "pinocchio", causes=OF_FORCES, shape=("sprung", _add_springs_and_force)),
+    Bench("andrews_squeezer", "turn", "pinocchio", causes=OF_SPRINGS, shape=("with a damper", _add_spring_dampers)),
     Bench("geared_four_bar", "turn", "mujoco", causes=OF_GEARS),
     Bench("five_bar_redundant", "reach", "pinocchio", causes=("weight of a drive",)),
     Bench("panda", "pick", "mujoco"),
@@ -255,12 +255,16 @@ BENCHES = (
     Bench("talos_arm", "wave", "pinocchio"),
     Bench("talos", "squat", "pinocchio", causes=OF_THE_BASE),
     Bench("four_bar", "turn", "mujoco", more=("closure point misplaced",)),
-    Bench("four_bar", "turn", "pinocchio", causes=("closure frame turned",), shape=("holding a tool", _holding)),
+    Bench(
+        "four_bar", "turn", "pinocchio", causes=("closure frame turned",), shape=("holding a tool", _add_closure_tools)
+    ),
     Bench("five_bar", "reach", "pinocchio", more=("closure point misplaced",)),
     Bench("bricard", "fold", "pinocchio"),
     Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE, steps=8),
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_WAVES, steps=20, motion=FLICK),
-    Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, SLID, steps=20, motion=FLICK, shape=("loaded", _loaded)),
+    Bench(
+        "flex_one_link", "bang_bang", "exudyn-ge", FINE, SLID, steps=20, motion=FLICK, shape=("loaded", _add_beam_loads)
+    ),
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_SECTIONS, steps=20, motion=SNAP, shape=STOUT),
     Bench("flex_two_link", "cycloid", "exudyn-ge", FINE, ("density",), steps=20, motion=SNAP, shape=STOUT),
     Bench("flex_one_link", "cycloid", "exudyn-ge", FINE, ("curvature dropped",), steps=8, shape=ARC),

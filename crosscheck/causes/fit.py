@@ -77,14 +77,14 @@ class Candidate:
     columns: Array
     far: dict[bytes, Array | None] = field(default_factory=dict, compare=False, repr=False)
 
-    def look_far(self, model: Model, place: Array) -> Array | None:
+    def compute_far_effect(self, model: Model, place: Array) -> Array | None:
         """Return the effect of a size of ``place`` times ``scale`` [unit], (samples nv,) [-], None where nothing runs.
 
         It is computed once for all engines of a case, for it does not depend on what they gave.
         """
         key = place.tobytes()
         if key not in self.far:
-            column = _column(model, self.cause, self.target, place * self.scale)
+            column = _compute_effect_or_none(model, self.cause, self.target, place * self.scale)
             self.far[key] = column if column is not None and np.isfinite(column).all() else None
         return self.far[key]
 
@@ -101,37 +101,37 @@ class Columns:
     found: list[Candidate] = field(default_factory=list)
 
     def of(self, model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
-        """Return `candidates` of a model, computed where it or the dictionary is another one than before."""
+        """Return `list_candidates` of a model, computed where it or the dictionary is another one than before."""
         if self.model is None or dictionary != self.dictionary or not self.model.is_like(model):
             self.model = model
             self.dictionary = dictionary
-            self.found = candidates(model, dictionary)
+            self.found = list_candidates(model, dictionary)
         return self.found
 
 
-def candidates(model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
+def list_candidates(model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
     """Return every cause that can sit somewhere in the subject and that shows in its motion."""
-    return [one for cause in dictionary.values() for one in _of(model, cause)]
+    return [one for cause in dictionary.values() for one in _list_cause_candidates(model, cause)]
 
 
-def _of(model: Model, cause: Cause) -> Iterator[Candidate]:
+def _list_cause_candidates(model: Model, cause: Cause) -> Iterator[Candidate]:
     for target in cause.targets(model):
         scale = cause.scale(model, target)
         if not scale:
             continue
         try:
-            columns = _columns(model, cause, target, scale)
+            columns = _compute_columns(model, cause, target, scale)
         except IMPOSSIBLE:
             continue
-        if np.isfinite(columns).all() and _shows(model, cause, columns):
+        if np.isfinite(columns).all() and _is_visible(model, cause, columns):
             yield Candidate(cause, target, scale, columns)
 
 
-def _shows(model: Model, cause: Cause, columns: Array) -> bool:
+def _is_visible(model: Model, cause: Cause, columns: Array) -> bool:
     return cause.turns or float(np.abs(columns).max(initial=0.0)) > NOTHING[model.base.mechanism.is_rigid]
 
 
-def possible(model: Model, one: Fit) -> bool:
+def is_possible(model: Model, one: Fit) -> bool:
     """Return True if a mechanism with the cause in it exists: a linear fit may leave less than no mass."""
     try:
         one.cause.change(model.base, one.target, one.size)
@@ -151,30 +151,30 @@ USUAL = (0.1, 10.0)  # factors that a user may well have meant
 CLOSE = 1e-3  # of a factor: the units above are known better than bars of marches tell a size
 
 
-def sensible(one: Fit) -> bool:
+def is_sensible(one: Fit) -> bool:
     """Return True if a user may have meant a size: a factor of 0.1 to 10, or that of a unit."""
     if not (one.cause.fraction and one.cause.sized):
         return True
     factors = np.abs(1.0 + one.size)
-    return all(USUAL[0] <= f <= USUAL[1] or f == 0.0 or _of_units(f) for f in factors)
+    return all(USUAL[0] <= f <= USUAL[1] or f == 0.0 or _is_unit_factor(f) for f in factors)
 
 
-def _of_units(factor: float) -> bool:
+def _is_unit_factor(factor: float) -> bool:
     return any(abs(factor * unit - 1.0) < CLOSE or abs(factor / unit - 1.0) < CLOSE for unit in UNITS)
 
 
-def _guessed(model: Model, residual: Array, candidate: Candidate, total: float) -> Fit:
+def _fit_from_guesses(model: Model, residual: Array, candidate: Candidate, total: float) -> Fit:
     """Return the best of the sizes that the engine's own efforts suggest, or nothing."""
     cause = candidate.cause
     target = candidate.target
     seen = model.torque + residual.reshape(model.torque.shape) * model.scale
     sizes = [] if cause.guess is None else cause.guess(model, target, seen)
-    tries = [_at(model, residual, candidate, size / candidate.scale, total) for size in sizes]
+    tries = [_evaluate_fit(model, residual, candidate, size / candidate.scale, total) for size in sizes]
     nothing = _fit(candidate, np.zeros(cause.parameters), 0.0 * residual, residual, total)
     return min((f for f in (nothing, *tries) if f is not None), key=lambda f: f.left)
 
 
-def amount(size: Array, unit: str) -> str:
+def describe_size(size: Array, unit: str) -> str:
     """Return a size in words, with its unit; beside larger components of one unit rounding is nothing."""
     least = 0.0 if ";" in unit else ROUNDING * float(np.abs(size).max(initial=0.0))
     numbers = ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in size)
@@ -182,37 +182,37 @@ def amount(size: Array, unit: str) -> str:
     return f"{text} {unit}".strip()
 
 
-def effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
+def compute_effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
     """Return the change of the efforts by a cause of a size [unit], over the range, (samples nv,) [-]."""
     column = model.difference(cause.change(model.base, target, size))
     return column - model.difference(cause.change(model.base, target, 0.0 * size)) if cause.remeshes else column
 
 
-def _columns(model: Model, cause: Cause, target: str, scale: float) -> Array:
+def _compute_columns(model: Model, cause: Cause, target: str, scale: float) -> Array:
     if not cause.sized or cause.linear:
-        return effect(model, cause, target, np.ones(1))[:, None]
+        return compute_effect(model, cause, target, np.ones(1))[:, None]
     if cause.guess is not None:  # it jumps: there is no derivative
-        return effect(model, cause, target, 0.1 * scale * np.ones(1))[:, None]
+        return compute_effect(model, cause, target, 0.1 * scale * np.ones(1))[:, None]
     step = PROBE[model.base.mechanism.is_rigid]
     units = np.eye(cause.parameters) * step * scale
-    found = [_either_way(model, cause, target, unit) for unit in units]
+    found = [_compute_two_sided_effect(model, cause, target, unit) for unit in units]
     if all(one is None for one in found):
         raise InputError(f"no {cause.name} of {target or 'it'} leaves a mechanism that runs")
     return np.stack([0.0 * model.torque.ravel() if one is None else one / step for one in found], axis=1)
 
 
-def _either_way(model: Model, cause: Cause, target: str, size: Array) -> Array | None:
+def _compute_two_sided_effect(model: Model, cause: Cause, target: str, size: Array) -> Array | None:
     """Return the effect of a size, or of its opposite with its sign turned: at the end of a beam a body can only go back."""
-    there = _column(model, cause, target, size)
-    if there is not None or (back := _column(model, cause, target, -size)) is None:
+    there = _compute_effect_or_none(model, cause, target, size)
+    if there is not None or (back := _compute_effect_or_none(model, cause, target, -size)) is None:
         return there
     return -back
 
 
-def _column(model: Model, cause: Cause, target: str, size: Array) -> Array | None:
+def _compute_effect_or_none(model: Model, cause: Cause, target: str, size: Array) -> Array | None:
     """Return the effect of a size, None where it leaves no mechanism that runs: out of its plane a loop does not close."""
     try:
-        return effect(model, cause, target, size)
+        return compute_effect(model, cause, target, size)
     except IMPOSSIBLE:
         return None
 
@@ -228,24 +228,24 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     if not cause.sized:
         return _fit(candidate, np.ones(1), columns[:, 0], residual, total)
     if cause.guess is not None:
-        return _guessed(model, residual, candidate, total)
+        return _fit_from_guesses(model, residual, candidate, total)
     p = np.asarray(np.linalg.lstsq(columns, residual, rcond=SMALL)[0], dtype=np.float64)
     first = _fit(candidate, p, columns @ p, residual, total)
     if cause.linear or not rounds:
         return first
     most = np.inf if first.left <= PROPORTIONAL else LARGEST
-    return _iterated(model, residual, candidate, np.clip(p, -most, most), rounds, noise / 2, most)
+    return _solve_size(model, residual, candidate, np.clip(p, -most, most), rounds, noise / 2, most)
 
 
 def fit_from(model: Model, residual: Array, candidate: Candidate, size: Array, rounds: int, noise: float) -> Fit | None:
     """Return the best size [unit] near one that something else suggests, None where that leaves no mechanism that runs."""
     p = size / candidate.scale
-    if _at(model, residual, candidate, p, float(np.linalg.norm(residual)), np.inf) is None:
+    if _evaluate_fit(model, residual, candidate, p, float(np.linalg.norm(residual)), np.inf) is None:
         return None
-    return _iterated(model, residual, candidate, p, rounds, noise / 2, np.inf)
+    return _solve_size(model, residual, candidate, p, rounds, noise / 2, np.inf)
 
 
-def corrected(model: Model, one: Fit, left: Array) -> Fit | None:
+def fit_to_remainder(model: Model, one: Fit, left: Array) -> Fit | None:
     """Return a fit whose size takes up what a full run with it leaves, (samples nv,) [-]; None where no such size runs.
 
     The derivative is the model's, at the fit's size.
@@ -256,31 +256,33 @@ def corrected(model: Model, one: Fit, left: Array) -> Fit | None:
     candidate = Candidate(cause, target, scale, np.zeros((len(left), 0)))
     place = one.size / scale
     try:
-        here = effect(model, cause, target, one.size)
-        step = np.linalg.lstsq(_derivative(model, candidate, place, here), left, rcond=SMALL)[0]
+        here = compute_effect(model, cause, target, one.size)
+        step = np.linalg.lstsq(_compute_derivative(model, candidate, place, here), left, rcond=SMALL)[0]
     except IMPOSSIBLE:
         return None
     wanted = here + left
-    return _at(model, wanted, candidate, place + step, float(np.linalg.norm(wanted)), np.inf)
+    return _evaluate_fit(model, wanted, candidate, place + step, float(np.linalg.norm(wanted)), np.inf)
 
 
-def _iterated(
+def _solve_size(
     model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float, most: float = LARGEST
 ) -> Fit:
     """Gauss-Newton on the size from p up to ``most`` [-], with halved steps where a full one does not help."""
     total = float(np.linalg.norm(residual))
     nothing = _fit(candidate, 0 * p, 0 * residual, residual, total)
-    places = [p, *([] if np.abs(p).max() < TINY else [p / 4]), *_aside(candidate)]
-    starts = [f for f in (_at(model, residual, candidate, place, total, most) for place in places) if f is not None]
+    places = [p, *([] if np.abs(p).max() < TINY else [p / 4]), *_list_start_sizes(candidate)]
+    starts = [
+        f for f in (_evaluate_fit(model, residual, candidate, place, total, most) for place in places) if f is not None
+    ]
     best = min([nothing, *starts], key=lambda f: f.left)
     for _ in range(rounds if best.left > enough else 0):
         p = best.size / candidate.scale
         try:
-            slope = _derivative(model, candidate, p, best.column)
+            slope = _compute_derivative(model, candidate, p, best.column)
             step = np.asarray(np.linalg.lstsq(slope, residual - best.column, rcond=SMALL)[0], dtype=np.float64)
         except IMPOSSIBLE:
             break
-        better = _along(model, residual, candidate, p, step, best.left, most)
+        better = _find_shortened_step(model, residual, candidate, p, step, best.left, most)
         if better is None:
             break
         best, gain = better, best.left - better.left
@@ -296,13 +298,13 @@ def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
     """
     for k, unit in enumerate(np.eye(candidate.cause.parameters)):
         told = size * candidate.columns[:, k]
-        seen = candidate.look_far(model, size * unit)
+        seen = candidate.compute_far_effect(model, size * unit)
         if seen is None or np.abs(seen - told).max() > PROBED * np.abs(told).max():
             return False
     return True
 
 
-def _along(
+def _find_shortened_step(
     model: Model, residual: Array, candidate: Candidate, p: Array, step: Array, left: float, most: float
 ) -> Fit | None:
     """Return the fit at p plus the longest of the halved steps that leaves less than ``left`` [-], None where none does.
@@ -312,7 +314,7 @@ def _along(
     total = float(np.linalg.norm(residual))
     better: Fit | None = None
     for k in range(HALVINGS):
-        found = _at(model, residual, candidate, p + step / 2**k, total, most)
+        found = _evaluate_fit(model, residual, candidate, p + step / 2**k, total, most)
         if found is not None and found.left < (left if better is None else better.left):
             if better is not None or found.left < HALF_GAIN * left:
                 return found
@@ -322,7 +324,7 @@ def _along(
     return better
 
 
-def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> Fit:
+def find_large_size(model: Model, residual: Array, candidate: Candidate, noise: float) -> Fit:
     """Return the best size near any of some large ones; noise : part of |r| [-] that says nothing."""
     cause = candidate.cause
     total = float(np.linalg.norm(residual))
@@ -333,38 +335,38 @@ def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> F
     if _is_proportional(model, candidate, max(sizes)):
         return first
     places = [size * unit for unit in np.eye(cause.parameters) for size in sizes]
-    columns = [(place, candidate.look_far(model, place)) for place in places]
+    columns = [(place, candidate.compute_far_effect(model, place)) for place in places]
     fits = [_fit(candidate, place, column, residual, total) for place, column in columns if column is not None]
     best = min(fits, key=lambda f: f.left, default=first)
     if best.left > HOPELESS:
         return best
     most = max(LARGEST, 2.0 * float(np.abs(best.size / candidate.scale).max()))
-    return _iterated(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2, most)
+    return _solve_size(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2, most)
 
 
-def _aside(candidate: Candidate) -> list[Array]:
+def _list_start_sizes(candidate: Candidate) -> list[Array]:
     """Return sizes to start from where the derivative at zero may say nothing."""
     if not candidate.cause.turns:
         return []
     return [sign * size * unit for unit in np.eye(candidate.cause.parameters) for size in ASIDE for sign in (1.0, -1.0)]
 
 
-def _at(
+def _evaluate_fit(
     model: Model, residual: Array, candidate: Candidate, p: Array, total: float, most: float = LARGEST
 ) -> Fit | None:
     if np.abs(p).max() > most:
         return None
     try:
-        column = effect(model, candidate.cause, candidate.target, p * candidate.scale)
+        column = compute_effect(model, candidate.cause, candidate.target, p * candidate.scale)
     except IMPOSSIBLE:
         return None
     return _fit(candidate, p, column, residual, total) if np.isfinite(column).all() else None
 
 
-def _derivative(model: Model, candidate: Candidate, p: Array, here: Array) -> Array:
+def _compute_derivative(model: Model, candidate: Candidate, p: Array, here: Array) -> Array:
     step = PROBE[model.base.mechanism.is_rigid]
     moved = [(p + step * unit) * candidate.scale for unit in np.eye(len(p))]
-    found = [_column(model, candidate.cause, candidate.target, q) for q in moved]
+    found = [_compute_effect_or_none(model, candidate.cause, candidate.target, q) for q in moved]
     return np.stack([0.0 * here if one is None else (one - here) / step for one in found], axis=1)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.causes.apply import with_efforts
+from crosscheck.causes.apply import apply_effort_changes
 from crosscheck.causes.subject import Array, States, Subject
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.flexinv.adapter import solve_case
@@ -52,16 +52,16 @@ class Model:
     def torques(self, subject: Subject) -> Array:
         """Return the efforts of a changed subject at the same samples, (samples, nv) [N m] or [N]."""
         if subject.dense and self.base.mechanism.is_rigid:  # of a march every sample is looked at anyway
-            states, effort = self._everywhere(subject)
+            states, effort = self._compute_all_samples(subject)
             for change in subject.effort:
                 effort = change(subject.mechanism, states, effort)
             return np.asarray(effort[self.rows])
-        effort = self.torque if self._marches_alike(subject) else _efforts(self, subject)
+        effort = self.torque if self._has_same_march(subject) else _compute_model_efforts(self, subject)
         for change in subject.effort:
             effort = change(subject.mechanism, self.states, effort)
         return effort
 
-    def _marches_alike(self, subject: Subject) -> bool:
+    def _has_same_march(self, subject: Subject) -> bool:
         """Return True if a march of a subject is that of the unharmed one: what is done to efforts alone needs no other."""
         a = self.base
         b = subject
@@ -74,9 +74,9 @@ class Model:
 
     def difference(self, subject: Subject) -> Array:
         """Return the change of the efforts by the change of a subject, over the scale, (samples nv,) [-]."""
-        return self.weighted(self.torques(subject) - self.torque)
+        return self.scale_efforts(self.torques(subject) - self.torque)
 
-    def weighted(self, efforts: Array) -> Array:
+    def scale_efforts(self, efforts: Array) -> Array:
         """Return efforts (samples, nv) over the scale as one column [-]."""
         return np.asarray((efforts / self.scale).ravel())
 
@@ -84,7 +84,7 @@ class Model:
         """Return the difference of an engine's record from a reference's, over the scale, (samples nv,) [-]."""
         names = [f"torque/{name}" for name in self.base.mechanism.velocity_names]
         pairs = [(engine.series[n].values, reference.series[n].values) for n in names]
-        return self.weighted(np.array([(a - b)[self.rows] for a, b in pairs]).T)
+        return self.scale_efforts(np.array([(a - b)[self.rows] for a, b in pairs]).T)
 
     def is_like(self, other: Model) -> bool:
         """Return True if another model has the same mechanism, case, samples, efforts and scale, number by number."""
@@ -93,21 +93,21 @@ class Model:
             other.base.mechanism, other.base.case
         )
 
-    def _everywhere(self, subject: Subject) -> tuple[States, Array]:
+    def _compute_all_samples(self, subject: Subject) -> tuple[States, Array]:
         """Return joint motion and efforts (samples, nv) [N m], [N] at all sample times of the case."""
         same = subject.mechanism is self.base.mechanism and subject.case.motion is self.base.case.motion
-        return self.everywhere if same else _first(subject, sample_times(self.base.case))
+        return self.everywhere if same else _compute_first_efforts(subject, sample_times(self.base.case))
 
     @cached_property
     def everywhere(self) -> tuple[States, Array]:
         """Joint motion and efforts (samples, nv) [N m], [N] of the unharmed subject at all sample times of the case."""
-        return _first(self.base, sample_times(self.base.case))
+        return _compute_first_efforts(self.base, sample_times(self.base.case))
 
     def series(self, subject: Subject) -> Mapping[str, Series]:
         """Return all that flexinv gives for a subject at all sample times, [N], [N m], [m], with the step of the columns."""
-        case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=coarse_step(subject))
+        case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=find_coarse_step(subject))
         made = solve_case(case.meshed(subject.mechanism), case)[1]
-        return answered(Record("flexinv", time=sample_times(case), series=made), subject).series
+        return apply_to_record(Record("flexinv", time=sample_times(case), series=made), subject).series
 
     @cached_property
     def unharmed(self) -> Mapping[str, Series]:
@@ -121,30 +121,30 @@ class Model:
         mesh = build(mechanism)
         motion = compute_rigid_motion(mesh, self.states.q, self.states.qd, self.states.qdd)
         g = compute_constraint_jacobian(mesh, motion, build_constraint_rows(mesh))
-        return np.array([_share(one, mechanism.actuated) for one in g])
+        return np.array([_compute_share_matrix(one, mechanism.actuated) for one in g])
 
 
-def model_of(subject: Subject, reference: Record | None = None) -> Model:
+def make_model(subject: Subject, reference: Record | None = None) -> Model:
     """Return the model of a subject; the scale comes from a reference record where there is one, else from itself."""
     time = sample_times(subject.case)
     rigid = subject.mechanism.is_rigid
     fewest = FEWEST // 2 if subject.mechanism.closures else FEWEST
-    rows = np.arange(0, len(time), sparse(subject.mechanism, time, (len(time) - 1) // fewest) if rigid else 1)
-    held, torque = _first(subject, time[rows])
+    rows = np.arange(0, len(time), find_stride(subject.mechanism, time, (len(time) - 1) // fewest) if rigid else 1)
+    held, torque = _compute_first_efforts(subject, time[rows])
     shown = torque
     if reference is not None:
         shown = np.array([reference.series[f"torque/{n}"].values for n in subject.mechanism.velocity_names]).T
-    return Model(subject, rows, held, torque, scales(subject.mechanism, shown))
+    return Model(subject, rows, held, torque, compute_effort_scales(subject.mechanism, shown))
 
 
-def sparse(mechanism: Mechanism, time: Array, most: int) -> int:
+def find_stride(mechanism: Mechanism, time: Array, most: int) -> int:
     """Return the largest stride up to ``most`` that keeps the samples, of time [s], at which closures begin or cease to act."""
     instants = {t for c in mechanism.closures for span in c.active for t in span if time[0] < t < time[-1]}
     samples = [round((t - time[0]) / (time[1] - time[0])) for t in instants]
     return max((k for k in range(1, most + 1) if not any(n % k for n in samples)), default=1)
 
 
-def scales(mechanism: Mechanism, torque: Array) -> Array:
+def compute_effort_scales(mechanism: Mechanism, torque: Array) -> Array:
     """Return the range of the efforts of each coordinate's unit, (nv,) [N m] or [N]; 1 where there is none."""
     units = effort_units(mechanism)
     ranges = {u: signal_range([torque[:, k] for k, v in enumerate(units) if v == u]) for u in set(units)}
@@ -168,7 +168,7 @@ def is_tree(subject: Subject) -> bool:
     return mechanism.is_rigid and not mechanism.closures and all(j.name in given for j in mechanism.joints if j.nv)
 
 
-def answered(record: Record, subject: Subject) -> Record:
+def apply_to_record(record: Record, subject: Subject) -> Record:
     """Return an engine's record [N m], [N], [m] with what the subject does to efforts, along the motion of all joints."""
     if not subject.effort:
         return record
@@ -177,32 +177,34 @@ def answered(record: Record, subject: Subject) -> Record:
     motion = subject.case.motion
     given = motion.joints(mechanism)
     if all(j.name in given for j in mechanism.joints if j.nv):
-        return with_efforts(record, subject, States(time, *motion.evaluate(mechanism, time)))
-    return with_efforts(record, subject, _first(subject, time)[0])  # what closures move is left out of the motion
+        return apply_effort_changes(record, subject, States(time, *motion.evaluate(mechanism, time)))
+    return apply_effort_changes(
+        record, subject, _compute_first_efforts(subject, time)[0]
+    )  # what closures move is left out of the motion
 
 
-def _first(subject: Subject, time: Array) -> tuple[States, Array]:
+def _compute_first_efforts(subject: Subject, time: Array) -> tuple[States, Array]:
     if is_tree(subject):
         states = States(time, *evaluate_motion(subject.case.motion, subject.mechanism, time))
         return states, open_tree(subject.mechanism, states)
-    solution, rows = _solved(subject, time)
+    solution, rows = _solve_march(subject, time)
     states = States(time, solution.q[rows], solution.qd[rows], solution.qdd[rows])
-    return states, _all(subject.mechanism, solution)[rows]
+    return states, _collect_efforts(subject.mechanism, solution)[rows]
 
 
-def _efforts(model: Model, subject: Subject) -> Array:
+def _compute_model_efforts(model: Model, subject: Subject) -> Array:
     time = model.states.time
     if is_tree(subject):
         states = States(time, *evaluate_motion(subject.case.motion, subject.mechanism, time))
         return open_tree(subject.mechanism, states)
-    if subject.mechanism.is_rigid and _same_motion(model.base, subject):
+    if subject.mechanism.is_rigid and _has_same_motion(model.base, subject):
         tree = open_tree(subject.mechanism, model.states)
         return np.asarray(np.einsum("sij,sj->si", model.shares, tree))  # (sample, coordinate)
-    solution, rows = _solved(subject, time)
-    return _all(subject.mechanism, solution)[rows]
+    solution, rows = _solve_march(subject, time)
+    return _collect_efforts(subject.mechanism, solution)[rows]
 
 
-def _same_motion(base: Subject, subject: Subject) -> bool:
+def _has_same_motion(base: Subject, subject: Subject) -> bool:
     """Return True if a rigid mechanism's closures move it, and share its efforts, as before: nothing there was touched."""
     a = base.mechanism
     b = subject.mechanism
@@ -218,10 +220,10 @@ def _same_motion(base: Subject, subject: Subject) -> bool:
     )
 
 
-def _solved(subject: Subject, time: Array) -> tuple[Solution, slice]:
+def _solve_march(subject: Subject, time: Array) -> tuple[Solution, slice]:
     case = subject.case
     spacing = float(time[1] - time[0])
-    step = spacing if subject.mechanism.is_rigid and subject.mechanism.closures else coarse_step(subject)
+    step = spacing if subject.mechanism.is_rigid and subject.mechanism.closures else find_coarse_step(subject)
     solution = solve(
         case.meshed(subject.mechanism),
         case.motion,
@@ -234,7 +236,7 @@ def _solved(subject: Subject, time: Array) -> tuple[Solution, slice]:
     return solution, slice(None, None, round(spacing / step))
 
 
-def coarse_step(subject: Subject) -> float:
+def find_coarse_step(subject: Subject) -> float:
     """Return a step [s] of the march for columns: what is asked for, or the longest that divides the samples, meets jumps
     and is fine enough."""
     case = subject.case
@@ -245,12 +247,12 @@ def coarse_step(subject: Subject) -> float:
     return float(1 if case.motion.jumps else max(fine, default=1)) * case.step
 
 
-def _all(mechanism: Mechanism, solution: Solution) -> Array:
+def _collect_efforts(mechanism: Mechanism, solution: Solution) -> Array:
     """Return the efforts; in loops those of the drives alone: what closures leave at other joints is rounding."""
     return np.where(mechanism.actuated, solution.torque_all, 0.0) if mechanism.closures else solution.torque_all
 
 
-def _share(g: Array, driven: np.ndarray) -> Array:
+def _compute_share_matrix(g: Array, driven: np.ndarray) -> Array:
     """Return S pinv(N_driven^T) N^T, (nv, nv) [-], with G N = 0: efforts of least norm."""
     _, values, right = np.linalg.svd(g)
     motions = right[count_ranks(values) :].T
@@ -259,6 +261,6 @@ def _share(g: Array, driven: np.ndarray) -> Array:
     return out
 
 
-def without_closures(subject: Subject) -> Subject:
+def drop_closures(subject: Subject) -> Subject:
     """Return the cut tree of a subject (its joint motion has to be given in full)."""
     return replace(subject, mechanism=replace(subject.mechanism, closures=()))

@@ -4,7 +4,7 @@ A cause is named when three things are true.  It explains the efforts down to th
 mechanism is what is wrong in the engine's own certificate, line by line.  It explains every other quantity that both engines
 gave.  Causes of which only the amplitude is known (a long step) may leave UNEXPLAINED where the bars are less.  Every cause
 of which all that is true stands beside it, at most MOST names, or MOST pairs: of more, none is printed.  Where no cause alone
-will do, pairs are tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where
+will do, pairs are tried (`find_pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where
 the difference of the efforts is inside the error bars, what other quantities show is named alone (`beside`).
 """
 
@@ -16,21 +16,21 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.causes.dictionary import all_causes
+from crosscheck.causes.dictionary import collect_causes
 from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
 from crosscheck.causes.fit import (
     HOPELESS,
     LARGEST,
     Candidate,
     Fit,
-    candidates,
+    find_large_size,
     fit,
-    possible,
-    scan,
-    sensible,
+    is_possible,
+    is_sensible,
+    list_candidates,
 )
 from crosscheck.causes.model import Model, is_tree
-from crosscheck.causes.pairs import AND, pairs, parts, within
+from crosscheck.causes.pairs import AND, find_pairs, is_part_of_pair, split_name
 from crosscheck.causes.subject import Array
 
 UNEXPLAINED = 0.1  # of |r|: what a cause may leave of which only the amplitude is fitted, and any other of a march
@@ -113,7 +113,7 @@ class Question:
     @cached_property
     def given(self) -> float:
         """Norm of the efforts that the engine gave over that of the difference [-]."""
-        return float(np.linalg.norm(self.model.weighted(self.model.torque) + self.residual)) / self.total
+        return float(np.linalg.norm(self.model.scale_efforts(self.model.torque) + self.residual)) / self.total
 
     @cached_property
     def most(self) -> float:
@@ -123,18 +123,18 @@ class Question:
         """
         return max(UNEXPLAINED * min(1.0, self.given), min(NOISE * self.part, HALF), ROUNDED)
 
-    def fully_explains(self, one: Fit) -> bool:
+    def can_fully_explain(self, one: Fit) -> bool:
         """Return True if a fit leaves no more than the right cause may: the bars, once, at every sample.
 
         Of a march the model's own step leaves MARCHED of the difference, and of a linear cause only the amplitude is known.
         """
         if one.cause.linear:
-            return self.explains(one)
+            return self.can_explain(one)
         part = ROUNDED if self.model.base.mechanism.is_rigid else MARCHED
         bars = np.maximum(self.bars, part * float(np.abs(self.residual).max()))
         return bool((np.abs(self.residual - one.column) <= bars).all())
 
-    def believes(self, best: Fit) -> bool:
+    def is_credible(self, best: Fit) -> bool:
         """Return True if the best cause stands out of the error bars.
 
         Where they hide half of the difference the right cause may be among those that leave more than HALF, and one that
@@ -156,7 +156,7 @@ class Question:
         part = (ROUNDED if self.model.base.mechanism.is_rigid else MARCHED) * largest
         return np.maximum(NOISE * self.bars, max(self.agreed, part))
 
-    def explains(self, one: Fit) -> bool:
+    def can_explain(self, one: Fit) -> bool:
         """Return True if a fit explains the efforts: to the bars at every sample, or to UNEXPLAINED by its amplitude alone."""
         if one.left > self.most or self.given < NOTHING:
             return False
@@ -165,7 +165,7 @@ class Question:
         return bool((np.abs(self.residual - one.column) <= self.allowed).all())
 
 
-def name(
+def find_causes(
     model: Model,
     residual: Array,
     noise: Array | float,
@@ -175,7 +175,7 @@ def name(
 ) -> Naming:
     """Return the naming of a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
 
-    known : the dictionary's columns where they are at hand (``candidates``); evidence : what else is known
+    known : the dictionary's columns where they are at hand (``list_candidates``); evidence : what else is known
     agreed : largest difference [-] that a limit allows engines with the same mechanism
     """
     bars = np.broadcast_to(np.asarray(noise, dtype=np.float64), residual.shape)
@@ -184,80 +184,83 @@ def name(
     if size <= largest:
         return Naming((), None, size, largest, "the difference is inside the error bars")
     asked = Question(model, residual, bars, agreed)
-    known = candidates(model, all_causes()) if known is None else known
+    known = list_candidates(model, collect_causes()) if known is None else known
     fits: list[Fit] = []
     heard: tuple[Heard, ...] = ()
     levels = (LOOK, TURNS, DEEP) if is_tree(model.base) else (LOOK, DEEP)
     for look in levels if len(known) < MANY else levels[:1]:
-        fits = ranked(asked, known, look)
-        heard = told(asked, fits, evidence)
-        if look == LOOK and not agreeing(heard) and evidence is not None and evidence.failing:
-            heard = (*heard, *told(asked, suggested(asked, known, evidence), evidence))
-        if any(asked.fully_explains(one.fit) for one in agreeing(heard)):
+        fits = list_ranked_fits(asked, known, look)
+        heard = list_explaining_causes(asked, fits, evidence)
+        if look == LOOK and not list_agreeing_causes(heard) and evidence is not None and evidence.failing:
+            heard = (*heard, *list_explaining_causes(asked, list_certificate_fits(asked, known, evidence), evidence))
+        if any(asked.can_fully_explain(one.fit) for one in list_agreeing_causes(heard)):
             break
-    if not agreeing(heard):
-        both = pairs(model, residual, known, asked.explains, asked.part)
-        heard = (*heard, *told(asked, both, evidence))
-    return chosen(asked, fits, heard, evidence)
+    if not list_agreeing_causes(heard):
+        both = find_pairs(model, residual, known, asked.can_explain, asked.part)
+        heard = (*heard, *list_explaining_causes(asked, both, evidence))
+    return choose_causes(asked, fits, heard, evidence)
 
 
-def agreeing(heard: Iterable[Heard]) -> list[Heard]:
+def list_agreeing_causes(heard: Iterable[Heard]) -> list[Heard]:
     """Return the causes that nothing contradicts."""
     return [one for one in heard if not one.against]
 
 
-def told(asked: Question, fits: list[Fit], evidence: Evidence | None) -> tuple[Heard, ...]:
+def list_explaining_causes(asked: Question, fits: list[Fit], evidence: Evidence | None) -> tuple[Heard, ...]:
     """Return the causes that explain the efforts, each with what contradicts it.
 
     Of a cause whose size has several numbers the motion may show some only: it is held against the certificate all the same
     where it does not explain the efforts yet.
     """
-    explaining = [f for f in fits if asked.explains(f)]
+    explaining = [f for f in fits if asked.can_explain(f)]
     if evidence is None:
         return tuple(map(Heard, explaining))
     sure = max(NOISE * asked.part, 0.0 if asked.model.base.mechanism.is_rigid else MARCHED)
-    heard = [evidence.hear(f, asked.explains, sure) for f in explaining[:TOLD]]
+    heard = [evidence.judge_fit(f, asked.can_explain, sure) for f in explaining[:TOLD]]
     # What else may know a size of several numbers: where that agrees with the reference, no such size is hidden.
     elsewhere = evidence.failing or (evidence.quantities is not None and evidence.quantities.apart())
-    if elsewhere and not agreeing(heard):  # the motion led a size of several numbers astray
-        turned = [f for f in fits if not asked.explains(f) and f.cause.parameters > 1]
-        again = (evidence.hear(f, asked.explains, sure) for f in turned[:TOLD])
-        heard += [one for one in again if asked.explains(one.fit)]
+    if elsewhere and not list_agreeing_causes(heard):  # the motion led a size of several numbers astray
+        turned = [f for f in fits if not asked.can_explain(f) and f.cause.parameters > 1]
+        again = (evidence.judge_fit(f, asked.can_explain, sure) for f in turned[:TOLD])
+        heard += [one for one in again if asked.can_explain(one.fit)]
     return tuple(sorted(heard, key=lambda one: one.fit.left))
 
 
-def suggested(asked: Question, known: list[Candidate], evidence: Evidence) -> list[Fit]:
+def list_certificate_fits(asked: Question, known: list[Candidate], evidence: Evidence) -> list[Fit]:
     """Return the fits of causes whose size the certificate says, what explains most first."""
     rounds = ROUNDS[asked.model.base.mechanism.is_rigid]
     usable = (c for c in known if c.cause.sized and not c.cause.linear and c.cause.guess is None)
-    found = (evidence.suggested(c, rounds, asked.part) for c in usable)
-    return sorted((f for f in found if f is not None), key=_left)
+    found = (evidence.fit_to_certificate(c, rounds, asked.part) for c in usable)
+    return sorted((f for f in found if f is not None), key=_take_remainder)
 
 
-def ranked(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fit]:
+def list_ranked_fits(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fit]:
     """Return a fit of every cause that shows, what explains most first; look : how many of them are refined."""
     model = asked.model
     quick = is_tree(model.base)
-    first = {k: _made(asked, known, k, "linear") for k in range(len(known))}
+    first = {k: _make_fit_once(asked, known, k, "linear") for k in range(len(known))}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
     refined = order[: SHORTLIST[quick] * (DEEPER[quick] if look == DEEP else 1)]
     # A linear look that explains all is only a look; of an angle whose effect begins with its square it says nothing.
     refined += [k for k in order if first[k].left <= asked.enough and k not in refined]
     refined += [k for k in order if look != LOOK and quick and known[k].cause.turns and k not in refined]
-    first |= {k: _made(asked, known, k, "refined") for k in refined}
+    first |= {k: _make_fit_once(asked, known, k, "refined") for k in refined}
     if look == DEEP:  # far away
         far = order if quick else order[: SCANNED[model.base.mechanism.is_rigid]]
         # A linear look at a size that no mechanism can have says nothing of what acts by its inverse.
         far += [
             k
             for k in order
-            if k not in far and known[k].cause.fraction and first[k].left < HOPELESS and _beyond(first[k])
+            if k not in far
+            and known[k].cause.fraction
+            and first[k].left < HOPELESS
+            and _is_beyond_linear_look(first[k])
         ]
-        first |= {k: min(first[k], _made(asked, known, k, "far"), key=_left) for k in far}
-    return sorted((f for f in first.values() if possible(model, f)), key=_left)
+        first |= {k: min(first[k], _make_fit_once(asked, known, k, "far"), key=_take_remainder) for k in far}
+    return sorted((f for f in first.values() if is_possible(model, f)), key=_take_remainder)
 
 
-def _made(asked: Question, known: list[Candidate], k: int, way: str) -> Fit:
+def _make_fit_once(asked: Question, known: list[Candidate], k: int, way: str) -> Fit:
     """Return the fit of a candidate: ``linear``, ``refined`` from there, or near sizes that are ``far``; made once."""
     if (k, way) not in asked.fits:
         asked.fits[k, way] = _make(asked, known[k], way)
@@ -269,68 +272,68 @@ def _make(asked: Question, one: Candidate, way: str) -> Fit:
         return fit(asked.model, asked.residual, one)
     if way == "refined":
         return fit(asked.model, asked.residual, one, ROUNDS[asked.model.base.mechanism.is_rigid], asked.part)
-    return scan(asked.model, asked.residual, one, asked.part)
+    return find_large_size(asked.model, asked.residual, one, asked.part)
 
 
-def _beyond(one: Fit) -> bool:
+def _is_beyond_linear_look(one: Fit) -> bool:
     """Return True if a size that is a fraction [-] takes all away, or is larger than any that a linear look can tell."""
     return bool((one.size <= -1.0).any() or (np.abs(one.size) > LARGEST).any())
 
 
-def _left(one: Fit) -> float:
+def _take_remainder(one: Fit) -> float:
     return one.left
 
 
-def chosen(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence: Evidence | None) -> Naming:
+def choose_causes(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence: Evidence | None) -> Naming:
     """Return the naming of fits that were held against all that is known."""
     size = float(np.abs(asked.residual).max())
     largest = float(asked.bars.max())
     failing = () if evidence is None else evidence.failing
     out = tuple(one for one in heard if one.against)
     best = fits[0] if fits else None
-    good = alike(asked, [one.fit for one in agreeing(heard)])
-    if (count := _answers(good)) > MOST:
+    good = list_similar_fits(asked, [one.fit for one in list_agreeing_causes(heard)])
+    if (count := _count_answers(good)) > MOST:
         words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
         return Naming((), good[0], size, largest, words, out, failing)
     # Lines of the certificate that fail, and that the cause explains, show it whatever the bars are.
-    if good and not failing and not asked.believes(good[0]):
-        return Naming((), good[0], size, largest, hidden(asked, good[0]), out, failing)
+    if good and not failing and not asked.is_credible(good[0]):
+        return Naming((), good[0], size, largest, describe_hidden_cause(asked, good[0]), out, failing)
     if good:
         rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
         return Naming(good, rest, size, largest, "", out, failing)
-    return Naming((), best, size, largest, unknown(asked, best, out), out, failing)
+    return Naming((), best, size, largest, describe_unknown_cause(asked, best, out), out, failing)
 
 
-def _answers(good: Iterable[Fit]) -> int:
+def _count_answers(good: Iterable[Fit]) -> int:
     """Return the number of answers: names, for one name at several places says what is wrong; of pairs, which say less, all."""
-    names = {part for f in good for part in parts(f.cause.name)}
+    names = {part for f in good for part in split_name(f.cause.name)}
     return max(len(names), sum(AND in f.cause.name for f in good))
 
 
-def alike(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
+def list_similar_fits(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
     """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
     and without causes of which a special case is among them."""
-    known = [f for f in fits if sensible(f)]
+    known = [f for f in fits if is_sensible(f)]
     least = min((f.left for f in known), default=np.inf)
-    if not any(asked.fully_explains(f) for f in known):
+    if not any(asked.can_fully_explain(f) for f in known):
         # A size that no user means is an answer where it leaves nothing, and what users mean leaves more than it may.
-        far = [f for f in fits if not sensible(f) and not f.cause.linear and asked.fully_explains(f)]
+        far = [f for f in fits if not is_sensible(f) and not f.cause.linear and asked.can_fully_explain(f)]
         known += [f for f in far if SIMILAR * f.left < least]
         least = min((f.left for f in known), default=0.0)
     limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), HALF)
-    found = _special([f for f in known if f.left <= limit])
+    found = _drop_general_causes([f for f in known if f.left <= limit])
     return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))
 
 
-def hidden(asked: Question, best: Fit) -> str:
+def describe_hidden_cause(asked: Question, best: Fit) -> str:
     """Return the reason for naming nothing where the error bars hide too much of the difference, in words."""
     return (
         f"the cause is unknown: the error bars are {asked.part:.0%} of the difference, and the nearest, {best.cause.name}, "
-        f"leaves {_share(best.left)}"
+        f"leaves {_format_share(best.left)}"
     )
 
 
-def unknown(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
+def describe_unknown_cause(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
     """Return the reason for naming nothing, in words."""
     if best is None:
         return "no cause of the dictionary shows in this motion"
@@ -341,14 +344,14 @@ def unknown(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
             f"the cause is unknown: {first.fit.cause.name} would explain the efforts, but is contradicted by "
             f"{', '.join(first.against)}"
         )
-    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_share(best.left)}"
+    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_format_share(best.left)}"
 
 
-def _share(left: float) -> str:
+def _format_share(left: float) -> str:
     return f"{left:.0%}" if left >= 0.01 else f"{left:.1e} of it, more than the error bars"
 
 
-def _special(fits: list[Fit]) -> list[Fit]:
+def _drop_general_causes(fits: list[Fit]) -> list[Fit]:
     """Return the fits without causes of which a special case is among them, and pairs of which a part is."""
     names = {f.cause.name for f in fits}
-    return [f for f in fits if not names & set(f.cause.covers) and not any(within(f, one) for one in fits)]
+    return [f for f in fits if not names & set(f.cause.covers) and not any(is_part_of_pair(f, one) for one in fits)]

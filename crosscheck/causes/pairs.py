@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.causes.cause import Cause
-from crosscheck.causes.fit import SMALL, Candidate, Fit, amount, candidates, fit, fit_from
+from crosscheck.causes.fit import SMALL, Candidate, Fit, describe_size, fit, fit_from, list_candidates
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array, Subject
 
@@ -27,7 +27,7 @@ LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none
 DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
 
 
-def pairs(
+def find_pairs(
     model: Model, residual: Array, known: list[Candidate], explains: Callable[[Fit], bool], noise: float
 ) -> list[Fit]:
     """Return the pairs that explain a residual (samples nv,) [-], what explains most first; noise : part of |r| [-].
@@ -37,40 +37,42 @@ def pairs(
     usable = [c for c in known if not c.cause.linear and c.cause.guess is None]
     quick = is_tree(model.base)
     found: dict[tuple[str, str], Fit] = {}
-    likely = _likely(usable, residual)[: TRIED[quick]]
-    for a, b in (*likely, *(_after(model, residual, usable) if quick else [])):
-        one = fit(model, residual, together(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
+    likely = _list_likely_pairs(usable, residual)[: TRIED[quick]]
+    for a, b in (*likely, *(_list_sequential_pairs(model, residual, usable) if quick else [])):
+        one = fit(model, residual, join_causes(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
         if explains(one):
-            alone = [f for f in _alone(model, residual, one, (a, b), noise) if explains(f)]
-            found |= {f.key: f for f in (*alone, _worded(one, a, b))}
+            alone = [f for f in _fit_parts(model, residual, one, (a, b), noise) if explains(f)]
+            found |= {f.key: f for f in (*alone, _add_words(one, a, b))}
     return sorted(found.values(), key=lambda f: f.left)
 
 
-def _alone(model: Model, residual: Array, both: Fit, of: tuple[Candidate, Candidate], noise: float) -> Iterator[Fit]:
+def _fit_parts(
+    model: Model, residual: Array, both: Fit, of: tuple[Candidate, Candidate], noise: float
+) -> Iterator[Fit]:
     """Yield the fit of each part of a pair by itself, from the size that it has in the pair."""
-    for one, size in _sizes(both, *of):
+    for one, size in _split_size(both, *of):
         if one.cause.sized:
             own = fit_from(model, residual, one, size, ROUNDS[model.base.mechanism.is_rigid], noise)
             if own is not None:
                 yield own
 
 
-def _sizes(both: Fit, first: Candidate, second: Candidate) -> Iterator[tuple[Candidate, Array]]:
+def _split_size(both: Fit, first: Candidate, second: Candidate) -> Iterator[tuple[Candidate, Array]]:
     """Yield the two causes of a pair in its order, each with its size [its unit]."""
     first, second = sorted((first, second), key=lambda c: (c.cause.name, c.target))
     count = first.cause.parameters
-    yield first, _own(first, both.size[:count])
-    yield second, _own(second, both.size[count:])
+    yield first, _scale_size(first, both.size[:count])
+    yield second, _scale_size(second, both.size[count:])
 
 
-def together(first: Candidate, second: Candidate) -> Candidate:
+def join_causes(first: Candidate, second: Candidate) -> Candidate:
     """Return two causes at once as one; its size is that of both, each over the size that matters [-]."""
     first, second = sorted((first, second), key=lambda c: (c.cause.name, c.target))
     count = first.cause.parameters
 
-    def change(subject: Subject, target: str, size: Array) -> Subject:
-        once = first.cause.change(subject, first.target, _own(first, size[:count]))
-        return second.cause.change(once, second.target, _own(second, size[count:]))
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        once = first.cause.change(subject, first.target, _scale_size(first, size[:count]))
+        return second.cause.change(once, second.target, _scale_size(second, size[count:]))
 
     covered = [f"{x}{AND}{second.cause.name}" for x in first.cause.covers] + [
         f"{first.cause.name}{AND}{x}" for x in second.cause.covers
@@ -78,7 +80,7 @@ def together(first: Candidate, second: Candidate) -> Candidate:
     cause = Cause(
         f"{first.cause.name}{AND}{second.cause.name}",
         "",
-        change,
+        apply_change,
         parameters=count + second.cause.parameters,
         covers=tuple(AND.join(sorted(one.split(AND))) for one in covered),
         shows="; and ".join(dict.fromkeys((first.cause.shows, second.cause.shows))),
@@ -92,35 +94,35 @@ def together(first: Candidate, second: Candidate) -> Candidate:
     )
 
 
-def _own(one: Candidate, size: Array) -> Array:
+def _scale_size(one: Candidate, size: Array) -> Array:
     """Return the size [its unit] of one of two causes; of one without sizes that it is there."""
     return size * one.scale if one.cause.sized else np.ones(1)
 
 
-def _worded(one: Fit, first: Candidate, second: Candidate) -> Fit:
+def _add_words(one: Fit, first: Candidate, second: Candidate) -> Fit:
     """Return the fit of a pair whose cause says both sizes in their units."""
     words = [
-        c.cause.words.format(target=c.target or "all", size=amount(size, c.cause.unit))
-        for c, size in _sizes(one, first, second)
+        c.cause.words.format(target=c.target or "all", size=describe_size(size, c.cause.unit))
+        for c, size in _split_size(one, first, second)
     ]
     made = Cause(**{**vars(one.cause), "words": "two at once: " + "; and ".join(words)})
     return Fit(made, one.target, one.size, one.left, one.column)
 
 
-def _likely(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, Candidate]]:
+def _list_likely_pairs(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, Candidate]]:
     """Return the pairs that leave least in the linear look, least first."""
     sized = [c for c in usable if c.cause.sized]
-    bases = [_orthonormal(c.columns) for c in sized]
+    bases = [_compute_orthonormal_basis(c.columns) for c in sized]
     total = float(residual @ residual)
     found: list[tuple[float, int, Candidate, Candidate]] = []
     for i, (a, q) in enumerate(zip(sized[:-1], bases[:-1], strict=True)):
         rest = residual - q @ (q.T @ residual)
         others = np.hstack(bases[i + 1 :])
-        found += _beside(a, sized[i + 1 :], others - q @ (q.T @ others), rest, len(found))
+        found += _list_pair_remainders(a, sized[i + 1 :], others - q @ (q.T @ others), rest, len(found))
     return [(a, b) for left, _, a, b in sorted(found, key=lambda one: one[:2]) if left <= LINEAR**2 * total]
 
 
-def _after(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple[Candidate, Candidate]]:
+def _list_sequential_pairs(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple[Candidate, Candidate]]:
     """Return pairs of a cause that is there or not and a sized one, by the columns of the subject with the first one in it."""
     there = [(float(np.linalg.norm(residual - c.columns[:, 0])), k) for k, c in enumerate(usable) if not c.cause.sized]
     total = float(np.linalg.norm(residual))
@@ -133,13 +135,14 @@ def _after(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple
         harmed = replace(model, base=base, torque=model.torques(base))
         causes = {c.cause.name: c.cause for c in usable if c.cause.sized}
         others = [
-            (fit(harmed, residual - one.columns[:, 0], c).left, n, c) for n, c in enumerate(candidates(harmed, causes))
+            (fit(harmed, residual - one.columns[:, 0], c).left, n, c)
+            for n, c in enumerate(list_candidates(harmed, causes))
         ]
         found += [(one, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]
     return found
 
 
-def _beside(
+def _list_pair_remainders(
     one: Candidate, others: list[Candidate], columns: Array, rest: Array, before: int
 ) -> list[tuple[float, int, Candidate, Candidate]]:
     """Return the residual of every other cause beside one, |rest|^2 less its gain [-], with its number and the pair."""
@@ -147,19 +150,19 @@ def _beside(
     at = 0
     found: list[tuple[float, int, Candidate, Candidate]] = []
     for b in others:
-        width = _rank(b)
+        width = _compute_rank(b)
         block = columns[:, at : at + width]
         at = at + width
         if one.cause.parameters + b.cause.parameters <= NUMBERS:
-            found.append((have - _gain(block, rest), before + len(found), one, b))
+            found.append((have - _compute_gain(block, rest), before + len(found), one, b))
     return found
 
 
-def _rank(one: Candidate) -> int:
-    return int(_orthonormal(one.columns).shape[1])
+def _compute_rank(one: Candidate) -> int:
+    return int(_compute_orthonormal_basis(one.columns).shape[1])
 
 
-def _gain(block: Array, rest: Array) -> float:
+def _compute_gain(block: Array, rest: Array) -> float:
     """Return the amount of |rest|^2 that a block of columns explains [-]."""
     seen = block.T @ rest
     if block.shape[1] == 1:
@@ -168,17 +171,17 @@ def _gain(block: Array, rest: Array) -> float:
     return float(seen @ np.linalg.pinv(block.T @ block, rcond=DEPENDENT, hermitian=True) @ seen)
 
 
-def _orthonormal(columns: Array) -> Array:
+def _compute_orthonormal_basis(columns: Array) -> Array:
     left, values, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, values > SMALL * values.max(initial=0.0)])
 
 
-def within(both: Fit, alone: Fit) -> bool:
+def is_part_of_pair(both: Fit, alone: Fit) -> bool:
     """Return True if a fit is one of the two parts of a pair."""
     both_keys = zip(both.cause.name.split(AND), both.target.split(AND), strict=False)
     return AND in both.cause.name and alone.key in both_keys
 
 
-def parts(name: str) -> Iterator[str]:
+def split_name(name: str) -> Iterator[str]:
     """Yield the names of the causes in a name: two of a pair, else one."""
     yield from name.split(AND)

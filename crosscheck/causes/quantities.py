@@ -47,11 +47,13 @@ class Quantities:
             return ()  # only the amplitude of its effect on the efforts is known
         harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
         found = dict.fromkeys(
-            name.split("/", 1)[0] for name in self._known(harmed) if not self._holds(name, harmed[name].values, fit)
+            name.split("/", 1)[0]
+            for name in self._list_common_names(harmed)
+            if not self._is_explained(name, harmed[name].values, fit)
         )
         return tuple(q for q in found if q not in fit.cause.unsaid)
 
-    def fitted(self, fit: Fit) -> Fit:
+    def fit_size(self, fit: Fit) -> Fit:
         """Return the fit with the size that explains all quantities best (Gauss-Newton from that of the efforts)."""
         cause = fit.cause
         size = fit.size
@@ -59,17 +61,19 @@ class Quantities:
         step = PROBE[base.mechanism.is_rigid] * cause.scale(self.model, fit.target)
         for _ in range(ROUNDS[base.mechanism.is_rigid]):
             here = self.model.series(cause.change(base, fit.target, size))
-            names = self._known(here)
-            left = self._column(names, self.engine, self.reference) - self._column(names, here, self.model.unharmed)
-            moved = [self._moved(fit, size + step * u) or here for u in np.eye(len(size))]
-            slope = np.stack([self._column(names, one, here) / step for one in moved], axis=1)
+            names = self._list_common_names(here)
+            left = self._assemble_column(names, self.engine, self.reference) - self._assemble_column(
+                names, here, self.model.unharmed
+            )
+            moved = [self._compute_series_or_none(fit, size + step * u) or here for u in np.eye(len(size))]
+            slope = np.stack([self._assemble_column(names, one, here) / step for one in moved], axis=1)
             size = size + np.linalg.lstsq(slope, left, rcond=SMALL)[0]
         return replace(fit, size=size)
 
     def apart(self) -> dict[str, float]:
         """Return the quantities in which the engines are farther apart than they agree, each over its range [-]."""
         found: dict[str, float] = {}
-        for name in self._known(self.model.unharmed):
+        for name in self._list_common_names(self.model.unharmed):
             size = float(np.abs(self.engine[name].values - self.reference[name].values).max())
             if size > self.agreed[name]:
                 whole = scale_of_one(self.reference, name)
@@ -78,7 +82,7 @@ class Quantities:
 
     def difference(self) -> Array:
         """Return the difference of the engines in all quantities, over how far they may be apart, as one column [-]."""
-        return self._column(self._known(self.model.unharmed), self.engine, self.reference)
+        return self._assemble_column(self._list_common_names(self.model.unharmed), self.engine, self.reference)
 
     def look(self, cause: Cause, target: str) -> Fit:
         """Return the linear fit of a cause to all quantities; raises like a run."""
@@ -89,10 +93,10 @@ class Quantities:
         step = PROBE[rigid] * cause.scale(self.model, target)
         moved = [self.model.series(cause.change(base, target, step * u)) for u in np.eye(cause.parameters)]
         names = [
-            n for n in self._known(self.model.unharmed) if all(n in one for one in moved)
+            n for n in self._list_common_names(self.model.unharmed) if all(n in one for one in moved)
         ]  # not all reactions stay unique
-        difference = self._column(names, self.engine, self.reference)
-        slope = np.stack([self._column(names, one, self.model.unharmed) / step for one in moved], axis=1)
+        difference = self._assemble_column(names, self.engine, self.reference)
+        slope = np.stack([self._assemble_column(names, one, self.model.unharmed) / step for one in moved], axis=1)
         size = np.linalg.lstsq(slope, difference, rcond=SMALL)[0]
         left = float(np.linalg.norm(difference - slope @ size) / np.linalg.norm(difference))
         return Fit(cause, target, np.asarray(size), left, np.asarray(slope @ size))
@@ -100,34 +104,34 @@ class Quantities:
     def judged(self, fit: Fit) -> Fit:
         """Return a fit with what it explains of all quantities at its size, and what it leaves [-]; raises like a run."""
         harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
-        names = self._known(harmed)
-        difference = self._column(names, self.engine, self.reference)
-        column = self._column(names, harmed, self.model.unharmed)
+        names = self._list_common_names(harmed)
+        difference = self._assemble_column(names, self.engine, self.reference)
+        column = self._assemble_column(names, harmed, self.model.unharmed)
         return replace(fit, column=column, left=float(np.linalg.norm(difference - column) / np.linalg.norm(difference)))
 
-    def _moved(self, fit: Fit, size: Array) -> Mapping[str, Series] | None:
+    def _compute_series_or_none(self, fit: Fit, size: Array) -> Mapping[str, Series] | None:
         """Return all that flexinv gives with another size, None where it leaves no mechanism that runs."""
         try:
             return self.model.series(fit.cause.change(self.model.base, fit.target, size))
         except IMPOSSIBLE:
             return None
 
-    def _column(self, names: list[str], a: Mapping[str, Series], b: Mapping[str, Series]) -> Array:
+    def _assemble_column(self, names: list[str], a: Mapping[str, Series], b: Mapping[str, Series]) -> Array:
         """Return the differences of series, over how far the engines may be apart, as one column [-]."""
         parts = [(a[n].values - b[n].values) / self.agreed[n] for n in names if self.agreed[n]]
         return np.concatenate(parts) if parts else np.zeros(0)
 
-    def _known(self, harmed: Mapping[str, Series]) -> list[str]:
+    def _list_common_names(self, harmed: Mapping[str, Series]) -> list[str]:
         names = (n for n, s in self.engine.items() if s.quantity in COMPARED and n in self.agreed)
         return [n for n in names if n in harmed and n in self.model.unharmed]
 
-    def _holds(self, name: str, harmed: Array, fit: Fit) -> bool:
+    def _is_explained(self, name: str, harmed: Array, fit: Fit) -> bool:
         seen = self.engine[name].values - self.reference[name].values
         told = harmed - self.model.unharmed[name].values
-        allowed = SURE_TIMES * self.agreed[name] + self._uncertain(name, told, fit)
+        allowed = SURE_TIMES * self.agreed[name] + self._compute_uncertainty(name, told, fit)
         return bool(np.abs(seen - told).max() <= allowed)
 
-    def _uncertain(self, name: str, told: Array, fit: Fit) -> float:
+    def _compute_uncertainty(self, name: str, told: Array, fit: Fit) -> float:
         """Return the uncertainty of a quantity by the size of a fit and the long step of columns [unit]."""
         part = min(MARCHED, fit.left) if self.model.base.mechanism.is_rigid else MARCHED
         return part * float(np.abs(told).max())
@@ -140,7 +144,7 @@ def scale_of_one(reference: Mapping[str, Series], name: str) -> float:
     return signal_range(alike) or 1.0
 
 
-def quantities(model: Model, engine: Record, reference: Record) -> Quantities:
+def collect_quantities(model: Model, engine: Record, reference: Record) -> Quantities:
     """Return all that two records have in common, with the bars, limits [of the range] and rounding that they agree to."""
     agreed: dict[str, float] = {}
     limits = model.base.case.limits

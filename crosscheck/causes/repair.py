@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.causes.fit import IMPOSSIBLE, Fit, corrected
-from crosscheck.causes.model import Model, answered
+from crosscheck.causes.fit import IMPOSSIBLE, Fit, fit_to_remainder
+from crosscheck.causes.model import Model, apply_to_record
 from crosscheck.causes.subject import Array, Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import Adapter, is_repeatable
@@ -39,12 +39,12 @@ class Repair:
         """Largest difference left over the range [-], infinite where no run could be made."""
         return np.inf if self.left is None else self.left
 
-    def heals(self, enough: float) -> bool:
+    def is_sufficient(self, enough: float) -> bool:
         """Return True if nothing beyond ``enough`` [-] is left, or nothing could be run."""
         return self.left is None or self.left <= enough
 
 
-def repair(
+def apply_repair(
     model: Model,
     fit: Fit,
     engine: str,
@@ -61,25 +61,25 @@ def repair(
     # Only the amplitude of a linear cause's effect is known: no run has it.
     if fit.cause.linear:
         return Repair(fit)
-    put_in = put_into_reference(model, fit, record, enough)
+    put_in = add_to_reference(model, fit, record, enough)
     taken_out = take_out(model, put_in.fit, engine, reference, door)
     return taken_out if taken_out.most < put_in.most else put_in
 
 
-def put_into_reference(model: Model, fit: Fit, record: Record, enough: float) -> Repair:
+def add_to_reference(model: Model, fit: Fit, record: Record, enough: float) -> Repair:
     """Return the repair of the reference: the cause is put in, its size corrected by the remainders of full runs."""
     best = Repair(fit)
     for _ in range(1 + ROUNDS):
-        left = _left_with(model, fit, record)
+        left = _compute_remainder(model, fit, record)
         if left is None:
             break
-        found = Repair(fit, _largest(left), "put into the reference")
+        found = Repair(fit, _find_largest(left), "put into the reference")
         if found.most >= best.most:
             break
         best = found
-        if best.heals(enough) or not fit.cause.sized or fit.cause.guess is not None:
+        if best.is_sufficient(enough) or not fit.cause.sized or fit.cause.guess is not None:
             break
-        better = corrected(model, fit, left)
+        better = fit_to_remainder(model, fit, left)
         if better is None:
             break
         fit = better
@@ -91,17 +91,17 @@ def take_out(model: Model, fit: Fit, engine: str, reference: Record, door: Adapt
     again = door is None or is_repeatable(door)
     if not again or not fit.cause.sized or fit.cause.plant is not None:
         return Repair(fit)
-    opposite = _changed(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing
+    opposite = _apply_cause(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing
     healed = None if opposite is None else _run(engine, opposite, door)
     if healed is None:
         return Repair(fit)
-    largest = _largest(model.residual(healed, reference))
+    largest = _find_largest(model.residual(healed, reference))
     return Repair(fit, largest, f"taken out of {engine}") if np.isfinite(largest) else Repair(fit)
 
 
-def _left_with(model: Model, fit: Fit, record: Record) -> Array | None:
+def _compute_remainder(model: Model, fit: Fit, record: Record) -> Array | None:
     """Return the difference of the engine from the reference with the cause (samples nv,) [-], None where there is none."""
-    harmed = _changed(fit, model, fit.size)
+    harmed = _apply_cause(fit, model, fit.size)
     other = None if harmed is None else _run("flexinv", harmed)
     if other is None:
         return None
@@ -109,7 +109,7 @@ def _left_with(model: Model, fit: Fit, record: Record) -> Array | None:
     return left if np.isfinite(left).all() else None
 
 
-def _changed(fit: Fit, model: Model, size: Array) -> Subject | None:
+def _apply_cause(fit: Fit, model: Model, size: Array) -> Subject | None:
     """Return the mechanism with the cause of this size [its unit], None where there is no such mechanism."""
     try:
         return fit.cause.change(model.base, fit.target, size)
@@ -117,7 +117,7 @@ def _changed(fit: Fit, model: Model, size: Array) -> Subject | None:
         return None
 
 
-def _largest(left: Array) -> float:
+def _find_largest(left: Array) -> float:
     return float(np.abs(left).max())
 
 
@@ -127,6 +127,6 @@ def _run(engine: str, subject: Subject, door: Adapter | None = None) -> Record |
         behind = door or adapter(ENGINES[engine])
         record = behind.run(subject.mechanism, subject.case, engine, {"error": False})
         # no filter looks ahead: it cannot be undone
-        return answered(record, subject) if record.status == "ok" else None
+        return apply_to_record(record, subject) if record.status == "ok" else None
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return None

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fault_benches import Bench
-from crosscheck.causes.fit import IMPOSSIBLE, Candidate, candidates
-from crosscheck.causes.model import Model, answered, model_of
-from crosscheck.causes.naming import Naming, name
-from crosscheck.causes.quantities import Quantities, quantities
+from crosscheck.causes.fit import IMPOSSIBLE, Candidate, list_candidates
+from crosscheck.causes.model import Model, apply_to_record, make_model
+from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.quantities import Quantities, collect_quantities
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
@@ -100,23 +100,23 @@ def prepare(bench: Bench, models: Path) -> Setting:
     subject = Subject(mechanism, case, options)
     bars = not mechanism.is_rigid
     reference = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": bars})
-    model = model_of(replace(subject, options={}), reference)
+    model = make_model(replace(subject, options={}), reference)
     clean = ask(bench, subject)
     noise = ROUNDING
-    agreed = quantities(model, clean, reference).agreed
+    agreed = collect_quantities(model, clean, reference).agreed
     if bars:
-        finer = ask(bench, subject.with_options(refinement=1))
+        finer = ask(bench, subject.update_options(refinement=1))
         own = max(
             float(np.max(s.error)) for s in reference.series.values() if s.error is not None and s.quantity == "torque"
         )
         # Both of second order: the error of the coarse run is 4/3 of what halving does.
         noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
-        agreed = apart(reference, clean, finer)
+        agreed = compute_allowed_differences(reference, clean, finer)
     ours = certify(mechanism, case, "flexinv")
-    return Setting(bench, subject, model, reference, clean, ours, candidates(model, DICTIONARY), noise, agreed)
+    return Setting(bench, subject, model, reference, clean, ours, list_candidates(model, DICTIONARY), noise, agreed)
 
 
-def apart(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
+def compute_allowed_differences(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
     """Return by series how far an engine and the reference may be apart [unit]: error bars, and what halving its step does."""
     found = {}
     for key, one in clean.series.items():
@@ -133,10 +133,10 @@ def ask(bench: Bench, subject: Subject) -> Record:
     """Return the record of the bench's engine for a subject: the engine's own run, then the changes of its efforts."""
     engine = adapter(ENGINES[bench.engine])
     record = engine.run(subject.mechanism, subject.case, bench.engine, subject.options)
-    return answered(record, subject)
+    return apply_to_record(record, subject)
 
 
-def softened(setting: Setting, size: float) -> Record:
+def apply_soft_constraint(setting: Setting, size: float) -> Record:
     """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give.
 
     Stiffness multiplies what rounding leaves open of the loops: they carry error bars of rounding, as in `crosscheck run`.
@@ -155,7 +155,7 @@ def softened(setting: Setting, size: float) -> Record:
     return replace(setting.clean, series={**setting.clean.series, **mixed})
 
 
-def widened(setting: Setting, harmed: Record) -> Setting:
+def add_error_bars(setting: Setting, harmed: Record) -> Setting:
     """Return the setting with the error bars [unit] that a harmed engine states of its torques beside those of the unharmed."""
     bars = {
         n: float(np.max(s.error)) for n, s in harmed.series.items() if s.quantity == "torque" and s.error is not None
@@ -165,19 +165,19 @@ def widened(setting: Setting, harmed: Record) -> Setting:
     return replace(setting, noise=noise, agreed=agreed)
 
 
-def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
+def run_fault(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
     """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it.
 
     A fault that makes a plane mechanism spatial gives Exudyn other elements with other errors: it is planted elsewhere.
     """
-    for numbers in _numbers(candidate, size):
+    for numbers in _list_fault_sizes(candidate, size):
         with suppress(*IMPOSSIBLE, RuntimeError, KeyError):
-            if (found := _planted(setting, candidate, size, numbers)) is not None:
+            if (found := _run_fault_of_size(setting, candidate, size, numbers)) is not None:
                 return found
     return None
 
 
-def _numbers(candidate: Candidate, size: float) -> list[NDArray[np.float64]]:
+def _list_fault_sizes(candidate: Candidate, size: float) -> list[NDArray[np.float64]]:
     """Return the sizes to plant [unit], the first that can be: along no axis, where it shows, where it shows most, backwards.
 
     Out of its plane a loop does not close, and a body at the end of its beam can only go back.
@@ -192,34 +192,36 @@ def _numbers(candidate: Candidate, size: float) -> list[NDArray[np.float64]]:
     return [sign * size * candidate.scale * unit for sign in (1.0, -1.0) for unit in units]
 
 
-def _planted(setting: Setting, candidate: Candidate, size: float, numbers: NDArray[np.float64]) -> Planted | None:
+def _run_fault_of_size(
+    setting: Setting, candidate: Candidate, size: float, numbers: NDArray[np.float64]
+) -> Planted | None:
     """Plant numbers [unit] of a cause; raises like a run."""
     cause = candidate.cause
     target = candidate.target
     subject = setting.subject
     if cause.name == SOFT:
-        harmed = softened(setting, size)
-        setting = widened(setting, harmed)
+        harmed = apply_soft_constraint(setting, size)
+        setting = add_error_bars(setting, harmed)
     else:
         subject = (cause.plant or cause.change)(setting.subject, target, numbers)
         engine = adapter(ENGINES[setting.bench.engine])
         if engine.unsupported(subject.mechanism, subject.case, setting.bench.engine):
             return None  # it would leave out what was planted
-        if _element(setting, subject) != setting.clean.settings.get("element"):
+        if _find_element(setting, subject) != setting.clean.settings.get("element"):
             return None
         harmed = ask(setting.bench, subject)
     if harmed.status != "ok":
         return None
-    naming = named(setting, harmed, subject)
+    naming = find_fault_causes(setting, harmed, subject)
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
     told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
-    found = outcome(naming, cause.name, target)
+    found = judge_causes(naming, cause.name, target)
     return Planted(
         setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
     )
 
 
-def _element(setting: Setting, subject: Subject) -> object:
+def _find_element(setting: Setting, subject: Subject) -> object:
     """Return the element that the engine takes for a subject, by a run of two samples; None where nothing bends."""
     if subject.mechanism.is_rigid:
         return None
@@ -227,34 +229,34 @@ def _element(setting: Setting, subject: Subject) -> object:
     return ask(setting.bench, replace(subject, case=short, effort=())).settings.get("element")
 
 
-def named(setting: Setting, harmed: Record, subject: Subject) -> Naming:
+def find_fault_causes(setting: Setting, harmed: Record, subject: Subject) -> Naming:
     """Return the naming of a harmed engine, from its efforts and the certificate of its model of the harmed mechanism."""
     residual = setting.model.residual(harmed, setting.reference)
     if float(np.abs(residual).max()) <= setting.noise:
-        return name(setting.model, residual, setting.noise, setting.known)
-    theirs = _certified(setting.bench.engine, subject.mechanism, setting.subject.case)
+        return find_causes(setting.model, residual, setting.noise, setting.known)
+    theirs = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)
     others = Quantities(setting.model, harmed.series, setting.reference.series, setting.agreed)
     evidence = Evidence(setting.model, residual, theirs, setting.certificate, others)
-    return name(setting.model, residual, setting.noise, setting.known, evidence)
+    return find_causes(setting.model, residual, setting.noise, setting.known, evidence)
 
 
-def _certified(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
+def _compute_certificate(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
     """Return the certificate of an engine's own model; an empty one where it says nothing."""
     try:
-        found: Certificate = certifier(engine)(mechanism, case, engine)
+        found: Certificate = find_certifier(engine)(mechanism, case, engine)
     except (*IMPOSSIBLE, RuntimeError):
         return Certificate()
     return found
 
 
-def certifier(engine: str) -> Callable[..., Any]:
+def find_certifier(engine: str) -> Callable[..., Any]:
     """Return the member ``certify`` of an engine's adapter."""
     certify = offered(adapter(ENGINES[engine]), "certify")
     assert certify is not None
     return certify
 
 
-def outcome(naming: Naming, cause: str, target: str) -> str:
+def judge_causes(naming: Naming, cause: str, target: str) -> str:
     """Return the grade of a naming when a cause was planted at a target."""
     if not naming.found:
         return "unseen"
@@ -267,20 +269,20 @@ def outcome(naming: Naming, cause: str, target: str) -> str:
     return "first" if naming.named[0].key == (cause, target) else "in the set"
 
 
-def loosened(closure: Closure) -> Closure:
+def make_loose_closure(closure: Closure) -> Closure:
     """Return a closure that lets a point slide across the axis about which it should only turn."""
     across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
     return replace(closure, kind="point-on-line", axis=across / np.linalg.norm(across))
 
 
-def wrong_rank(setting: Setting) -> Planted | None:
+def run_rank_fault(setting: Setting) -> Planted | None:
     """Let a closure of the engine's model tie less than it should; only the certificate can say so: there are no efforts."""
     mechanism = setting.subject.mechanism
     case = setting.subject.case
     if not mechanism.closures:
         return None
-    loose = (loosened(mechanism.closures[0]), *mechanism.closures[1:])
-    ask_of = {e: certifier(e) for e in (setting.bench.engine, "flexinv")}
+    loose = (make_loose_closure(mechanism.closures[0]), *mechanism.closures[1:])
+    ask_of = {e: find_certifier(e) for e in (setting.bench.engine, "flexinv")}
     theirs = ask_of[setting.bench.engine](replace(mechanism, closures=loose), case, setting.bench.engine)
     lines = checks(
         mechanism.name, case.name, setting.bench.engine, theirs, ask_of["flexinv"](mechanism, case, "flexinv")
@@ -291,14 +293,14 @@ def wrong_rank(setting: Setting) -> Planted | None:
     return Planted(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
 
 
-def unharmed(setting: Setting) -> Planted:
+def run_without_fault(setting: Setting) -> Planted:
     """Return the result for the engine as it is: nothing may be named."""
-    naming = named(setting, setting.clean, setting.subject)
+    naming = find_fault_causes(setting, setting.clean, setting.subject)
     found = "another" if naming.named else "silent"
     return Planted(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
 
 
-def faults(
+def list_faults(
     setting: Setting, sizes: Sequence[float], causes: Sequence[str], targets: int
 ) -> Iterator[tuple[Candidate, float]]:
     """Yield what to plant: every cause at its first and last targets that show, in every size [-].
@@ -313,14 +315,14 @@ def faults(
             places.setdefault(one.cause.name, []).append(one)
     for name_of, known in places.items():
         once = not causes and name_of in bench.more
-        picked = known[:1] if once else _ends(known, targets)
+        picked = known[:1] if once else _take_first_and_last(known, targets)
         for one in picked:
             fitted = one.cause.sized and not one.cause.linear
             for size in (sizes[-1:] if once else sizes) if fitted else (1.0,):
                 yield one, size
 
 
-def _ends(known: list[Candidate], count: int) -> list[Candidate]:
+def _take_first_and_last(known: list[Candidate], count: int) -> list[Candidate]:
     """Return the first and the last of the places of a cause, count of them [-]."""
     return known if len(known) <= count else [known[0], *known[len(known) - count + 1 :]][:count]
 
@@ -330,10 +332,12 @@ def run_bench(
 ) -> list[Planted]:
     """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
     setting = prepare(bench, models)
-    rows = [unharmed(setting)]
+    rows = [run_without_fault(setting)]
     rows += [
-        row for one, size in faults(setting, sizes, causes, targets) if (row := plant(setting, one, size)) is not None
+        row
+        for one, size in list_faults(setting, sizes, causes, targets)
+        if (row := run_fault(setting, one, size)) is not None
     ]
     wanted = causes or bench.causes
-    ranked = wrong_rank(setting) if not wanted or RANK in wanted else None
+    ranked = run_rank_fault(setting) if not wanted or RANK in wanted else None
     return rows if ranked is None else [*rows, ranked]

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.causes.fit import IMPOSSIBLE, Fit, effect
-from crosscheck.causes.model import Model, is_tree, open_tree, scales
+from crosscheck.causes.fit import IMPOSSIBLE, Fit, compute_effect
+from crosscheck.causes.model import Model, compute_effort_scales, is_tree, open_tree
 from crosscheck.causes.subject import Array, States
 from flexinv.model.mechanism import Mechanism
 
@@ -21,19 +21,19 @@ SAMPLES = 41
 SWING = 0.6  # [rad], [m] of the trial motions
 
 
-def separating(model: Model, fits: Sequence[Fit]) -> str:
+def find_separating_motion(model: Model, fits: Sequence[Fit]) -> str:
     """Return the trial motion that tells all of the causes apart, or what is known of them in words."""
     if is_tree(model.base):
         for words, trial in TRIALS.items():
-            if _tells(_on(model, trial), fits):
+            if _can_separate(_replace_motion(model, trial), fits):
                 return words
     return "; or ".join(dict.fromkeys(f.cause.shows for f in fits))
 
 
-def _tells(model: Model, fits: Sequence[Fit]) -> bool:
+def _can_separate(model: Model, fits: Sequence[Fit]) -> bool:
     """Return True if no two of the causes have parallel columns; one that does not show is told by its absence."""
     try:
-        columns = [effect(model, f.cause, f.target, f.size) for f in fits]
+        columns = [compute_effect(model, f.cause, f.target, f.size) for f in fits]
     except IMPOSSIBLE:
         return False
     large = max(float(np.linalg.norm(c)) for c in columns)
@@ -42,11 +42,11 @@ def _tells(model: Model, fits: Sequence[Fit]) -> bool:
     return large > 0.0 and all(np.sqrt(max(0.0, 1.0 - float(a @ b) ** 2)) > APART for a, b in pairs)
 
 
-def _on(model: Model, trial: Callable[[Mechanism, Array], States]) -> Model:
+def _replace_motion(model: Model, trial: Callable[[Mechanism, Array], States]) -> Model:
     """Return the model of the same subject in another motion."""
     mechanism = model.base.mechanism
     states = trial(mechanism, np.linspace(0.0, 1.0, SAMPLES))
-    subject = model.base.with_states(lambda harmed, given: states)
+    subject = model.base.add_state_change(lambda harmed, given: states)
     torque = open_tree(mechanism, states)
     return replace(
         model,
@@ -54,11 +54,11 @@ def _on(model: Model, trial: Callable[[Mechanism, Array], States]) -> Model:
         rows=np.arange(SAMPLES),
         states=states,
         torque=torque,
-        scale=scales(mechanism, torque),
+        scale=compute_effort_scales(mechanism, torque),
     )
 
 
-def _waves(mechanism: Mechanism, time: Array, pace: float) -> States:
+def _evaluate_sine_motion(mechanism: Mechanism, time: Array, pace: float) -> States:
     """Every scalar joint swings at a rhythm of its own, others rest; pace [-] scales speeds, its square accelerations."""
     q = np.tile(mechanism.neutral, (len(time), 1))
     qd = np.zeros((len(time), mechanism.nv))
@@ -75,7 +75,11 @@ def _waves(mechanism: Mechanism, time: Array, pace: float) -> States:
 
 
 TRIALS: dict[str, Callable[[Mechanism, Array], States]] = {
-    "holding still at several places": lambda mechanism, time: _waves(mechanism, time, 0.0),
-    "all joints moved slowly, each at a rhythm of its own": lambda mechanism, time: _waves(mechanism, time, 0.2),
-    "all joints moved quickly, each at a rhythm of its own": lambda mechanism, time: _waves(mechanism, time, 3.0),
+    "holding still at several places": lambda mechanism, time: _evaluate_sine_motion(mechanism, time, 0.0),
+    "all joints moved slowly, each at a rhythm of its own": lambda mechanism, time: _evaluate_sine_motion(
+        mechanism, time, 0.2
+    ),
+    "all joints moved quickly, each at a rhythm of its own": lambda mechanism, time: _evaluate_sine_motion(
+        mechanism, time, 3.0
+    ),
 }

@@ -47,62 +47,62 @@ class Subject:
     effort: tuple[EffortChange, ...] = ()
     dense: bool = False
 
-    def with_mechanism(self, **changes: Any) -> Subject:
+    def replace_mechanism(self, **changes: Any) -> Subject:
         """Return the subject with another mechanism; it is no longer what a URDF file says."""
         return replace(self, mechanism=replace(self.mechanism, urdf=None, **changes))
 
-    def with_joint(self, name: str, change: Callable[[Joint], Joint]) -> Subject:
+    def replace_joint(self, name: str, change: Callable[[Joint], Joint]) -> Subject:
         """Return the subject with one joint changed."""
-        return self.with_mechanism(joints=tuple(change(j) if j.name == name else j for j in self.mechanism.joints))
+        return self.replace_mechanism(joints=tuple(change(j) if j.name == name else j for j in self.mechanism.joints))
 
-    def with_closures(self, change: Callable[[Closure], Closure]) -> Subject:
+    def replace_closures(self, change: Callable[[Closure], Closure]) -> Subject:
         """Return the subject with every closure changed."""
-        return self.with_mechanism(closures=tuple(map(change, self.mechanism.closures)))
+        return self.replace_mechanism(closures=tuple(map(change, self.mechanism.closures)))
 
-    def with_joints(self, change: Callable[[Joint], Joint]) -> Subject:
+    def replace_joints(self, change: Callable[[Joint], Joint]) -> Subject:
         """Return the subject with every joint changed."""
-        return self.with_mechanism(joints=tuple(map(change, self.mechanism.joints)))
+        return self.replace_mechanism(joints=tuple(map(change, self.mechanism.joints)))
 
-    def with_link(self, name: str, change: Callable[[Link], Link]) -> Subject:
+    def replace_link(self, name: str, change: Callable[[Link], Link]) -> Subject:
         """Return the subject with one link changed."""
-        return self.with_mechanism(
+        return self.replace_mechanism(
             links=tuple(change(link) if link.name == name else link for link in self.mechanism.links)
         )
 
-    def with_links(self, change: Callable[[Link], Link]) -> Subject:
+    def replace_links(self, change: Callable[[Link], Link]) -> Subject:
         """Return the subject with every link changed."""
-        return self.with_mechanism(links=tuple(map(change, self.mechanism.links)))
+        return self.replace_mechanism(links=tuple(map(change, self.mechanism.links)))
 
     def with_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
         """Return the subject with one body changed; target : see ``bodies``."""
-        link, body = self.body_of(target)
-        return self.with_link(
+        link, body = self.find_body(target)
+        return self.replace_link(
             link, lambda one: replace(one, bodies=tuple(change(b) if b is body else b for b in one.bodies))
         )
 
-    def with_beam(self, name: str, change: Callable[[Beam], Beam]) -> Subject:
+    def replace_beam(self, name: str, change: Callable[[Beam], Beam]) -> Subject:
         """Return the subject with the beam of one link changed."""
 
-        def bent(link: Link) -> Link:
+        def update_link(link: Link) -> Link:
             assert link.beam is not None
             return replace(link, beam=change(link.beam))
 
-        return self.with_link(name, bent)
+        return self.replace_link(name, update_link)
 
-    def with_states(self, change: StateChange) -> Subject:
+    def add_state_change(self, change: StateChange) -> Subject:
         """Return the subject whose joint motion is changed before the engine gets it."""
         motion = ChangedMotion(self.case.motion.tracks, self.case.motion.duration, self.case.motion, change)
         return replace(self, case=replace(self.case, motion=motion))
 
-    def with_effort(self, change: EffortChange, dense: bool = False) -> Subject:
+    def add_effort_change(self, change: EffortChange, dense: bool = False) -> Subject:
         """Return the subject whose efforts are changed after the engine gave them; dense : it needs every sample."""
         return replace(self, effort=(*self.effort, change), dense=self.dense or dense)
 
-    def with_options(self, **options: Any) -> Subject:
+    def update_options(self, **options: Any) -> Subject:
         """Return the subject whose engine is told something else."""
         return replace(self, options={**self.options, **options})
 
-    def body_of(self, target: str) -> tuple[str, Body]:
+    def find_body(self, target: str) -> tuple[str, Body]:
         """Return link and body by name; of a link that was given another body, its first.  Raises InputError."""
         if target in self.bodies:
             return self.bodies[target]

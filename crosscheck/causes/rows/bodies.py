@@ -8,7 +8,17 @@ from dataclasses import replace
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.causes.cause import Cause, Change, bodies, mass, more_than_nothing, pull, pulled, reach, whole
+from crosscheck.causes.cause import (
+    Cause,
+    Change,
+    check_fraction,
+    compute_gravity_scale,
+    compute_mean_mass,
+    compute_typical_length,
+    list_bodies,
+    list_global_target,
+    list_gravity_target,
+)
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
 from flexinv.model.mechanism import Beam, Body, Inertia, Link
@@ -17,68 +27,68 @@ TURN = "all joints moved quickly, each at a rhythm of its own, so that the body 
 HOLD = "holding still at several places (gravity alone)"
 
 
-def _inertia(change: Callable[[Inertia, Array], Inertia]) -> Change:
+def _make_inertia_change(change: Callable[[Inertia, Array], Inertia]) -> Change:
     """Return the change of one body's inertia."""
 
-    def changed(subject: Subject, target: str, size: Array) -> Subject:
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
         return subject.with_body(target, lambda body: replace(body, inertia=change(body.inertia, size)))
 
-    return changed
+    return apply_change
 
 
-def _heavier(inertia: Inertia, size: Array) -> Inertia:
-    factor = 1.0 + more_than_nothing(size)
+def _scale_mass(inertia: Inertia, size: Array) -> Inertia:
+    factor = 1.0 + check_fraction(size)
     return inertia.replace_unchecked(mass=inertia.mass * factor, tensor=inertia.tensor * factor)
 
 
-def _shifted(inertia: Inertia, size: Array) -> Inertia:
+def _move_com(inertia: Inertia, size: Array) -> Inertia:
     return inertia.replace_unchecked(com=inertia.com + size)
 
 
-def _turned(inertia: Inertia, size: Array) -> Inertia:
+def _turn_tensor(inertia: Inertia, size: Array) -> Inertia:
     r = scipy.spatial.transform.Rotation.from_rotvec(size).as_matrix()
     return inertia.replace_unchecked(tensor=r @ inertia.tensor @ r.T)
 
 
-def _stretched(inertia: Inertia, size: Array) -> Inertia:
+def _scale_tensor(inertia: Inertia, size: Array) -> Inertia:
     return inertia.replace_unchecked(tensor=inertia.tensor * (1.0 - float(size[0])))
 
 
-def _moved(sign: float) -> Callable[[Inertia, Array], Inertia]:
+def _make_parallel_axis_change(sign: float) -> Callable[[Inertia, Array], Inertia]:
     """Return the change to (or back from) the tensor about the frame's origin:  I + m (|c|^2 1 - c c^T)."""
 
-    def change(inertia: Inertia, size: Array) -> Inertia:
+    def update_inertia(inertia: Inertia, size: Array) -> Inertia:
         c = inertia.com
         steiner = inertia.mass * (c @ c * np.eye(3) - np.outer(c, c))
         return inertia.replace_unchecked(tensor=inertia.tensor + sign * float(size[0]) * steiner)
 
-    return change
+    return update_inertia
 
 
-def _off_centre(model: Model) -> list[str]:
-    return [name for name in bodies(model) if model.base.bodies[name][1].inertia.com.any()]
+def _list_eccentric_bodies(model: Model) -> list[str]:
+    return [name for name in list_bodies(model) if model.base.bodies[name][1].inertia.com.any()]
 
 
-def _missing(subject: Subject, target: str, size: Array) -> Subject:
-    link, body = subject.body_of(target)
-    return subject.with_link(link, lambda one: replace(one, bodies=tuple(b for b in one.bodies if b is not body)))
+def _remove_body(subject: Subject, target: str, size: Array) -> Subject:
+    link, body = subject.find_body(target)
+    return subject.replace_link(link, lambda one: replace(one, bodies=tuple(b for b in one.bodies if b is not body)))
 
 
-def _payload(subject: Subject, target: str, size: Array) -> Subject:
+def _add_payload(subject: Subject, target: str, size: Array) -> Subject:
     link = subject.mechanism.link_of[target]
     at, station = (link.tip, None) if link.beam is None else (np.zeros(3), 1.0)
     extra = Body("payload", Inertia.stated(float(size[0]), at), station)
-    return subject.with_link(target, lambda one: replace(one, bodies=(*one.bodies, extra)))
+    return subject.replace_link(target, lambda one: replace(one, bodies=(*one.bodies, extra)))
 
 
-def _carriers(model: Model) -> list[str]:
+def _list_links(model: Model) -> list[str]:
     return [link.name for link in model.base.mechanism.links]
 
 
-def _scaled(subject: Subject, target: str, size: Array) -> Subject:
-    factor = 1.0 + more_than_nothing(size)
+def _scale_all_masses(subject: Subject, target: str, size: Array) -> Subject:
+    factor = 1.0 + check_fraction(size)
 
-    def beam(one: Beam) -> Beam:
+    def update_beam(one: Beam) -> Beam:
         section = one.section
         return replace(
             one,
@@ -89,20 +99,20 @@ def _scaled(subject: Subject, target: str, size: Array) -> Subject:
             ),
         )
 
-    def link(one: Link) -> Link:
-        heavy = tuple(replace(b, inertia=_heavier(b.inertia, size)) for b in one.bodies)
-        return replace(one, bodies=heavy, beam=None if one.beam is None else beam(one.beam))
+    def update_link(one: Link) -> Link:
+        heavy = tuple(replace(b, inertia=_scale_mass(b.inertia, size)) for b in one.bodies)
+        return replace(one, bodies=heavy, beam=None if one.beam is None else update_beam(one.beam))
 
-    return subject.with_links(link)
+    return subject.replace_links(update_link)
 
 
-def _gravity(change: Callable[[Array, Array], Array]) -> Change:
+def _make_gravity_change(change: Callable[[Array, Array], Array]) -> Change:
     """Return the change of gravity (3,) [m/s^2] by a size."""
 
-    def changed(subject: Subject, target: str, size: Array) -> Subject:
-        return subject.with_mechanism(gravity=change(subject.mechanism.gravity, size))
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.replace_mechanism(gravity=change(subject.mechanism.gravity, size))
 
-    return changed
+    return apply_change
 
 
 # ------------------------------------------------------------------------------------------------------ fixed joints
@@ -112,7 +122,7 @@ OFFSET = "offset of "
 MASSLESS = "massless inertia on "
 
 
-def _fixed(model: Model) -> list[str]:
+def _list_fusing_errors(model: Model) -> list[str]:
     """Return the possible errors of fusing links into their parents: fixed joints whose child has inertia."""
     found = []
     for joint in model.base.mechanism.joints:
@@ -129,13 +139,13 @@ def _fixed(model: Model) -> list[str]:
     return found
 
 
-def _fused(subject: Subject, target: str, size: Array) -> Subject:
+def _join_link_to_parent(subject: Subject, target: str, size: Array) -> Subject:
     """Fuse a link without turning its tensor, without moving it by the joint's offset, or without what has no mass."""
     part = next(word for word in (ROTATION, OFFSET, MASSLESS) if target.startswith(word))
     joint = subject.mechanism.joint_of[target.removeprefix(part)]
     r = joint.placement.rotation
 
-    def body(one: Body) -> Body:
+    def update_body(one: Body) -> Body:
         inertia = one.inertia
         if part == ROTATION:
             inertia = inertia.replace_unchecked(tensor=r.T @ inertia.tensor @ r)
@@ -145,25 +155,39 @@ def _fused(subject: Subject, target: str, size: Array) -> Subject:
             inertia = inertia.replace_unchecked(tensor=np.zeros((3, 3)))
         return replace(one, inertia=inertia)
 
-    return subject.with_link(joint.child, lambda link: replace(link, bodies=tuple(map(body, link.bodies))))
+    return subject.replace_link(joint.child, lambda link: replace(link, bodies=tuple(map(update_body, link.bodies))))
 
 
 ROWS = (
-    Cause("gravity sign", "gravity points the other way", _gravity(lambda g, s: -g), pulled, 0, shows=HOLD),
-    Cause("gravity off", "gravity is not applied", _gravity(lambda g, s: 0.0 * g), pulled, 0, shows=HOLD),
+    Cause(
+        "gravity sign",
+        "gravity points the other way",
+        _make_gravity_change(lambda g, s: -g),
+        list_gravity_target,
+        0,
+        shows=HOLD,
+    ),
+    Cause(
+        "gravity off",
+        "gravity is not applied",
+        _make_gravity_change(lambda g, s: 0.0 * g),
+        list_gravity_target,
+        0,
+        shows=HOLD,
+    ),
     Cause(
         "gravity twice",
         "gravity is applied twice (as a field and as an acceleration of the base)",
-        _gravity(lambda g, s: 2.0 * g),
-        pulled,
+        _make_gravity_change(lambda g, s: 2.0 * g),
+        list_gravity_target,
         0,
         shows=HOLD,
     ),
     Cause(
         "gravity magnitude",
         "gravity differs by the fraction {size}",
-        _gravity(lambda g, s: g * (1.0 + float(s[0]))),
-        pulled,
+        _make_gravity_change(lambda g, s: g * (1.0 + float(s[0]))),
+        list_gravity_target,
         covers=("gravity sign", "gravity off", "gravity twice"),
         fraction=True,
         shows=HOLD,
@@ -171,33 +195,48 @@ ROWS = (
     Cause(
         "base acceleration",
         "the base is accelerated by {size} more (or gravity points elsewhere)",
-        _gravity(lambda g, s: g - s),
-        whole,
+        _make_gravity_change(lambda g, s: g - s),
+        list_global_target,
         3,
-        pull,
+        compute_gravity_scale,
         "m/s^2",
         covers=("gravity sign", "gravity off", "gravity twice", "gravity magnitude"),
         shows=HOLD,
     ),
-    Cause("mass scale", "all masses and inertias differ by the fraction {size}", _scaled, fraction=True, shows=HOLD),
+    Cause(
+        "mass scale",
+        "all masses and inertias differ by the fraction {size}",
+        _scale_all_masses,
+        fraction=True,
+        shows=HOLD,
+    ),
     Cause(
         "body mass",
         "mass and inertia of {target} differ by the fraction {size}",
-        _inertia(_heavier),
-        bodies,
+        _make_inertia_change(_scale_mass),
+        list_bodies,
         covers=("missing body",),
         fraction=True,
         shows=TURN,
     ),
-    Cause("missing body", "{target} is missing", _missing, bodies, 0, shows=TURN),
-    Cause("payload", "{target} carries {size} more at its tip", _payload, _carriers, 1, mass, "kg", shows=HOLD),
+    Cause("missing body", "{target} is missing", _remove_body, list_bodies, 0, shows=TURN),
+    Cause(
+        "payload",
+        "{target} carries {size} more at its tip",
+        _add_payload,
+        _list_links,
+        1,
+        compute_mean_mass,
+        "kg",
+        shows=HOLD,
+    ),
     Cause(
         "centre of mass shifted",
         "the centre of mass of {target} is shifted by {size}",
-        _inertia(_shifted),
-        bodies,
+        _make_inertia_change(_move_com),
+        list_bodies,
         3,
-        reach,
+        compute_typical_length,
         "m",
         covers=("fixed joint fused wrongly", "centres of mass scaled", "centre of mass mirrored"),
         shows=HOLD,
@@ -205,16 +244,16 @@ ROWS = (
     Cause(
         "inertia about the origin",
         "the inertia of {target} about its frame's origin is taken for the one about its centre of mass",
-        _inertia(_moved(1.0)),
-        _off_centre,
+        _make_inertia_change(_make_parallel_axis_change(1.0)),
+        _list_eccentric_bodies,
         0,
         shows=TURN,
     ),
     Cause(
         "inertia about the wrong point",
         "the inertia of {target} is taken about another point: {size} of m (|c|^2 1 - c c^T) is added",
-        _inertia(_moved(1.0)),
-        _off_centre,
+        _make_inertia_change(_make_parallel_axis_change(1.0)),
+        _list_eccentric_bodies,
         covers=("inertia about the origin",),
         fraction=True,
         shows=TURN,
@@ -222,8 +261,8 @@ ROWS = (
     Cause(
         "inertial frame rotated",
         "the inertia tensor of {target} is rotated by {size}",
-        _inertia(_turned),
-        bodies,
+        _make_inertia_change(_turn_tensor),
+        list_bodies,
         3,
         unit="rad",
         turns=True,
@@ -233,16 +272,16 @@ ROWS = (
     Cause(
         "rotary inertia dropped",
         "{target} is a point mass: its inertia about its centre of mass is dropped by the fraction {size}",
-        _inertia(_stretched),
-        bodies,
+        _make_inertia_change(_scale_tensor),
+        list_bodies,
         fraction=True,
         shows=TURN,
     ),
     Cause(
         "fixed joint fused wrongly",
         "fused into its parent without the {target}",
-        _fused,
-        _fixed,
+        _join_link_to_parent,
+        _list_fusing_errors,
         0,
         shows=TURN,
     ),

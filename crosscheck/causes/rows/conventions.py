@@ -8,8 +8,8 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, Change, closed, driven
-from crosscheck.causes.model import Model, is_tree, open_tree, without_closures
+from crosscheck.causes.cause import Cause, Change, list_closed_target, list_driven_joints
+from crosscheck.causes.model import Model, drop_closures, is_tree, open_tree
 from crosscheck.causes.subject import Array, EffortChange, States, Subject
 from crosscheck.measures.record import effort_units
 from flexinv.model.mechanism import Mechanism
@@ -22,7 +22,7 @@ ARROW = " <-> "
 ALPHABET = "alphabetical order"
 
 
-def _pairs(model: Model) -> list[str]:
+def _list_exchangeable_pairs(model: Model) -> list[str]:
     """Return the pairs of like coordinates that could be exchanged, and the alphabet where it is another order."""
     mechanism = model.base.mechanism
     units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
@@ -32,7 +32,7 @@ def _pairs(model: Model) -> list[str]:
     return found + ([ALPHABET] if sorted(names) != names and len(names) > 2 else [])
 
 
-def _order(mechanism: Mechanism, target: str) -> tuple[list[str], list[str]]:
+def _resolve_order(mechanism: Mechanism, target: str) -> tuple[list[str], list[str]]:
     """Return joints and the joints whose place they take."""
     if target != ALPHABET:
         a, b = target.split(ARROW)
@@ -41,91 +41,91 @@ def _order(mechanism: Mechanism, target: str) -> tuple[list[str], list[str]]:
     return names, sorted(names)
 
 
-def _exchanged(target: str) -> EffortChange:
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+def _make_effort_exchange(target: str) -> EffortChange:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         out = effort.copy()
-        for here, there in zip(*_order(mechanism, target), strict=True):
+        for here, there in zip(*_resolve_order(mechanism, target), strict=True):
             out[:, mechanism.v_slices[here]] = effort[:, mechanism.v_slices[there]]
         return out
 
-    return change
+    return update_effort
 
 
-def _efforts_exchanged(subject: Subject, target: str, size: Array) -> Subject:
-    return subject.with_effort(_exchanged(target))
+def _replace_effort_order(subject: Subject, target: str, size: Array) -> Subject:
+    return subject.add_effort_change(_make_effort_exchange(target))
 
 
-def _coordinates_exchanged(subject: Subject, target: str, size: Array) -> Subject:
+def _replace_coordinate_order(subject: Subject, target: str, size: Array) -> Subject:
     """Exchange motion and efforts: the engine has another order in and out."""
 
-    def moved(mechanism: Mechanism, states: States) -> States:
+    def update_states(mechanism: Mechanism, states: States) -> States:
         q = states.q.copy()
         qd = states.qd.copy()
         qdd = states.qdd.copy()
-        for here, there in zip(*_order(mechanism, target), strict=True):
+        for here, there in zip(*_resolve_order(mechanism, target), strict=True):
             q[:, mechanism.q_slices[there]] = states.q[:, mechanism.q_slices[here]]
             for new, old in ((qd, states.qd), (qdd, states.qdd)):
                 new[:, mechanism.v_slices[there]] = old[:, mechanism.v_slices[here]]
         return replace(states, q=q, qd=qd, qdd=qdd)
 
-    return subject.with_states(moved).with_effort(_exchanged(target))
+    return subject.add_state_change(update_states).add_effort_change(_make_effort_exchange(target))
 
 
-def _signed(change: Callable[[Mechanism, States, Array, str], Array]) -> Change:
-    def changed(subject: Subject, target: str, size: Array) -> Subject:
-        return subject.with_effort(lambda mechanism, states, effort: change(mechanism, states, effort, target))
+def _make_effort_change(change: Callable[[Mechanism, States, Array, str], Array]) -> Change:
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.add_effort_change(lambda mechanism, states, effort: change(mechanism, states, effort, target))
 
-    return changed
+    return apply_change
 
 
-def _negative(mechanism: Mechanism, states: States, effort: Array, target: str) -> Array:
+def _turn_effort_sign(mechanism: Mechanism, states: States, effort: Array, target: str) -> Array:
     out = effort.copy()
     columns = mechanism.v_slices[target] if target else slice(None)
     out[:, columns] = -out[:, columns]
     return out
 
 
-def _scaled(subject: Subject, target: str, size: Array) -> Subject:
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+def _scale_effort(subject: Subject, target: str, size: Array) -> Subject:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         out = effort.copy()
         out[:, mechanism.v_slices[target]] *= 1.0 + float(size[0])
         return out
 
-    return subject.with_effort(change)
+    return subject.add_effort_change(update_effort)
 
 
-def _late(subject: Subject, target: str, size: Array) -> Subject:
+def _move_motion_in_time(subject: Subject, target: str, size: Array) -> Subject:
     inner = subject.case.motion
 
-    def moved(mechanism: Mechanism, states: States) -> States:
+    def update_states(mechanism: Mechanism, states: States) -> States:
         return replace(
             states, **dict(zip(("q", "qd", "qdd"), inner.evaluate(mechanism, states.time - size[0]), strict=True))
         )
 
-    return subject.with_states(moved)
+    return subject.add_state_change(update_states)
 
 
-def _sampling(model: Model, target: str) -> float:
+def _compute_delay_scale(model: Model, target: str) -> float:
     return model.base.case.end / 10.0
 
 
-def _motions_exchanged(subject: Subject, target: str, size: Array) -> Subject:
+def _replace_motion_order(subject: Subject, target: str, size: Array) -> Subject:
     """Exchange the motion alone: what is given to one joint was meant for the other."""
 
-    def moved(mechanism: Mechanism, states: States) -> States:
+    def update_states(mechanism: Mechanism, states: States) -> States:
         q = states.q.copy()
         qd = states.qd.copy()
         qdd = states.qdd.copy()
-        for here, there in zip(*_order(mechanism, target), strict=True):
+        for here, there in zip(*_resolve_order(mechanism, target), strict=True):
             q[:, mechanism.q_slices[there]] = states.q[:, mechanism.q_slices[here]]
             for new, old in ((qd, states.qd), (qdd, states.qdd)):
                 new[:, mechanism.v_slices[there]] = old[:, mechanism.v_slices[here]]
         return replace(states, q=q, qd=qd, qdd=qdd)
 
-    return subject.with_states(moved)
+    return subject.add_state_change(update_states)
 
 
-def _laws(model: Model) -> list[str]:
+def _list_other_laws(model: Model) -> list[str]:
     """Return the laws that a motion from point to point does not follow."""
     tracks = model.base.case.motion.tracks
     if not tracks or any(track.sampling is not None for track in tracks):
@@ -133,102 +133,108 @@ def _laws(model: Model) -> list[str]:
     return [law for law in LAWS if any(track.law != law for track in tracks)]
 
 
-def _lawed(subject: Subject, target: str, size: Array) -> Subject:
+def _replace_motion_law(subject: Subject, target: str, size: Array) -> Subject:
     motion = subject.case.motion
     other = Motion(tuple(replace(track, law=target) for track in motion.tracks), motion.duration)
     return replace(subject, case=replace(subject.case, motion=other))
 
 
-def _smooth(model: Model) -> list[str]:
+def _list_smooth_target(model: Model) -> list[str]:
     """Return the one target of motions without jumps: what is late across a jump is not a small difference."""
     return [] if model.base.case.motion.jumps else [""]
 
 
-def _without_speed(subject: Subject, target: str, size: Array) -> Subject:
-    return subject.with_states(lambda mechanism, states: replace(states, qd=states.qd * 0.0))
+def _drop_speeds(subject: Subject, target: str, size: Array) -> Subject:
+    return subject.add_state_change(lambda mechanism, states: replace(states, qd=states.qd * 0.0))
 
 
-def _fast_tree(model: Model) -> list[str]:
+def _list_moving_tree_target(model: Model) -> list[str]:
     return [""] if is_tree(model.base) and model.states.qd.any() else []
 
 
-def _free(model: Model) -> list[str]:
+def _list_free_joints(model: Model) -> list[str]:
     return [j.name for j in model.base.mechanism.joints if j.kind == "free"] if is_tree(model.base) else []
 
 
-def _classical(sign: float) -> Change:
+def _make_classical_acceleration(sign: float) -> Change:
     """Return the change of a free joint's linear acceleration from components' rates to classical, or back."""
 
-    def change(subject: Subject, target: str, size: Array) -> Subject:
-        def moved(mechanism: Mechanism, states: States) -> States:
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        def update_states(mechanism: Mechanism, states: States) -> States:
             v = mechanism.v_slices[target]
             qdd = states.qdd.copy()
             rate = states.qd[:, v]
             qdd[:, v.start : v.start + 3] += sign * np.cross(rate[:, 3:], rate[:, :3])
             return replace(states, qdd=qdd)
 
-        return subject.with_states(moved)
+        return subject.add_state_change(update_states)
 
-    return change
+    return apply_change
 
 
-def _soft(subject: Subject, target: str, size: Array) -> Subject:
+def _apply_soft_closures(subject: Subject, target: str, size: Array) -> Subject:
     """Give part of the closures' share back to the joints: at 1 these are the open tree's efforts."""
-    whole = without_closures(subject).mechanism
+    whole = drop_closures(subject).mechanism
 
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         return np.asarray(effort + float(size[0]) * (open_tree(whole, states) - effort))
 
-    return subject.with_effort(change)
+    return subject.add_effort_change(update_effort)
 
 
 ROWS = (
     Cause(
         "order of efforts",
         "efforts come in another order: {target}",
-        _efforts_exchanged,
-        _pairs,
+        _replace_effort_order,
+        _list_exchangeable_pairs,
         0,
         shows=ALONE,
     ),
     Cause(
         "order of coordinates",
         "the engine's coordinates are in another order: {target}",
-        _coordinates_exchanged,
-        lambda model: [] if model.base.mechanism.closures else _pairs(model),
+        _replace_coordinate_order,
+        lambda model: [] if model.base.mechanism.closures else _list_exchangeable_pairs(model),
         0,
         shows=ALONE,
     ),
     Cause(
         "motions exchanged",
         "two joints are given each other's motion: {target}",
-        _motions_exchanged,
-        lambda model: [] if model.base.mechanism.closures else _pairs(model),
+        _replace_motion_order,
+        lambda model: [] if model.base.mechanism.closures else _list_exchangeable_pairs(model),
         0,
         shows=ALONE,
     ),
     Cause(
         "motion law",
         "the motion follows another law, {target}",
-        _lawed,
-        _laws,
+        _replace_motion_law,
+        _list_other_laws,
         0,
         shows="any motion, and the places of its links",
     ),
-    Cause("effort sign", "all efforts have the other sign", _signed(_negative), parameters=0, shows=ALONE),
+    Cause(
+        "effort sign",
+        "all efforts have the other sign",
+        _make_effort_change(_turn_effort_sign),
+        parameters=0,
+        shows=ALONE,
+    ),
     Cause(
         "effort sign of a joint",
         "the effort of {target} has the other sign",
-        _signed(_negative),
-        driven,
+        _make_effort_change(_turn_effort_sign),
+        list_driven_joints,
         0,
         shows=ALONE,
     ),
     Cause(
         "effort scale",
         "the effort of {target} is larger by the fraction {size} (a gear ratio, a unit)",
-        _scaled,
-        driven,
+        _scale_effort,
+        list_driven_joints,
         covers=("effort sign of a joint", "effort sign"),
         fraction=True,
         shows=ALONE,
@@ -236,41 +242,41 @@ ROWS = (
     Cause(
         "time offset",
         "the motion comes {size} late",
-        _late,
-        _smooth,
-        scale=_sampling,
+        _move_motion_in_time,
+        _list_smooth_target,
+        scale=_compute_delay_scale,
         unit="s",
         shows="the same path at another speed: the lag in time stays",
     ),
     Cause(
         "velocity terms dropped",
         "terms that go with velocities (centrifugal, Coriolis, damping) are missing",
-        _without_speed,
-        _fast_tree,
+        _drop_speeds,
+        _list_moving_tree_target,
         0,
         shows="the same path at twice the speed",
     ),
     Cause(
         "base acceleration convention",
         "the linear acceleration of {target} is taken as classical: omega x v is counted twice",
-        _classical(1.0),
-        _free,
+        _make_classical_acceleration(1.0),
+        _list_free_joints,
         0,
         shows="the base turning while it moves across its axis",
     ),
     Cause(
         "base acceleration convention (spatial)",
         "the linear acceleration of {target} is taken as classical: omega x v is missing",
-        _classical(-1.0),
-        _free,
+        _make_classical_acceleration(-1.0),
+        _list_free_joints,
         0,
         shows="the base turning while it moves across its axis",
     ),
     Cause(
         "soft constraint",
         "closures are soft: the fraction {size} of their share stays with the joints (1: the open tree's efforts)",
-        _soft,
-        closed,
+        _apply_soft_closures,
+        list_closed_target,
         shows="any motion: efforts at joints without a drive",
     ),
 )

@@ -7,7 +7,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, bodies, more_than_nothing
+from crosscheck.causes.cause import Cause, check_fraction, list_bodies
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
 from flexinv.model.mechanism import Inertia
@@ -32,23 +32,23 @@ ORDERS = {
 ALIKE = 1e-6  # of the larger one: moments of inertia that differ by less are the same
 
 
-def _pairs(model: Model) -> list[str]:
-    names = bodies(model)
+def _list_body_pairs(model: Model) -> list[str]:
+    names = list_bodies(model)
     pairs = combinations(names, 2) if len(names) <= MANY else pairwise(names)
     return [f"{a}{ARROW}{b}" for a, b in pairs]
 
 
-def _exchanged(subject: Subject, target: str, size: Array) -> Subject:
+def _replace_inertia_pair(subject: Subject, target: str, size: Array) -> Subject:
     a, b = target.split(ARROW)
-    first = subject.body_of(a)[1].inertia
-    second = subject.body_of(b)[1].inertia
+    first = subject.find_body(a)[1].inertia
+    second = subject.find_body(b)[1].inertia
     once = subject.with_body(a, lambda one: replace(one, inertia=second))
     return once.with_body(b, lambda one: replace(one, inertia=first))
 
 
-def _products(model: Model) -> list[str]:
+def _list_bodies_with_products(model: Model) -> list[str]:
     """Return the bodies with products of inertia, and "" for all where there are two or more."""
-    names = [n for n in bodies(model) if _has_products(model.base.bodies[n][1].inertia)]
+    names = [n for n in list_bodies(model) if _has_products(model.base.bodies[n][1].inertia)]
     return [*names, *([""] if len(names) > 1 else [])]
 
 
@@ -57,22 +57,24 @@ def _has_products(inertia: Inertia) -> bool:
     return bool(np.abs(off).max() > ALIKE * np.abs(inertia.tensor).max())
 
 
-def _opposite(inertia: Inertia) -> Inertia:
+def _turn_product_signs(inertia: Inertia) -> Inertia:
     return inertia.replace_unchecked(tensor=2.0 * np.diag(np.diag(inertia.tensor)) - inertia.tensor)
 
 
-def _signs(subject: Subject, target: str, size: Array) -> Subject:
+def _apply_product_signs(subject: Subject, target: str, size: Array) -> Subject:
     if target:
-        return subject.with_body(target, lambda b: replace(b, inertia=_opposite(b.inertia)))
-    return subject.with_links(
-        lambda link: replace(link, bodies=tuple(replace(b, inertia=_opposite(b.inertia)) for b in link.bodies))
+        return subject.with_body(target, lambda b: replace(b, inertia=_turn_product_signs(b.inertia)))
+    return subject.replace_links(
+        lambda link: replace(
+            link, bodies=tuple(replace(b, inertia=_turn_product_signs(b.inertia)) for b in link.bodies)
+        )
     )
 
 
-def _axes(model: Model) -> list[str]:
+def _list_unequal_axes(model: Model) -> list[str]:
     """Return "body: xy" for every pair of axes along which a body's moments of inertia differ."""
     found = []
-    for name in bodies(model):
+    for name in list_bodies(model):
         moments = np.diag(model.base.bodies[name][1].inertia.tensor)
         pairs = combinations(range(3), 2)
         found += [
@@ -81,58 +83,58 @@ def _axes(model: Model) -> list[str]:
     return found
 
 
-def _permuted(subject: Subject, target: str, size: Array) -> Subject:
+def _replace_axis_order(subject: Subject, target: str, size: Array) -> Subject:
     name, pair = target.rsplit(": ", 1)
     order = list(range(3))
     i, j = (AXES.index(axis) for axis in pair)
     order[i] = j
     order[j] = i
 
-    def change(inertia: Inertia) -> Inertia:
+    def update_inertia(inertia: Inertia) -> Inertia:
         return inertia.replace_unchecked(tensor=inertia.tensor[np.ix_(order, order)])
 
-    return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
+    return subject.with_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
 
 
-def _components(model: Model) -> list[str]:
-    tensors = {n: model.base.bodies[n][1].inertia.tensor for n in bodies(model)}
+def _list_moments(model: Model) -> list[str]:
+    tensors = {n: model.base.bodies[n][1].inertia.tensor for n in list_bodies(model)}
     return [f"{n}: {AXES[k] * 2}" for n, tensor in tensors.items() for k in range(3) if tensor[k, k] > 0.0]
 
 
-def _component(subject: Subject, target: str, size: Array) -> Subject:
+def _scale_moment(subject: Subject, target: str, size: Array) -> Subject:
     name, pair = target.rsplit(": ", 1)
     k = AXES.index(pair[0])
-    factor = 1.0 + more_than_nothing(size)
+    factor = 1.0 + check_fraction(size)
 
-    def change(inertia: Inertia) -> Inertia:
+    def update_inertia(inertia: Inertia) -> Inertia:
         tensor = inertia.tensor.copy()
         tensor[k, k] *= factor
         return inertia.replace_unchecked(tensor=tensor)
 
-    return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
+    return subject.with_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
 
 
-def _mirrors(model: Model) -> list[str]:
-    coms = {n: model.base.bodies[n][1].inertia.com for n in bodies(model)}
+def _list_com_coordinates(model: Model) -> list[str]:
+    coms = {n: model.base.bodies[n][1].inertia.com for n in list_bodies(model)}
     return [f"{n}: {AXES[k]}" for n, com in coms.items() for k in range(3) if com[k]]
 
 
-def _mirrored(subject: Subject, target: str, size: Array) -> Subject:
+def _turn_com_sign(subject: Subject, target: str, size: Array) -> Subject:
     name, axis = target.rsplit(": ", 1)
     signs = np.where(np.arange(3) == AXES.index(axis), -1.0, 1.0)
     return subject.with_body(name, lambda b: replace(b, inertia=b.inertia.replace_unchecked(com=b.inertia.com * signs)))
 
 
-def _orders(model: Model) -> list[str]:
-    tensors = {n: model.base.bodies[n][1].inertia.tensor for n in bodies(model)}
+def _list_number_orders(model: Model) -> list[str]:
+    tensors = {n: model.base.bodies[n][1].inertia.tensor for n in list_bodies(model)}
     return [f"{n}: {way}" for n, tensor in tensors.items() for way in ORDERS if tensor.any()]
 
 
-def _reordered(subject: Subject, target: str, size: Array) -> Subject:
+def _replace_number_order(subject: Subject, target: str, size: Array) -> Subject:
     name, way = target.rsplit(": ", 1)
     written, read = ORDERS[way]
 
-    def change(inertia: Inertia) -> Inertia:
+    def update_inertia(inertia: Inertia) -> Inertia:
         tensor = np.empty((3, 3))
         for place, number in zip(read, written, strict=True):
             value = inertia.tensor[AXES.index(number[0]), AXES.index(number[1])]
@@ -140,55 +142,55 @@ def _reordered(subject: Subject, target: str, size: Array) -> Subject:
             tensor[i, j] = tensor[j, i] = value
         return inertia.replace_unchecked(tensor=tensor)
 
-    return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
+    return subject.with_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
 
 
 ROWS = (
     Cause(
         "bodies exchanged",
         "mass, centre of mass and inertia of two bodies are mixed up: {target}",
-        _exchanged,
-        _pairs,
+        _replace_inertia_pair,
+        _list_body_pairs,
         0,
         shows=TURN,
     ),
     Cause(
         "sign of products of inertia",
         "the products of inertia of {target} have the other sign",
-        _signs,
-        _products,
+        _apply_product_signs,
+        _list_bodies_with_products,
         0,
         shows=TURN,
     ),
     Cause(
         "moments of inertia exchanged",
         "two axes of the inertia tensor are mixed up: {target}",
-        _permuted,
-        _axes,
+        _replace_axis_order,
+        _list_unequal_axes,
         0,
         shows=TURN,
     ),
     Cause(
         "order of the inertia's numbers",
         "the six numbers of an inertia tensor are read in another order: {target}",
-        _reordered,
-        _orders,
+        _replace_number_order,
+        _list_number_orders,
         0,
         shows=TURN,
     ),
     Cause(
         "moment of inertia",
         "the moment of inertia {target} differs by the fraction {size}",
-        _component,
-        _components,
+        _scale_moment,
+        _list_moments,
         shows=TURN,
         fraction=True,
     ),
     Cause(
         "centre of mass mirrored",
         "a coordinate of the centre of mass has the other sign: {target}",
-        _mirrored,
-        _mirrors,
+        _turn_com_sign,
+        _list_com_coordinates,
         0,
         shows="holding still at several places (gravity alone)",
     ),

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, Change, Targets, beams, more_than_nothing
+from crosscheck.causes.cause import Cause, Change, Targets, check_fraction, list_beams
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
 from flexinv.errors import InputError
@@ -28,43 +28,43 @@ RECTANGLE = 0.05
 Part = Callable[[Section, float], Section]
 
 
-def _of_beam(change: Part) -> Change:
+def _make_section_change(change: Part) -> Change:
     """Return the change of the section of one beam, or with target "" of all, by a fraction."""
 
-    def changed(subject: Subject, target: str, size: Array) -> Subject:
-        factor = 1.0 + more_than_nothing(size)
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        factor = 1.0 + check_fraction(size)
 
-        def one(beam: Beam) -> Beam:
+        def update_beam(beam: Beam) -> Beam:
             return replace(beam, section=change(beam.section, factor))
 
-        for name in [target.removesuffix(SAME_G)] if target.removesuffix(SAME_G) else _all(subject):
-            subject = subject.with_beam(name, one)
+        for name in [target.removesuffix(SAME_G)] if target.removesuffix(SAME_G) else _list_all_beams(subject):
+            subject = subject.replace_beam(name, update_beam)
         return subject
 
-    return changed
+    return apply_change
 
 
-def _all(subject: Subject) -> list[str]:
+def _list_all_beams(subject: Subject) -> list[str]:
     return [link.name for link in subject.mechanism.beams]
 
 
-def _each(test: Callable[[Section], bool] = lambda section: True) -> Targets:
+def _make_section_targets(test: Callable[[Section], bool] = lambda section: True) -> Targets:
     """Return the beams whose section passes a test, and "" for all where all of two or more do."""
 
-    def targets(model: Model) -> list[str]:
-        names = [n for n in beams(model) if test(_section(model, n))]
-        return [*names, *([""] if len(names) > 1 and names == beams(model) else [])]
+    def list_targets(model: Model) -> list[str]:
+        names = [n for n in list_beams(model) if test(_find_section(model, n))]
+        return [*names, *([""] if len(names) > 1 and names == list_beams(model) else [])]
 
-    return targets
+    return list_targets
 
 
-def _section(model: Model, name: str) -> Section:
+def _find_section(model: Model, name: str) -> Section:
     beam = model.base.mechanism.link_of[name].beam
     assert beam is not None
     return beam.section
 
 
-def _times(section: Section, stiffness: Array, mass: float, rotary: Array) -> Section:
+def _scale_section(section: Section, stiffness: Array, mass: float, rotary: Array) -> Section:
     """Return a section with stiffness (6,) or (n, 6), mass and rotary inertia (3,) or (n, 3) multiplied [-]."""
     damping = None if section.damping is None else section.damping * stiffness
     return replace(
@@ -76,40 +76,40 @@ def _times(section: Section, stiffness: Array, mass: float, rotary: Array) -> Se
     )
 
 
-def _elastic(columns: tuple[int, ...]) -> Part:
+def _make_stiffness_change(columns: tuple[int, ...]) -> Part:
     """Return the change of some stiffnesses; retardation times are as they were, so damping changes alike."""
 
-    def change(section: Section, factor: float) -> Section:
+    def update_section(section: Section, factor: float) -> Section:
         factors = np.ones(6)
         factors[list(columns)] = factor
-        return _times(section, factors, 1.0, np.ones(3))
+        return _scale_section(section, factors, 1.0, np.ones(3))
 
-    return change
+    return update_section
 
 
-def _modulus(subject: Subject, target: str, size: Array) -> Subject:
+def _scale_modulus(subject: Subject, target: str, size: Array) -> Subject:
     """Change E; G goes with it (the same number of Poisson), or stays."""
     columns = (EA, EI_Y, EI_Z) if target.endswith(SAME_G) else (EA, GA_Y, GA_Z, GJ, EI_Y, EI_Z)
-    return _of_beam(_elastic(columns))(subject, target, size)
+    return _make_section_change(_make_stiffness_change(columns))(subject, target, size)
 
 
-def _materials(model: Model) -> list[str]:
-    return [target + more for target in _each()(model) for more in ("", SAME_G)]
+def _list_material_targets(model: Model) -> list[str]:
+    return [target + more for target in _make_section_targets()(model) for more in ("", SAME_G)]
 
 
-def _dense(section: Section, factor: float) -> Section:
-    return _times(section, np.ones(6), factor, np.full(3, factor))
+def _scale_density(section: Section, factor: float) -> Section:
+    return _scale_section(section, np.ones(6), factor, np.full(3, factor))
 
 
-def _wide(section: Section, factor: float) -> Section:
-    return _times(section, np.array([factor, factor, factor, 1.0, 1.0, 1.0]), factor, np.ones(3))
+def _scale_area(section: Section, factor: float) -> Section:
+    return _scale_section(section, np.array([factor, factor, factor, 1.0, 1.0, 1.0]), factor, np.ones(3))
 
 
-def _stretched(along: int) -> Part:
+def _make_size_change(along: int) -> Part:
     """Return the change of a section's size along y (0) or z (1)."""
 
-    def change(section: Section, factor: float) -> Section:
-        y, z = _sizes(section)
+    def update_section(section: Section, factor: float) -> Section:
+        y, z = _compute_rectangle_sides(section)
         before = np.array([compute_rectangle_torsion(a, b) for a, b in zip(y, z, strict=True)])
         fy, fz = (factor, 1.0) if along == 0 else (1.0, factor)
         after = np.array([compute_rectangle_torsion(a * fy, b * fz) for a, b in zip(y, z, strict=True)])
@@ -120,12 +120,12 @@ def _stretched(along: int) -> Part:
         whole = section.rotary_inertia[:, 1:].sum(axis=1)
         polar = np.where(whole > 0.0, about.sum(axis=1) / np.where(whole > 0.0, whole, 1.0), factor)
         rotary = np.column_stack([polar, np.full(len(y), bending[0]), np.full(len(y), bending[1])])
-        return _times(section, stiffness, factor, rotary)
+        return _scale_section(section, stiffness, factor, rotary)
 
-    return change
+    return update_section
 
 
-def _sizes(section: Section) -> tuple[Array, Array]:
+def _compute_rectangle_sides(section: Section) -> tuple[Array, Array]:
     s = section.stiffness
     return np.sqrt(12.0 * s[:, EI_Z] / s[:, EA]), np.sqrt(12.0 * s[:, EI_Y] / s[:, EA])
 
@@ -133,7 +133,7 @@ def _sizes(section: Section) -> tuple[Array, Array]:
 def _is_rectangle(section: Section) -> bool:
     """Return True if torsion is that of a rectangle with these sizes, G from the shear of Cowper's factor."""
     s = section.stiffness
-    y, z = _sizes(section)
+    y, z = _compute_rectangle_sides(section)
     for row, a, b in zip(s, y, z, strict=True):
         shear = 0.0
         factor = 5.0 / 6.0
@@ -146,10 +146,10 @@ def _is_rectangle(section: Section) -> bool:
     return True
 
 
-def _larger(section: Section, factor: float) -> Section:
+def _scale_all_dimensions(section: Section, factor: float) -> Section:
     """Scale width, height and walls alike: areas by the square, moments by the fourth power."""
     square = factor**2
-    return _times(section, np.array([square] * 3 + [square**2] * 3), square, np.full(3, square**2))
+    return _scale_section(section, np.array([square] * 3 + [square**2] * 3), square, np.full(3, square**2))
 
 
 def _is_tube(section: Section) -> bool:
@@ -157,10 +157,10 @@ def _is_tube(section: Section) -> bool:
     s = section.stiffness
     if not np.allclose(s[:, EI_Y], s[:, EI_Z], rtol=1e-6):
         return False
-    return not _is_rectangle(section) and bool((_hollow(section) > 0.0).all())
+    return not _is_rectangle(section) and bool((_compute_radius_ratio(section) > 0.0).all())
 
 
-def _hollow(section: Section) -> Array:
+def _compute_radius_ratio(section: Section) -> Array:
     """Return inner over outer radius m [-] of round sections from Cowper's shear factor, 0 where it is that of a full circle.
 
     GJ / EI = 2 G / E, GA / EA = k(nu, m) G / E:  k = 2 (GA / EA) (EI / GJ), falling in m
@@ -178,9 +178,9 @@ def _hollow(section: Section) -> Array:
     return np.array(found)
 
 
-def _walled(section: Section, factor: float) -> Section:
+def _scale_wall_thickness(section: Section, factor: float) -> Section:
     """Make the wall of a tube thicker, the outside as it is.  Raises InputError where it fills the tube."""
-    before = _hollow(section)
+    before = _compute_radius_ratio(section)
     after = 1.0 - (1.0 - before) * factor
     if (after < 0.0).any():
         raise InputError(
@@ -189,7 +189,7 @@ def _walled(section: Section, factor: float) -> Section:
     area = (1.0 - after**2) / (1.0 - before**2)
     second = (1.0 - after**4) / (1.0 - before**4)
     stiffness = np.column_stack([area, area, area, second, second, second])
-    made = _times(section, stiffness, 1.0, second[:, None] * np.ones(3))
+    made = _scale_section(section, stiffness, 1.0, second[:, None] * np.ones(3))
     return replace(made, mass_per_length=section.mass_per_length * area)
 
 
@@ -197,16 +197,16 @@ ROWS = (
     Cause(
         "modulus of elasticity",
         "the modulus of elasticity (E) of {target} is larger by the fraction {size}",
-        _modulus,
-        _materials,
+        _scale_modulus,
+        _list_material_targets,
         shows=RING,
         fraction=True,
     ),
     Cause(
         "shear modulus",
         "the shear modulus (G) of {target} is larger by the fraction {size}",
-        _of_beam(_elastic((GA_Y, GA_Z, GJ))),
-        _each(),
+        _make_section_change(_make_stiffness_change((GA_Y, GA_Z, GJ))),
+        _make_section_targets(),
         covers=("shear factor",),
         shows=RING,
         fraction=True,
@@ -214,48 +214,48 @@ ROWS = (
     Cause(
         "density",
         "the density of {target} is larger by the fraction {size}",
-        _of_beam(_dense),
-        _each(),
+        _make_section_change(_scale_density),
+        _make_section_targets(),
         shows=RING,
         fraction=True,
     ),
     Cause(
         "cross-section area",
         "the area of the section of {target} is larger by the fraction {size}, its second moments are not",
-        _of_beam(_wide),
-        _each(),
+        _make_section_change(_scale_area),
+        _make_section_targets(),
         shows=RING,
         fraction=True,
     ),
     Cause(
         "section width",
         "the section of {target} is wider (along y) by the fraction {size}",
-        _of_beam(_stretched(0)),
-        _each(_is_rectangle),
+        _make_section_change(_make_size_change(0)),
+        _make_section_targets(_is_rectangle),
         shows=RING,
         fraction=True,
     ),
     Cause(
         "section height",
         "the section of {target} is higher (along z) by the fraction {size}",
-        _of_beam(_stretched(1)),
-        _each(_is_rectangle),
+        _make_section_change(_make_size_change(1)),
+        _make_section_targets(_is_rectangle),
         shows=RING,
         fraction=True,
     ),
     Cause(
         "section size",
         "all sizes of the section of {target} are larger by the fraction {size} (a diameter)",
-        _of_beam(_larger),
-        _each(),
+        _make_section_change(_scale_all_dimensions),
+        _make_section_targets(),
         shows=RING,
         fraction=True,
     ),
     Cause(
         "wall thickness",
         "the wall of {target} is thicker by the fraction {size}",
-        _of_beam(_walled),
-        _each(_is_tube),
+        _make_section_change(_scale_wall_thickness),
+        _make_section_targets(_is_tube),
         shows=RING,
         fraction=True,
     ),

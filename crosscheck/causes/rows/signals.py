@@ -12,7 +12,7 @@ from itertools import pairwise, permutations
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.causes.cause import Cause, Change, driven, effort, whole
+from crosscheck.causes.cause import Cause, Change, compute_effort_range, list_driven_joints, list_global_target
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array, States, Subject
 from crosscheck.measures.record import effort_units
@@ -45,24 +45,24 @@ MANY = 8
 FROM = " <- "
 
 
-def _done(change: Callable[[Array, float, str, Array], Array]) -> Change:
+def _make_signal_change(change: Callable[[Array, float, str, Array], Array]) -> Change:
     """Return the change of all efforts (samples, nv) by a size, with the sampling interval [s]."""
 
-    def changed(subject: Subject, target: str, size: Array) -> Subject:
-        def done(mechanism: Mechanism, states: States, effort: Array) -> Array:
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
             return change(effort, float(states.time[1] - states.time[0]), target, size)
 
-        return subject.with_effort(done, dense=True)
+        return subject.add_effort_change(update_effort, dense=True)
 
-    return changed
+    return apply_change
 
 
-def _late(effort: Array, spacing: float, target: str, size: Array) -> Array:
+def _move_effort_in_time(effort: Array, spacing: float, target: str, size: Array) -> Array:
     time = spacing * np.arange(len(effort))
     return np.stack([np.interp(time - size[0], time, column) for column in effort.T], axis=1)
 
 
-def _filtered(effort: Array, spacing: float, target: str, size: Array) -> Array:
+def _apply_low_pass(effort: Array, spacing: float, target: str, size: Array) -> Array:
     """Take the time constant [s] of a low-pass of first order, or 1 / (2 pi f_c) of Butterworth's of second order."""
     lag = float(size[0])
     if lag < 0.0:
@@ -85,15 +85,15 @@ def _filtered(effort: Array, spacing: float, target: str, size: Array) -> Array:
     )
 
 
-def _interval(model: Model, target: str) -> float:
+def _compute_time_scale(model: Model, target: str) -> float:
     return 10.0 * model.base.case.sample
 
 
-def _averages(model: Model) -> list[str]:
+def _list_averages(model: Model) -> list[str]:
     return [f"{width} {where}" for width in WIDTHS for where in (CAUSAL, CENTRED)]
 
 
-def _averaged(effort: Array, spacing: float, target: str, size: Array) -> Array:
+def _apply_moving_average(effort: Array, spacing: float, target: str, size: Array) -> Array:
     width = int(target.split()[0])
     where = target.split()[1]
     behind, ahead = (width - 1, 0) if where == CAUSAL else (width // 2, width // 2)
@@ -102,11 +102,11 @@ def _averaged(effort: Array, spacing: float, target: str, size: Array) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
-def _rates(model: Model) -> list[str]:
+def _list_sampling_rates(model: Model) -> list[str]:
     return [f"{count} {how}" for count in EVERY for how in (HELD, JOINED)]
 
 
-def _resampled(effort: Array, spacing: float, target: str, size: Array) -> Array:
+def _sample_coarsely(effort: Array, spacing: float, target: str, size: Array) -> Array:
     count = int(target.split(" ", 1)[0])
     how = target.split(" ", 1)[1]
     rows = np.arange(len(effort))
@@ -116,23 +116,23 @@ def _resampled(effort: Array, spacing: float, target: str, size: Array) -> Array
     return np.stack([np.interp(rows, known, column[known]) for column in effort.T], axis=1)
 
 
-def _rounded(subject: Subject, target: str, size: Array) -> Subject:
+def _apply_quantisation(subject: Subject, target: str, size: Array) -> Subject:
     step = float(size[0])
 
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         if step <= 0.0:
             return effort
         cut = np.round(effort / step) if target == NEAREST else np.trunc(effort / step)
         return np.asarray(cut * step)
 
-    return subject.with_effort(change)
+    return subject.add_effort_change(update_effort)
 
 
-def _ways(model: Model) -> list[str]:
+def _list_roundings(model: Model) -> list[str]:
     return [NEAREST, DOWN]
 
 
-def _steps(model: Model, target: str, seen: Array) -> Sequence[Array]:
+def _find_quantisation_step(model: Model, target: str, seen: Array) -> Sequence[Array]:
     """Return the step of which all efforts (samples, nv) are multiples, if there is one: the smallest between two of them."""
     values = np.unique(np.abs(seen[np.abs(seen) > 0.0]))
     if len(values) < 2:
@@ -147,14 +147,14 @@ def _steps(model: Model, target: str, seen: Array) -> Sequence[Array]:
     return [np.array([float((values @ np.round(whole_numbers)) / (np.round(whole_numbers) @ np.round(whole_numbers)))])]
 
 
-def _largest(model: Model, target: str) -> float:
+def _find_largest_range(model: Model, target: str) -> float:
     return float(model.scale.max())
 
 
-def _cut(subject: Subject, target: str, size: Array) -> Subject:
+def _apply_saturation(subject: Subject, target: str, size: Array) -> Subject:
     most = float(size[0])
 
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         if most <= 0.0:
             return effort
         out = effort.copy()
@@ -162,78 +162,82 @@ def _cut(subject: Subject, target: str, size: Array) -> Subject:
         out[:, part] = np.clip(out[:, part], -most, most)
         return out
 
-    return subject.with_effort(change)
+    return subject.add_effort_change(update_effort)
 
 
-def _places(model: Model) -> list[str]:
-    return ["", *driven(model)] if len(driven(model)) > 1 else driven(model)
+def _list_places(model: Model) -> list[str]:
+    return ["", *list_driven_joints(model)] if len(list_driven_joints(model)) > 1 else list_driven_joints(model)
 
 
-def _limits(model: Model, target: str, seen: Array) -> Sequence[Array]:
+def _find_effort_limit(model: Model, target: str, seen: Array) -> Sequence[Array]:
     """Return the largest effort (samples, nv) that an engine gave, if it gave it more than once."""
     part = model.base.mechanism.v_slices[target] if target else slice(None)
     values = np.abs(seen[:, part])
     most = float(values.max(initial=0.0))
     often = int((values >= most * (1.0 - GRID)).sum())
     # An engine that gives next to nothing is not cut off: it predicts none of what it does give.
-    return [np.array([most])] if often > 1 and most > CUT * _range(model, target) else []
+    return [np.array([most])] if often > 1 and most > CUT * _compute_effort_scale(model, target) else []
 
 
-def _range(model: Model, target: str) -> float:
-    return effort(model, target) if target else _largest(model, target)
+def _compute_effort_scale(model: Model, target: str) -> float:
+    return compute_effort_range(model, target) if target else _find_largest_range(model, target)
 
 
-def _tared(effort: Array, spacing: float, target: str, size: Array) -> Array:
+def _remove_effort_offset(effort: Array, spacing: float, target: str, size: Array) -> Array:
     return np.asarray(effort - (effort[:1] if target == START else effort.mean(axis=0)))
 
 
-def _drifting(subject: Subject, target: str, size: Array) -> Subject:
+def _add_drift(subject: Subject, target: str, size: Array) -> Subject:
     end = subject.case.end
 
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         out = effort.copy()
         part = mechanism.v_slices[target] if target else slice(None)
         out[:, part] += float(size[0]) * states.time[:, None] / end
         return out
 
-    return subject.with_effort(change)
+    return subject.add_effort_change(update_effort)
 
 
-def _columns(model: Model) -> list[str]:
+def _list_column_pairs(model: Model) -> list[str]:
     """Return "a <- b" for joints of one coordinate and one unit whose efforts are not the same."""
     mechanism = model.base.mechanism
     units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
-    names = [n for n in driven(model) if mechanism.joint_of[n].nv == 1]
+    names = [n for n in list_driven_joints(model) if mechanism.joint_of[n].nv == 1]
     pairs = permutations(names, 2) if len(names) <= MANY else pairwise(names)
     return [f"{a}{FROM}{b}" for a, b in pairs if units[a] == units[b]]
 
 
-def _copied(subject: Subject, target: str, size: Array) -> Subject:
+def _copy_column(subject: Subject, target: str, size: Array) -> Subject:
     a, b = target.split(FROM)
 
-    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
         out = effort.copy()
         out[:, mechanism.v_slices[a]] = effort[:, mechanism.v_slices[b]]
         return out
 
-    return subject.with_effort(change)
+    return subject.add_effort_change(update_effort)
 
 
-def _differences(subject: Subject, target: str, size: Array) -> Subject:
+def _apply_differences(subject: Subject, target: str, size: Array) -> Subject:
     """Take speeds from places, and accelerations from those, by differences over the samples of the case."""
     inner = subject.case.motion
     spacing = subject.case.sample
     last = subject.case.end
     central = target.startswith(CENTRAL)
 
-    def moved(mechanism: Mechanism, states: States) -> States:
-        def place(time: Array) -> Array:
+    def update_states(mechanism: Mechanism, states: States) -> States:
+        def evaluate_position(time: Array) -> Array:
             return inner.evaluate(mechanism, time)[0]
 
-        def speed(time: Array) -> Array:
-            return inner.evaluate(mechanism, time)[1] if target.endswith(SPEEDS) else slope(place, time)
+        def evaluate_speed(time: Array) -> Array:
+            return (
+                inner.evaluate(mechanism, time)[1]
+                if target.endswith(SPEEDS)
+                else compute_slope(evaluate_position, time)
+            )
 
-        def slope(of: Callable[[Array], Array], time: Array) -> Array:
+        def compute_slope(of: Callable[[Array], Array], time: Array) -> Array:
             ahead = np.minimum(time + spacing, last) if central else time
             behind = np.maximum(time - spacing, 0.0)
             span = np.where(ahead > behind, ahead - behind, 1.0)[:, None]
@@ -241,14 +245,16 @@ def _differences(subject: Subject, target: str, size: Array) -> Subject:
 
         time = states.time
         inside = np.clip(time, spacing, last - spacing)
-        second = place(inside + spacing) - 2.0 * place(inside) + place(inside - spacing)
-        qdd = second / spacing**2 if target == THREE else slope(speed, time)
-        return replace(states, qd=speed(time), qdd=qdd)
+        second = (
+            evaluate_position(inside + spacing) - 2.0 * evaluate_position(inside) + evaluate_position(inside - spacing)
+        )
+        qdd = second / spacing**2 if target == THREE else compute_slope(evaluate_speed, time)
+        return replace(states, qd=evaluate_speed(time), qdd=qdd)
 
-    return subject.with_states(moved)
+    return subject.add_state_change(update_states)
 
 
-def _trees(model: Model) -> list[str]:
+def _list_difference_ways(model: Model) -> list[str]:
     moving = is_tree(model.base) and model.states.qd.any()
     simple = all(j.nv == j.nq == 1 for j in model.base.mechanism.joints if j.nv)
     ways = [CENTRAL, BACKWARD, THREE, CENTRAL + SPEEDS, BACKWARD + SPEEDS]
@@ -259,56 +265,61 @@ ROWS = (
     Cause(
         "efforts late",
         "all efforts come late by {size} (a delay of the signal, not of the motion)",
-        _done(_late),
-        whole,
-        scale=_interval,
+        _make_signal_change(_move_effort_in_time),
+        list_global_target,
+        scale=_compute_time_scale,
         unit="s",
         shows=SHARP,
     ),
     Cause(
         "low-pass filter",
         "all efforts passed a low-pass filter ({target}) of the time constant {size}",
-        _done(_filtered),
+        _make_signal_change(_apply_low_pass),
         lambda model: [FIRST, SECOND, BOTH],
-        scale=_interval,
+        scale=_compute_time_scale,
         unit="s",
         shows=SHARP,
     ),
     Cause(
-        "moving average", "all efforts are averages over samples: {target}", _done(_averaged), _averages, 0, shows=SHARP
+        "moving average",
+        "all efforts are averages over samples: {target}",
+        _make_signal_change(_apply_moving_average),
+        _list_averages,
+        0,
+        shows=SHARP,
     ),
     Cause(
         "resampled",
         "of the efforts only every few samples are kept, the others are filled in: {target}",
-        _done(_resampled),
-        _rates,
+        _make_signal_change(_sample_coarsely),
+        _list_sampling_rates,
         0,
         shows=ANY,
     ),
     Cause(
         "quantisation",
         "all efforts are rounded {target}, to multiples of {size}",
-        _rounded,
-        _ways,
-        scale=_largest,
+        _apply_quantisation,
+        _list_roundings,
+        scale=_find_largest_range,
         unit="N m or N",
         shows=ANY,
-        guess=_steps,
+        guess=_find_quantisation_step,
     ),
     Cause(
         "saturation",
         "efforts ({target}) are cut off at {size}",
-        _cut,
-        _places,
-        scale=_range,
+        _apply_saturation,
+        _list_places,
+        scale=_compute_effort_scale,
         unit="N m or N",
         shows="a motion with larger efforts",
-        guess=_limits,
+        guess=_find_effort_limit,
     ),
     Cause(
         "effort offset taken off",
         "of all efforts {target} is taken off",
-        _done(_tared),
+        _make_signal_change(_remove_effort_offset),
         lambda model: [START, MEAN],
         0,
         shows="a start from another place",
@@ -316,25 +327,25 @@ ROWS = (
     Cause(
         "drift",
         "efforts ({target}) drift, by {size} over the case",
-        _drifting,
-        _places,
-        scale=_range,
+        _add_drift,
+        _list_places,
+        scale=_compute_effort_scale,
         unit="N m or N",
         shows="a rest at the end",
     ),
     Cause(
         "column given twice",
         "the effort of one joint is that of another: {target}",
-        _copied,
-        _columns,
+        _copy_column,
+        _list_column_pairs,
         0,
         shows="one joint moved at a time",
     ),
     Cause(
         "differentiated motion",
         "speeds and accelerations come from places by {target} over the samples",
-        _differences,
-        _trees,
+        _apply_differences,
+        _list_difference_ways,
         0,
         shows=ANY,
     ),

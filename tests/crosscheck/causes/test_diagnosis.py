@@ -13,12 +13,12 @@ import pytest
 import rogue_engines as rogue
 from crosscheck_examples import example_run, write_models
 
-from crosscheck.causes.diagnosis import Answer, diagnose, diagnose_together, proved
+from crosscheck.causes.diagnosis import Answer, check_by_full_runs, diagnose, make_diagnoses
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fit import Fit
-from crosscheck.causes.model import answered, model_of
+from crosscheck.causes.model import apply_to_record, make_model
 from crosscheck.causes.naming import Naming
-from crosscheck.causes.repair import put_into_reference, repair
+from crosscheck.causes.repair import add_to_reference, apply_repair
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.certificate import Check
@@ -144,7 +144,7 @@ def test_engines_of_one_case_are_diagnosed_together_and_told_the_same(tmp_path: 
 def test_what_fails_beside_others_has_no_answer_and_the_others_have_theirs(tmp_path: Path) -> None:
     good = harmed_question(tmp_path, "rigid_one_link/cycloid", "mass scale", "", 0.1)
     lost = {**good.options, "ours": str(tmp_path / "nowhere")}
-    first, second = diagnose_together([lost, good.options])["answers"]
+    first, second = make_diagnoses([lost, good.options])["answers"]
     assert first is None
     assert {one["cause"] for one in second["named"]} == {"mass scale", "body mass"}
 
@@ -196,7 +196,7 @@ def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
     harmed = cause.change(subject, "link", size)
     record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
     fit = Fit(cause, "link", size, 0.0, np.zeros(0))
-    found_left = repair(model_of(subject, reference), fit, "exudyn-ancf", reference, record)
+    found_left = apply_repair(make_model(subject, reference), fit, "exudyn-ancf", reference, record)
     assert found_left.where == "put into the reference"
     assert found_left.left == 0.0  # the same computation twice
 
@@ -209,9 +209,9 @@ def test_a_filter_cannot_be_taken_out_and_is_put_into_the_reference() -> None:
     cause, size = DICTIONARY["low-pass filter"], np.array([0.01])
     target = next(iter(cause.targets(subject)))
     engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
-    harmed = answered(engine, cause.change(subject, target, size))
+    harmed = apply_to_record(engine, cause.change(subject, target, size))
     fit = Fit(cause, target, size, 0.0, np.zeros(0))
-    found_left = repair(model_of(subject, reference), fit, "pinocchio", reference, harmed)
+    found_left = apply_repair(make_model(subject, reference), fit, "pinocchio", reference, harmed)
     assert found_left.where == "put into the reference"
     assert found_left.left is not None
     assert found_left.left < 1e-12  # rounding of two engines
@@ -225,7 +225,7 @@ def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypat
     monkeypatch.setattr("crosscheck.causes.repair._run", lambda engine, *_: engine)
     left = {("e", "flexinv"): np.array([0.25]), ("other", "reference"): np.array([np.nan])}
     model = SimpleNamespace(base=tree, residual=lambda a, b: left[a, b])
-    found = repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
+    found = apply_repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
     assert (found.left, found.where) == (0.25, "put into the reference")
 
 
@@ -239,10 +239,10 @@ def test_a_size_is_corrected_by_what_full_runs_leave(tmp_path: Path) -> None:
     reference = flexinv.run(found, subject.case, "flexinv", {"error": False})
     harmed = cause.change(subject, "link: EI_z", size)
     record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
-    model = model_of(subject, reference)
+    model = make_model(subject, reference)
     wrong = Fit(cause, "link: EI_z", 1.02 * size, 0.0, np.zeros(model.torque.size))
-    at_once = put_into_reference(model, wrong, record, np.inf)
-    corrected = put_into_reference(model, wrong, record, 0.0)
+    at_once = add_to_reference(model, wrong, record, np.inf)
+    corrected = add_to_reference(model, wrong, record, 0.0)
     assert at_once.fit is wrong
     # Each round leaves a few per cent of what was left before; two of them a thousandth.
     assert corrected.left < 3e-3 * at_once.left
@@ -255,10 +255,10 @@ def test_a_cause_that_full_runs_refute_is_not_named() -> None:
     found = load_mechanism(folder)
     subject = Subject(found, load_cases(folder, found)["swing"])
     engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
-    model = model_of(subject, reference)
+    model = make_model(subject, reference)
     fit = Fit(DICTIONARY["viscous damping"], "knee", np.array([0.05]), 1e-3, np.zeros(model.torque.size))
     naming = Naming((fit,), None, 0.1, 1e-9, "")
-    settled, repaired = proved(Answer(model, engine, reference, naming, True, 0.0), "pinocchio", None)
+    settled, repaired = check_by_full_runs(Answer(model, engine, reference, naming, True, 0.0), "pinocchio", None)
     assert settled.named == ()
     assert repaired.left is not None
     assert settled.words.startswith(

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crosscheck.causes.dictionary import DICTIONARY, all_causes
-from crosscheck.causes.fit import Candidate, Columns, candidates, effect, fit
-from crosscheck.causes.model import Model, model_of
-from crosscheck.causes.naming import UNEXPLAINED, name
+from crosscheck.causes.dictionary import DICTIONARY, collect_causes
+from crosscheck.causes.fit import Candidate, Columns, compute_effect, fit, list_candidates
+from crosscheck.causes.model import Model, make_model
+from crosscheck.causes.naming import UNEXPLAINED, find_causes
 from crosscheck.causes.subject import Subject
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
@@ -26,13 +26,13 @@ ROUNDING = 1e-11
 @cache
 def model(mechanism: str = "double_pendulum", case: str = "swing") -> Model:
     found = load_mechanism(MODELS / mechanism)
-    return model_of(Subject(found, load_cases(MODELS / mechanism, found)[case]))
+    return make_model(Subject(found, load_cases(MODELS / mechanism, found)[case]))
 
 
 @cache
 def known(mechanism: str = "double_pendulum", case: str = "swing") -> list[Candidate]:
     """The dictionary's columns, which are those of the unharmed model whatever it is asked."""
-    return candidates(model(mechanism, case), all_causes())
+    return list_candidates(model(mechanism, case), collect_causes())
 
 
 def test_there_are_at_least_twenty_five_causes() -> None:
@@ -48,16 +48,16 @@ def test_a_cause_of_size_zero_changes_nothing(mechanism: str) -> None:
     allowed = ROUNDING if here.base.mechanism.is_rigid else 2e-4
     for cause in DICTIONARY.values():
         for target in cause.targets(here)[:1] if cause.sized and not cause.linear else ():
-            assert np.abs(effect(here, cause, target, np.zeros(cause.parameters))).max() < allowed, cause.name
+            assert np.abs(compute_effect(here, cause, target, np.zeros(cause.parameters))).max() < allowed, cause.name
 
 
 @pytest.mark.parametrize("mechanism", ["double_pendulum/swing", "four_bar/turn"])
 def test_the_size_of_a_lone_cause_is_found(mechanism: str) -> None:
     here = model(*mechanism.split("/"))
-    two = candidates(here, {n: DICTIONARY[n] for n in ("viscous damping", "payload")})
+    two = list_candidates(here, {n: DICTIONARY[n] for n in ("viscous damping", "payload")})
     for one in two:
         size = np.array([0.03 * one.scale])
-        naming = name(here, effect(here, one.cause, one.target, size), 1e-9, two)
+        naming = find_causes(here, compute_effect(here, one.cause, one.target, size), 1e-9, two)
         found = {f.key: f for f in naming.named}
         # Gauss-Newton stops where the difference is rounding; sizes are then as sure as that.
         assert found[one.cause.name, one.target].size == pytest.approx(size, rel=1e-6)
@@ -65,11 +65,11 @@ def test_the_size_of_a_lone_cause_is_found(mechanism: str) -> None:
 
 def test_nothing_is_named_inside_the_error_bars_nor_for_noise() -> None:
     here = model()
-    quiet = name(here, effect(here, DICTIONARY["payload"], "lower", np.array([1e-3])), 1.0, known())
+    quiet = find_causes(here, compute_effect(here, DICTIONARY["payload"], "lower", np.array([1e-3])), 1.0, known())
     assert not quiet.found
     assert quiet.words == "the difference is inside the error bars"
     noise = np.random.default_rng(3).normal(size=here.torque.size)
-    naming = name(here, noise, 1e-9, known())
+    naming = find_causes(here, noise, 1e-9, known())
     assert naming.found
     assert naming.named == ()
     assert naming.words.startswith("no single cause explains it, and no two; the nearest, ")
@@ -77,17 +77,17 @@ def test_nothing_is_named_inside_the_error_bars_nor_for_noise() -> None:
 
 def test_two_causes_at_once_are_not_taken_for_one() -> None:
     here = model()
-    both = effect(here, DICTIONARY["viscous damping"], "pivot", np.array([0.1]))
-    both = both + effect(here, DICTIONARY["centre of mass shifted"], "lower", np.array([0.02, 0.01, 0.0]))
+    both = compute_effect(here, DICTIONARY["viscous damping"], "pivot", np.array([0.1]))
+    both = both + compute_effect(here, DICTIONARY["centre of mass shifted"], "lower", np.array([0.02, 0.01, 0.0]))
     # Each alone was looked at here, so that the sum differs from both at once by their product: above bars of rounding.
-    assert not {"viscous damping", "centre of mass shifted"} & set(name(here, both, 1e-9, known()).names)
+    assert not {"viscous damping", "centre of mass shifted"} & set(find_causes(here, both, 1e-9, known()).names)
 
 
 def test_two_causes_at_once_are_named_as_two() -> None:
     here = model("rigid_3r", "quintic")
     once = DICTIONARY["body mass"].change(here.base, "link3", np.array([0.05]))
     twice = DICTIONARY["viscous damping"].change(once, "joint2", np.array([1.0]))
-    (found,) = name(here, here.difference(twice), 1e-9).named
+    (found,) = find_causes(here, here.difference(twice), 1e-9).named
     assert found.key == ("body mass + viscous damping", "link3 + joint2")
     assert found.cause.words == (
         "two at once: mass and inertia of link3 differ by the fraction 0.05; and the viscous damping of joint2 differs by "
@@ -98,13 +98,13 @@ def test_two_causes_at_once_are_named_as_two() -> None:
 def test_a_cause_that_leaves_more_than_the_bars_is_not_named() -> None:
     """A damper, and beside it a hundredth of its effect that goes with nothing: 99.99 % of the squares, and not the whole."""
     here = model()
-    damped = effect(here, DICTIONARY["viscous damping"], "knee", np.array([0.1]))
+    damped = compute_effect(here, DICTIONARY["viscous damping"], "knee", np.array([0.1]))
     noise = np.random.default_rng(5).normal(size=damped.size)
     more = damped + 0.01 * np.linalg.norm(damped) / np.linalg.norm(noise) * noise
-    naming = name(here, more, 1e-9, known())
+    naming = find_causes(here, more, 1e-9, known())
     assert naming.named == ()
     assert naming.words.startswith("no single cause explains it")
-    assert name(
+    assert find_causes(
         here, more, 0.01 * np.abs(damped).max() + 3e-2 * np.abs(more - damped).max(), known()
     ).names  # inside wide bars
 
@@ -115,10 +115,10 @@ def test_an_engine_that_gives_something_else_is_not_taken_for_a_mechanism_almost
     """A sine in the place of efforts ten times as large: a mass scale of -0.9 or so leaves little of the *difference*."""
     here = model()
     sine = np.sin(10.0 * here.states.time)[:, None] * share * here.scale * [1.0, 2.0]
-    residual = here.weighted(sine - here.torque)
-    light = fit(here, residual, candidates(here, {"mass scale": DICTIONARY["mass scale"]})[0], rounds=6)
+    residual = here.scale_efforts(sine - here.torque)
+    light = fit(here, residual, list_candidates(here, {"mass scale": DICTIONARY["mass scale"]})[0], rounds=6)
     assert light.left < UNEXPLAINED
-    naming = name(here, residual, 1e-9, known())
+    naming = find_causes(here, residual, 1e-9, known())
     assert naming.named == ()
     assert naming.words.startswith("no single cause explains it")
 
@@ -134,14 +134,14 @@ def test_nothing_has_less_than_no_mass() -> None:
 
 def test_causes_that_a_motion_cannot_tell_apart_are_named_together() -> None:
     here = model("rigid_one_link", "cycloid")
-    naming = name(here, effect(here, DICTIONARY["rotor inertia"], "hub", np.array([1e-5])), 1e-9)
+    naming = find_causes(here, compute_effect(here, DICTIONARY["rotor inertia"], "hub", np.array([1e-5])), 1e-9)
     assert naming.named == ()
     assert naming.words.endswith(" explain it, and nothing that the engine gave tells them apart")
 
 
 def test_a_special_case_is_named_instead_of_the_general_one() -> None:
     here = model()
-    found = name(here, effect(here, DICTIONARY["gravity off"], "", np.ones(1)), 1e-9, known()).names
+    found = find_causes(here, compute_effect(here, DICTIONARY["gravity off"], "", np.ones(1)), 1e-9, known()).names
     assert found[0] == "gravity off"
     assert not {"gravity magnitude", "base acceleration"} & set(found)
 
@@ -184,7 +184,7 @@ def test_columns_are_shared_by_equal_models_only() -> None:
     for other in (replace(one, scale=2.0 * one.scale), model.__wrapped__("rigid_3r", "quintic")):
         again = columns.of(other, causes)
         assert again is not found
-        fresh = candidates(other, causes)
+        fresh = list_candidates(other, causes)
         assert [(c.target, c.scale) for c in again] == [(c.target, c.scale) for c in fresh]
         assert all(np.array_equal(a.columns, b.columns) for a, b in zip(again, fresh, strict=True))
 
@@ -198,6 +198,6 @@ def test_a_spring_in_a_driven_joint_shows_in_rigid_and_in_flexible_mechanisms(me
     joint = here.base.mechanism.v_slices[name]
     expected = np.zeros_like(here.torque)
     expected[:, joint] = size[0] * here.states.q[:, here.base.mechanism.q_slices[name]]
-    found = effect(here, cause, name, size)
+    found = compute_effect(here, cause, name, size)
     # Marches repeat to what their Newton iterations leave, 1e-9 of the range; the spring is some hundredth of it.
-    assert np.abs(found - here.weighted(expected)).max() < 1e-7
+    assert np.abs(found - here.scale_efforts(expected)).max() < 1e-7

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crosscheck.causes.diagnosis import described, named, sentence
+from crosscheck.causes.diagnosis import describe_cause, describe_diagnosis, find_record_causes
 from crosscheck.causes.evidence import _is_left
 from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES, adapter
@@ -87,8 +87,8 @@ def told(
     save(record if after is None else after(record), folder / "ours")
     save(reference(place, models), folder / "theirs")
     stems = (str(folder / "ours"), str(folder / "theirs"))
-    naming = named(str(models / mechanism.name), case.name, *stems, columns(place, models)).naming
-    return {"named": [described(f) for f in naming.named], "words": sentence(naming)}
+    naming = find_record_causes(str(models / mechanism.name), case.name, *stems, columns(place, models)).naming
+    return {"named": [describe_cause(f) for f in naming.named], "words": describe_diagnosis(naming)}
 
 
 def names(answer: dict[str, Any]) -> set[str]:

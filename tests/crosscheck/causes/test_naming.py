@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.diagnosis import diagnose
-from crosscheck.causes.dictionary import DICTIONARY, all_causes
+from crosscheck.causes.dictionary import DICTIONARY, collect_causes
 from crosscheck.causes.evidence import Heard
-from crosscheck.causes.fit import Fit, candidates
-from crosscheck.causes.model import model_of
-from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, chosen, name
-from crosscheck.causes.pairs import AND, pairs
+from crosscheck.causes.fit import Fit, list_candidates
+from crosscheck.causes.model import make_model
+from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, choose_causes, find_causes
+from crosscheck.causes.pairs import AND, find_pairs
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.record import Record, load, save
@@ -94,16 +94,16 @@ def test_an_amplitude_explains_what_it_leaves_within_the_bars_or_a_tenth(
 ) -> None:
     """Of a long step only the amplitude is fitted: it may leave UNEXPLAINED, or what the bars cover sample by sample."""
     found = load_mechanism(MODELS / "flex_one_link")
-    model = model_of(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
+    model = make_model(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
     residual = np.ones(model.torque.size)
     residual[7] += missed
     asked = Question(model, residual, np.full(residual.size, bar))
     half = 0.55 * np.ones(residual.size)
     left = float(np.linalg.norm(residual - half) / np.linalg.norm(residual))
     assert UNEXPLAINED < left < 0.5
-    assert asked.explains(Fit(DICTIONARY["time step"], "", np.ones(1), left, half)) is expected
+    assert asked.can_explain(Fit(DICTIONARY["time step"], "", np.ones(1), left, half)) is expected
     nearly = Fit(DICTIONARY["time step"], "", np.ones(1), UNEXPLAINED / 2, residual * (1 - UNEXPLAINED / 2))
-    assert asked.explains(nearly)
+    assert asked.can_explain(nearly)
 
 
 PAIR = f"payload{AND}rotor inertia"
@@ -114,11 +114,11 @@ PAIR = f"payload{AND}rotor inertia"
 )
 def test_one_name_at_many_places_is_an_answer_and_many_pairs_are_none(name: str, count: int, named: int) -> None:
     found = load_mechanism(MODELS / "rigid_3r")
-    model = model_of(Subject(found, load_cases(MODELS / "rigid_3r", found)["quintic"]))
+    model = make_model(Subject(found, load_cases(MODELS / "rigid_3r", found)["quintic"]))
     residual = np.ones(model.torque.size)
     cause = replace(DICTIONARY["payload"], name=name)
     heard = tuple(Heard(Fit(cause, f"place {k}", np.ones(cause.parameters), 0.0, residual)) for k in range(count))
-    naming = chosen(Question(model, residual, np.zeros(residual.size)), [one.fit for one in heard], heard, None)
+    naming = choose_causes(Question(model, residual, np.zeros(residual.size)), [one.fit for one in heard], heard, None)
     unknown = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
     assert len(naming.named) == named
     assert naming.words == ("" if named else unknown)
@@ -128,13 +128,13 @@ def test_a_pair_of_which_one_part_explains_all_is_that_part_alone() -> None:
     """Where a pair finds the size of one cause, and rounding for the other, it is the first."""
     found = load_mechanism(MODELS / "double_pendulum")
     subject = Subject(found, load_cases(MODELS / "double_pendulum", found)["swing"])
-    model = model_of(subject)
+    model = make_model(subject)
     causes = ("time offset", "rotor inertia")
-    known = candidates(model, {n: DICTIONARY[n] for n in causes})
+    known = list_candidates(model, {n: DICTIONARY[n] for n in causes})
     residual = model.difference(DICTIONARY["time offset"].change(subject, "", np.array([0.01])))
     asked = Question(model, residual, np.full(residual.size, 1e-9))
-    explaining = pairs(model, residual, known, asked.explains, asked.part)
-    (one,) = chosen(asked, explaining, tuple(map(Heard, explaining)), None).named
+    explaining = find_pairs(model, residual, known, asked.can_explain, asked.part)
+    (one,) = choose_causes(asked, explaining, tuple(map(Heard, explaining)), None).named
     assert (one.cause.name, one.size[0]) == ("time offset", pytest.approx(0.01, rel=1e-6))
 
 
@@ -146,14 +146,14 @@ def test_a_rotary_inertia_is_found_whatever_its_size() -> None:
     """
     found = load_mechanism(MODELS / "flex_one_link")
     subject = Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"])
-    model = model_of(subject)
+    model = make_model(subject)
     (link,) = found.beams
-    known = candidates(model, all_causes())  # of the unharmed model, whatever the harm
+    known = list_candidates(model, collect_causes())  # of the unharmed model, whatever the harm
     for factor in (2.0, 100.0):
         harmed = DICTIONARY["rotary inertia of the section"].change(
             subject, link.name, np.array([max(factor, 1e-3) - 1.0])
         )
-        naming = name(model, model.difference(harmed), 1e-9, known)
+        naming = find_causes(model, model.difference(harmed), 1e-9, known)
         assert [f.cause.name for f in naming.named] == ["rotary inertia of the section"]
         assert float(naming.named[0].size[0]) == pytest.approx(factor - 1.0, rel=0.02)
 
@@ -162,12 +162,12 @@ def test_a_rotary_inertia_is_found_whatever_its_size() -> None:
 def test_a_cause_that_bars_hide_is_named_only_where_it_explains_nearly_all(left: float, named: bool) -> None:
     """Bars of 0.3 of the difference: the right cause may leave more than HALF at NOISE of them, and is not among the fits."""
     found = load_mechanism(MODELS / "flex_one_link")
-    model = model_of(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
+    model = make_model(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
     residual = np.ones(model.torque.size)
     asked = Question(model, residual, np.full(residual.size, 0.3))
     fit = Fit(DICTIONARY["rotor inertia"], "hub", np.ones(1), left, (1 - left) * residual)
-    assert asked.explains(fit)
-    naming = chosen(asked, [fit], (Heard(fit),), None)
+    assert asked.can_explain(fit)
+    naming = choose_causes(asked, [fit], (Heard(fit),), None)
     assert bool(naming.named) is named
     assert ("the error bars are 30% of the difference" in naming.words) is not named
 
@@ -177,11 +177,11 @@ def test_a_factor_of_a_thousand_is_found_beside_a_small_one_that_looks_like_it()
     """A shear stiffness of a five-hundredth: 1 % softer in bending leaves 2 % of the difference, the right cause nothing."""
     found = load_mechanism(MODELS / "flex_one_link")
     subject = Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"])
-    model = model_of(subject)
+    model = make_model(subject)
     (link,) = found.beams
     harmed = DICTIONARY["shear factor"].change(subject, link.name, np.array([2e-3 - 1.0]))
     residual = model.difference(harmed)
-    naming = name(model, residual, 5e-3 * float(np.abs(residual).max()))
+    naming = find_causes(model, residual, 5e-3 * float(np.abs(residual).max()))
     assert [f.cause.name for f in naming.named] == ["shear factor"]
     # Bars of half a per cent leave a size that acts by its inverse unsure by as much.
     assert float(naming.named[0].size[0]) == pytest.approx(2e-3 - 1.0, abs=0.01 * 2e-3)
@@ -193,7 +193,7 @@ def test_a_parallel_axis_term_that_is_taken_off_twice_is_named(place: str, targe
     mechanism, case = place.split("/")
     found = load_mechanism(MODELS / mechanism)
     subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
-    model = model_of(subject)
+    model = make_model(subject)
 
     def without(body: Body) -> Body:
         inertia = body.inertia
@@ -201,6 +201,6 @@ def test_a_parallel_axis_term_that_is_taken_off_twice_is_named(place: str, targe
         return replace(body, inertia=inertia.replace_unchecked(tensor=inertia.tensor - inertia.mass * distance))
 
     residual = model.difference(subject.with_body(target, without))
-    naming = name(model, residual, 1e-9)
+    naming = find_causes(model, residual, 1e-9)
     assert {f.target for f in naming.named} == {target}
     assert naming.named[0].left < 1e-7

@@ -12,8 +12,8 @@ import pytest
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import BENCHES, Bench
 from crosscheck.causes.fit import Candidate
-from crosscheck.causes.model import model_of
-from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, _numbers, run_bench
+from crosscheck.causes.model import make_model
+from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, _list_fault_sizes, run_bench
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.studies.selftest import ALL, figures, summary, targets, verdict
@@ -84,7 +84,7 @@ def test_what_cannot_be_along_no_axis_is_planted_where_it_shows() -> None:
     assert row.outcome == "alone"
     columns = np.array([[1e-7, 0.5, 0.0], [0.0, 0.1, 0.0]])
     one = Candidate(DICTIONARY["closure point misplaced"], "C: first", 2.0, columns)
-    for numbers in (tries := _numbers(one, 0.1)):
+    for numbers in (tries := _list_fault_sizes(one, 0.1)):
         assert np.linalg.norm(numbers) == pytest.approx(0.2)
     assert [int(np.count_nonzero(numbers)) for numbers in tries] == [3, 2, 1] * 2
     assert np.array_equal(tries[5], -tries[2])
@@ -188,7 +188,7 @@ def test_every_cause_can_sit_on_some_bench() -> None:
         folder = MODELS / bench.mechanism
         mechanism = read_mechanism(folder)
         mechanism, case = bench.made(mechanism, load_cases(folder, mechanism)[bench.case])
-        model = model_of(Subject(mechanism, case))
+        model = make_model(Subject(mechanism, case))
         known = {name: cause for name, cause in left.items() if name in bench.planted}
         for name, cause in known.items():
             if any(cause.scale(model, target) for target in cause.targets(model)):

@@ -17,8 +17,8 @@ import pytest
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import Bench
-from crosscheck.causes.model import model_of
-from crosscheck.causes.naming import Naming, name
+from crosscheck.causes.model import make_model
+from crosscheck.causes.naming import Naming, find_causes
 from crosscheck.causes.selftest import ROUNDING, ask
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -46,9 +46,9 @@ def loaded(place: str) -> Subject:
 def told(subject: Subject, harmed: Subject, engine: str) -> Naming:
     """What is said of an engine whose model was harmed."""
     reference = adapter(ENGINES["flexinv"]).run(subject.mechanism, subject.case, "flexinv", {"error": False})
-    model = model_of(subject, reference)
+    model = make_model(subject, reference)
     record = ask(Bench("thread", "thread", engine), harmed)
-    return name(model, model.residual(record, reference), ROUNDING)
+    return find_causes(model, model.residual(record, reference), ROUNDING)
 
 
 def planted(subject: Subject, cause: str, target: str, size: object, engine: str) -> Naming:

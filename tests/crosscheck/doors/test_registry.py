@@ -15,7 +15,7 @@ import rogue_engines
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 
-from crosscheck.causes.dictionary import DICTIONARY, all_causes
+from crosscheck.causes.dictionary import DICTIONARY, collect_causes
 from crosscheck.cli import main
 from crosscheck.doors import config, packages, trust
 from crosscheck.doors.registry import Doors, doors, stamp
@@ -324,7 +324,7 @@ def test_an_installed_package_brings_engines_and_causes(tmp_path: Path, monkeypa
     assert found["guest"].module == "rogue_engines"
     assert adapter(found["guest"]).version() == "0.rogue"
     with pytest.warns(UserWarning, match="package guest: no causes at guest_causes:BAD"):
-        known = all_causes()
+        known = collect_causes()
     assert set(known) - set(DICTIONARY) == {"a guest of a cause"}
 
 

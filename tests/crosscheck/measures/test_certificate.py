@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
-from crosscheck.causes.model import Model, model_of
-from crosscheck.causes.naming import Naming, name
-from crosscheck.causes.selftest import loosened
+from crosscheck.causes.model import Model, make_model
+from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.selftest import make_loose_closure
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
@@ -144,7 +144,7 @@ def test_a_harmed_model_has_no_certificate(engine: str, cause: str) -> None:
     subject = Subject(mechanism, case)
     row = DICTIONARY[cause]
     size = np.full(max(1, row.parameters), 1e-3) if row.sized else np.ones(1)
-    found = lines("double_pendulum/swing", engine, row.change(subject, row.targets(model_of(subject))[-1], size))
+    found = lines("double_pendulum/swing", engine, row.change(subject, row.targets(make_model(subject))[-1], size))
     assert {line.what for line in found if not line.holds} >= set(HARM[cause])
 
 
@@ -175,7 +175,7 @@ def test_a_body_on_a_beam_is_weighed_where_it_sits() -> None:
 @pytest.mark.parametrize("place", ["four_bar/turn", "bricard/fold"])
 def test_a_closure_of_another_rank_is_found(place: str, engine: str) -> None:
     mechanism, case = load(place)
-    loose = replace(mechanism, closures=tuple(map(loosened, mechanism.closures)))
+    loose = replace(mechanism, closures=tuple(map(make_loose_closure, mechanism.closures)))
     found = lines(place, engine, Subject(loose, case))
     wrong = [line for line in found if not line.holds]
     assert [line.what for line in wrong if line.what != "closure axes"] == ["rank of the closures"]
@@ -217,7 +217,9 @@ def test_the_certificate_rules_out_what_it_contradicts() -> None:
     certificate of an effort that is scaled says that the model is right."""
     model = model_at("rigid_one_link/cycloid")
     scaled = DICTIONARY["effort scale"].change(model.base, "hub", np.array([0.05]))
-    assert name(model, model.difference(scaled), 1e-9).words.endswith("nothing that the engine gave tells them apart")
+    assert find_causes(model, model.difference(scaled), 1e-9).words.endswith(
+        "nothing that the engine gave tells them apart"
+    )
     heard = with_evidence(model, scaled)
     # Without gravity, larger accelerations are larger efforts.
     assert set(heard.names) == {"effort scale", "acceleration scale", "coordinate scale"}
@@ -236,7 +238,7 @@ def test_a_plane_motion_and_the_certificate_tell_inertias_apart(cause: str) -> N
     target = row.targets(model)[0]
     size = 0.1 * row.scale(model, target) * np.array([0.78, -0.55, 0.31])[: row.parameters]
     harmed = row.change(model.base, target, size)
-    assert not name(model, model.difference(harmed), 1e-9).named  # more than three explain it
+    assert not find_causes(model, model.difference(harmed), 1e-9).named  # more than three explain it
     heard = with_evidence(model, harmed)
     # A rod's tensor is a multiple of what Steiner adds to it: taken about another point it is a shorter rod's.
     assert set(heard.names) <= {cause, "inertia about the wrong point"}
@@ -257,7 +259,7 @@ def test_where_the_certificate_contradicts_every_cause_none_is_named() -> None:
 
 
 def model_at(place: str) -> Model:
-    return model_of(Subject(*load(place)))
+    return make_model(Subject(*load(place)))
 
 
 def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -> Naming:
@@ -265,7 +267,7 @@ def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -
     base, residual = model.base, model.difference(harmed)
     theirs = says((asked or harmed).mechanism, base.case, "pinocchio")
     evidence = Evidence(model, residual, theirs, says(base.mechanism, base.case, "flexinv"))
-    return name(model, residual, 1e-9, evidence=evidence)
+    return find_causes(model, residual, 1e-9, evidence=evidence)
 
 
 def test_a_certificate_says_who_computed_what_an_engine_is_given() -> None:
