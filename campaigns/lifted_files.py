@@ -50,8 +50,8 @@ from campaigns.lifted_judges import (  # noqa: E402
 )
 from campaigns.lifted_judges_of_trees import judge_by_drake, judge_by_pinocchio  # noqa: E402
 from crosscheck.equivalence.proof import LOST, PROVEN, SOURCE, UNPROVEN, prove  # noqa: E402
-from crosscheck.equivalence.proving.provers import with_dynamics  # noqa: E402
-from crosscheck.equivalence.sources import describe, is_xml, kind_of  # noqa: E402
+from crosscheck.equivalence.proving.provers import add_dynamics  # noqa: E402
+from crosscheck.equivalence.sources import describe, find_format, is_xml  # noqa: E402
 from crosscheck.lifting.description import Description  # noqa: E402
 from flexinv.errors import InputError  # noqa: E402
 from flexinv.files.from_urdf import find_robots_folder  # noqa: E402
@@ -120,8 +120,8 @@ def judge(path: Path, reader: str = "") -> Row:
     """Lift a file and judge what came out."""
     row = Row(str(path), reader, REFUSED)
     try:
-        kind = kind_of(path)
-        description = with_dynamics(describe(f"{path}@{reader}" if reader else path))
+        kind = find_format(path)
+        description = add_dynamics(describe(f"{path}@{reader}" if reader else path))
     except InputError as error:
         return replace(row, words=" ".join(str(error).split())[:300])
     proof = prove(description)
@@ -316,7 +316,7 @@ def main() -> int:
 def _reads(path: Path, reader: str) -> bool:
     """Return True if a reader is asked for a file: its own is always."""
     try:
-        return not reader or (kind_of(path), reader) in JUDGES
+        return not reader or (find_format(path), reader) in JUDGES
     except InputError:
         return False
 

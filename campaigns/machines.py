@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from retelling import Dice, random_turn
 
-from crosscheck.equivalence.tree import sum_of
+from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.urdf import lift_urdf
 from flexinv.files.from_urdf import find_robots_folder
@@ -65,7 +65,7 @@ def _begun(joint: Joint) -> Joint:
 
 
 def _one_body(link: Link) -> Link:
-    body = sum_of([b.inertia for b in link.bodies])
+    body = join_bodies([b.inertia for b in link.bodies])
     return replace(link, bodies=(Body(link.name, body),) if body.mass else ())
 
 

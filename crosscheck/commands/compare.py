@@ -16,9 +16,9 @@ from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FO
 from crosscheck.equivalence.compare import TOLERANCE, compare
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.output.files import write
-from crosscheck.equivalence.output.readers import markdown_table, sentence, write_table
-from crosscheck.equivalence.output.text import GROUPS, markdown, repaired, rounding
-from crosscheck.equivalence.readers import Loaded, Measure, by_readers
+from crosscheck.equivalence.output.readers import describe_agreement, render_readers_table, write_table
+from crosscheck.equivalence.output.text import GROUPS, describe_repair, describe_rounding, render_markdown
+from crosscheck.equivalence.readers import Loaded, Measure, compare_readers
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import try_reading
 from crosscheck.report.words import short
@@ -85,7 +85,7 @@ def command(
         if readers is not None:
             if b is not None or stated:
                 raise Failure("--readers compares the readers of one file: leave out B and --match")
-            rows = by_readers(a, readers, Measure(tolerance, families, strict, ignored, unproven), guard.call)
+            rows = compare_readers(a, readers, Measure(tolerance, families, strict, ignored, unproven), guard.call)
             _tell_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
             sys.exit(_code(rows))
         if b is None:
@@ -97,9 +97,9 @@ def command(
         raise Failure(str(error)) from error
     except OSError as error:
         raise Failure(f"{out or a}: {error}") from error
-    _add_summary(markdown(found))
+    _add_summary(render_markdown(found))
     if as_json or as_markdown:
-        click.echo(json.dumps(found.plain, indent=1) if as_json else markdown(found))
+        click.echo(json.dumps(found.plain, indent=1) if as_json else render_markdown(found))
     else:
         _show(Console(), found, out)
     sys.exit(found.code)
@@ -133,7 +133,7 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
     for name, title in GROUPS:
         if group := getattr(found.judged, name):
             console.print(_table(title, group))
-    for line in [*rounding(found), repaired(found)]:
+    for line in [*describe_rounding(found), describe_repair(found)]:
         console.print(escape(line), highlight=False, soft_wrap=True)
     if found.suspects:
         console.print(f"[bold]{escape(found.suspects)}[/]", highlight=False, soft_wrap=True)
@@ -175,16 +175,16 @@ def _table(title: str, group: tuple[Difference, ...]) -> Table:
 def _tell_readers(file: str, rows: list[Loaded], out: Path | None, form: str) -> None:
     if out is not None:
         write_table(file, rows, out)
-    _add_summary(markdown_table(file, rows))
+    _add_summary(render_readers_table(file, rows))
     if form:
         plain = [row.plain for row in rows]
-        click.echo(json.dumps(plain, indent=1) + "\n" if form == "json" else markdown_table(file, rows), nl=False)
+        click.echo(json.dumps(plain, indent=1) + "\n" if form == "json" else render_readers_table(file, rows), nl=False)
         return
     Console().print(_readers_table(file, rows))
     for row in rows:
         for words in row.dropped:
             Console().print(f"[dim]{escape(row.reader)}: {escape(words)}[/]", highlight=False, soft_wrap=True)
-    Console().print(escape(sentence(rows)), highlight=False, soft_wrap=True)
+    Console().print(escape(describe_agreement(rows)), highlight=False, soft_wrap=True)
     if out is not None:
         Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
 

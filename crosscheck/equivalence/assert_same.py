@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from crosscheck.equivalence.compare import compare
-from crosscheck.equivalence.output.text import text
+from crosscheck.equivalence.output.text import render_text
 from crosscheck.equivalence.result import Comparison
 
 
@@ -17,5 +17,5 @@ def assert_same(a: Any, b: Any, **options: Any) -> Comparison:
     __tracebackhide__ = True
     found = compare(a, b, **options)
     if not found.equal:
-        raise AssertionError(text(found))
+        raise AssertionError(render_text(found))
     return found

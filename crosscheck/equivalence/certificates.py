@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.equivalence.alignment.seats import Aligned
-from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, mechanism_of
+from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states, sample_states
+from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, build_mechanism
 from crosscheck.lifting.rigid import moved
 from crosscheck.measures.certificate import EXACT, Check
 from flexinv.model.mechanism import Array
@@ -20,28 +20,32 @@ from flexinv.model.mechanism import Array
 PLACES = 4  # configurations, as in the certificate of an engine
 
 
-def lines(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> tuple[Check, ...]:
+def list_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> tuple[Check, ...]:
     """Return the lines of a pair [unit of each line]; seats : alignment by joint of the first."""
     names = {joint: second.members[seat.second].joint for joint, seat in seats.items()}
-    states = states_of(first, count=(PLACES, 0))
-    made = [*_bodies(first, second, seats)]
+    states = sample_states(first, count=(PLACES, 0))
+    made = [*_list_body_checks(first, second, seats)]
     if first.moving:
         made += [
-            _line("joint-space mass matrix", "kg m^2, kg", *_both(first, second, seats, names, states, True)),
-            _line("gravity torque", "N m, N", *_both(first, second, seats, names, states, False)),
+            _make_check(
+                "joint-space mass matrix",
+                "kg m^2, kg",
+                *_compute_both_efforts(first, second, seats, names, states, True),
+            ),
+            _make_check("gravity torque", "N m, N", *_compute_both_efforts(first, second, seats, names, states, False)),
         ]
-    return (*made, *_axes(first, second, seats), *_drives(first, second, seats))
+    return (*made, *_list_axis_checks(first, second, seats), *_list_drive_checks(first, second, seats))
 
 
-def _line(what: str, unit: str, ours: Array, theirs: Array, words: str = "") -> Check:
+def _make_check(what: str, unit: str, ours: Array, theirs: Array, words: str = "") -> Check:
     error = float(np.abs(ours - theirs).max(initial=0.0))
     scale = float(np.abs(ours).max(initial=0.0))
     return Check("", "", "B", what, unit, error <= EXACT * (scale or 1.0), error, scale, EXACT, words)
 
 
-def _bodies(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
     masses = np.array([sum(m.mass for m in tree.members) for tree in (first, second)])
-    yield _line("total mass", "kg", masses[:1], masses[1:])
+    yield _make_check("total mass", "kg", masses[:1], masses[1:])
     pairs = [(first.members[s.first], moved(s.frame, second.members[s.second].inertia)) for s in seats.values()]
     for what, unit, name in (
         ("masses by joint", "kg", "mass"),
@@ -52,28 +56,28 @@ def _bodies(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator
         if gaps:
             k = int(np.argmax(gaps))
             a, b = (np.atleast_1d(np.asarray(getattr(x, name))) for x in (pairs[k][0].inertia, pairs[k][1]))
-            yield _line(what, unit, a, b, pairs[k][0].name)
+            yield _make_check(what, unit, a, b, pairs[k][0].name)
 
 
-def _both(
+def _compute_both_efforts(
     first: Tree, second: Tree, seats: Mapping[str, Aligned], names: dict[str, str], states: States, inertia: bool
 ) -> tuple[Array, Array]:
     """Mass matrix (columns of unit accelerations) or gravity effort of both, in A's coordinates."""
     none = np.zeros(3)
-    one, two = (mechanism_of(t.changed([(-1, "gravity", none)]) if inertia else t) for t in (first, second))
+    one, two = (build_mechanism(t.replace_fields([(-1, "gravity", none)]) if inertia else t) for t in (first, second))
     quiet = [replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints)) for m in (one, two)]
     pushes = [
-        states.pushed(joint, k) for joint, rates in states.qd.items() for k in range(rates.shape[1])
+        states.apply_unit_acceleration(joint, k) for joint, rates in states.qd.items() for k in range(rates.shape[1])
     ] if inertia else [states.still]  # fmt: skip
     found = []
     for push in pushes:
-        ours = efforts(quiet[0], push)
-        theirs = mapped_back(efforts(quiet[1], mapped(push, first, seats), names), first, seats)
+        ours = evaluate_efforts(quiet[0], push)
+        theirs = map_efforts_back(evaluate_efforts(quiet[1], map_states(push, first, seats), names), first, seats)
         found.append([np.hstack([side[joint] for joint in states.qd]) for side in (ours, theirs)])
     return np.array([a for a, _ in found]), np.array([b for _, b in found])
 
 
-def _axes(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_axis_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
     gaps = {}
     for joint, seat in seats.items():
         one = first.members[seat.first]
@@ -82,10 +86,10 @@ def _axes(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[C
             gaps[joint] = (one.axis, seat.sign * seat.frame.rotation @ two.axis)
     if gaps:
         worst = max(gaps, key=lambda name: float(np.abs(gaps[name][0] - gaps[name][1]).max()))
-        yield _line("joint axes", "-", *gaps[worst], worst)
+        yield _make_check("joint axes", "-", *gaps[worst], worst)
 
 
-def _drives(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_drive_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
     for name in PASSIVE[:4]:
         values = np.array(
             [[getattr(t.members[k], name) for t, k in ((first, s.first), (second, s.second))] for s in seats.values()]
@@ -93,4 +97,4 @@ def _drives(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator
         if values.size and values.any():
             k = int(np.argmax(np.abs(values[:, 0] - values[:, 1])))
             words = "joint " + name.replace("_", " ")
-            yield _line(words, "N m s/rad, N m, kg m^2", values[k, :1], values[k, 1:], list(seats)[k])
+            yield _make_check(words, "N m s/rad, N m, kg m^2", values[k, :1], values[k, 1:], list(seats)[k])

@@ -9,31 +9,44 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.align import aligned
-from crosscheck.equivalence.alignment.bases import base_differences
+from crosscheck.equivalence.alignment.align import find_alignment
+from crosscheck.equivalence.alignment.bases import list_base_differences
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
-from crosscheck.equivalence.beams.bending import Felt, felt
-from crosscheck.equivalence.beams.held import held
+from crosscheck.equivalence.beams.bending import Felt, compute_beam_effects
+from crosscheck.equivalence.beams.held import make_rigid_mechanism
 from crosscheck.equivalence.beams.sections import Beams
-from crosscheck.equivalence.certificates import lines
-from crosscheck.equivalence.couplings import with_couplings
+from crosscheck.equivalence.certificates import list_checks
+from crosscheck.equivalence.couplings import add_coupling_differences
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.digits import Digits, Sheet
-from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, one_body, scaled
-from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
-from crosscheck.equivalence.loops import loop_differences
+from crosscheck.equivalence.efforts import evaluate_efforts, map_efforts_back, map_states, sample_states
+from crosscheck.equivalence.groups import (
+    BODY,
+    find_differing_body,
+    find_missing_links,
+    join_equal_differences,
+    join_exchanged_bodies,
+    join_scaled_differences,
+)
+from crosscheck.equivalence.judge import Bench, Judged, is_rounding, judge
+from crosscheck.equivalence.loops import list_loop_differences
 from crosscheck.equivalence.matching.match import Match, match
-from crosscheck.equivalence.matching.roots import rooted_alike
-from crosscheck.equivalence.members import START, Pair, body_differences, drive_differences, joint_differences
-from crosscheck.equivalence.output.advice import Sides, advice
+from crosscheck.equivalence.matching.roots import match_roots
+from crosscheck.equivalence.members import (
+    START,
+    Pair,
+    list_body_differences,
+    list_drive_differences,
+    list_joint_differences,
+)
+from crosscheck.equivalence.output.advice import Sides, collect_advice
 from crosscheck.equivalence.proof import SAMPLES, SEED, prove
-from crosscheck.equivalence.proving.features import Ground, ignored_words, starts_of, with_features
-from crosscheck.equivalence.proving.provers import with_dynamics
-from crosscheck.equivalence.reduce import Reduced, reduced
+from crosscheck.equivalence.proving.features import Ground, add_feature_differences, describe_ignored, find_start_poses
+from crosscheck.equivalence.proving.provers import add_dynamics
+from crosscheck.equivalence.reduce import Reduced, build_matched_trees
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import describe_pair
-from crosscheck.equivalence.tree import Tree, tree_of
+from crosscheck.equivalence.tree import Tree, build_tree
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism, Placement
@@ -65,15 +78,15 @@ def compare(
     Raises InputError for what cannot be read, matched or compared.
     """
     begun = clock.perf_counter()
-    families = checked(tolerance, judge)
+    families = check_comparison_options(tolerance, judge)
     strict = check_flag("strict", strict)
     stated = check_renaming("match", match, "a table of names, joint of a -> joint of b", 'match={"elbow": "joint_3"}')
     first, second = describe_pair(a, b)
-    found = replace(compared(first, second, tolerance, stated, tuple(ignore)), unproven=unproven)
+    found = replace(compare_descriptions(first, second, tolerance, stated, tuple(ignore)), unproven=unproven)
     return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
 
 
-def checked(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
+def check_comparison_options(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
     """Return the families of differences [-] that count.  Raises InputError for one unknown, or a tolerance that is none."""
     given = tuple(judge) if isinstance(judge, Iterable) and not isinstance(judge, str) else judge
     families = tuple(check_names("judge", given, "families of differences"))
@@ -96,7 +109,7 @@ class Found:
     motion: Placement
 
 
-def compared(
+def compare_descriptions(
     first: Description,
     second: Description,
     tolerance: float,
@@ -107,59 +120,59 @@ def compared(
 
     stated : joints of the second by those of the first; ignored : names of features that are left out
     """
-    first = with_dynamics(first)
-    second = with_dynamics(second)
+    first = add_dynamics(first)
+    second = add_dynamics(second)
     lifted = first, second
     proofs = prove(first), prove(second)
-    rooted = rooted_alike(first.mechanism, second.mechanism, stated)
+    rooted = match_roots(first.mechanism, second.mechanism, stated)
     second = replace(second, mechanism=rooted.mechanism)
     flexible = first.mechanism, second.mechanism
-    first, second = (replace(side, mechanism=held(side.mechanism)) for side in (first, second))
-    one, two = (tree_of(side.mechanism, side.gears) for side in (first, second))
+    first, second = (replace(side, mechanism=make_rigid_mechanism(side.mechanism)) for side in (first, second))
+    one, two = (build_tree(side.mechanism, side.gears) for side in (first, second))
     pairs = match(one, two, stated)
-    beams = _beams(flexible, pairs)
+    beams = _build_beams(flexible, pairs)
     if any(True for _ in beams.both):
-        second = replace(second, mechanism=held(beams.base()))
-        two = tree_of(second.mechanism, second.gears)
-    bent = felt(beams)
-    size = max(_size(one), _size(two))
+        second = replace(second, mechanism=make_rigid_mechanism(beams.base()))
+        two = build_tree(second.mechanism, second.gears)
+    bent = compute_beam_effects(beams)
+    size = max(_compute_tree_size(one), _compute_tree_size(two))
     printed = Digits(Sheet(one, first.printed), Sheet(two, second.printed))
-    found = _least(one, two, dict(pairs.pairs), size, printed)
+    found = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
     trees = found.trees
     seats = {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
     told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
     rounding = SINGLE * max(first.precision, second.precision)
-    every = with_couplings(one, two, pairs.pairs, moving, told, max(SAME, rounding))
+    every = add_coupling_differences(one, two, pairs.pairs, moving, told, max(SAME, rounding))
     tied = first.mechanism, second.mechanism
-    every += loop_differences(tied, (one, two), pairs.pairs, moving, size, found.motion, max(SAME, rounding))
-    states = states_of(trees.first)
+    every += list_loop_differences(tied, (one, two), pairs.pairs, moving, size, found.motion, max(SAME, rounding))
+    states = sample_states(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
     if names:
-        theirs = efforts(_cut(second.mechanism), mapped(states, trees.first, moving), names)
-        wanted = mapped_back(theirs, trees.first, moving)
+        theirs = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
+        wanted = map_efforts_back(theirs, trees.first, moving)
     bound = max(tolerance, rounding)
-    judged = _with_beams(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
+    judged = _add_beam_effects(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
     if any(side.features or side.dynamics is not None for side in lifted):
-        silent = trees.first.changed(c for d in every if not d.cause for c in d.changes)
-        places = states_of(trees.first, SEED, (SAMPLES, 0))
-        ground = Ground(trees.first, places, moving, names, starts_of(trees.first, silent), not rooted.links)
-        judged = with_features(judged, lifted, ground, ignored, bound)
+        silent = trees.first.replace_fields(c for d in every if not d.cause for c in d.changes)
+        places = sample_states(trees.first, SEED, (SAMPLES, 0))
+        ground = Ground(trees.first, places, moving, names, find_start_poses(trees.first, silent), not rooted.links)
+        judged = add_feature_differences(judged, lifted, ground, ignored, bound)
     sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links)
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
-        certificate=lines(trees.first, trees.second, moving),
-        notes=(*_notes(one, two, pairs, found), *beams.meshes(), *bent.notes),
+        certificate=list_checks(trees.first, trees.second, moving),
+        notes=(*_describe_conventions(one, two, pairs, found), *beams.describe_other_meshes(), *bent.notes),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
-        advice=advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
+        advice=collect_advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
         proofs=tuple((side.label, proof) for side, proof in zip(lifted, proofs, strict=True)),
-        ignored=tuple(ignored_words(lifted, ignored)), featured=any(side.features for side in lifted),
+        ignored=tuple(describe_ignored(lifted, ignored)), featured=any(side.features for side in lifted),
     )  # fmt: skip
 
 
-def _beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Beams:
+def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Beams:
     """The beams of both, by links whose joints are matched."""
     first, second = mechanisms
     joints = {a: b for a, b in pairs.pairs.items() if a in first.joint_of and b in second.joint_of}
@@ -169,28 +182,28 @@ def _beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Beams:
     return Beams(first, second, links, joints)
 
 
-def _with_beams(judged: Judged, bent: Felt) -> Judged:
+def _add_beam_effects(judged: Judged, bent: Felt) -> Judged:
     """The judgement with the torques of links that bend, where those differ more."""
     worst = max((judged.before, judged.before_effort, judged.worst_joint), bent.before)
     after = max(judged.after, bent.after[0])
     return replace(judged, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
 
 
-def _cut(mechanism: Mechanism) -> Mechanism:
+def _remove_loops(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, closures=(), springs=(), forces=())
 
 
-def _size(tree: Tree) -> float:
+def _compute_tree_size(tree: Tree) -> float:
     places = np.array([pose.position for pose in tree.poses()] or np.zeros((1, 3)))
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
-def _least(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
+def _find_least_explanation(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
     """The explanation with the fewest differences: fixed links kept or merged."""
-    kept = _found(one, two, joints, True, size, printed)
+    kept = _find_explanation(one, two, joints, True, size, printed)
     if not _count(kept) or all(member.kind != "fixed" for member in kept.trees.first.members):
         return kept
-    whole = _found(one, two, joints, False, size, printed)
+    whole = _find_explanation(one, two, joints, False, size, printed)
     return kept if _count(kept) <= _count(whole) else whole
 
 
@@ -198,27 +211,31 @@ def _count(found: Found) -> int:
     """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
     held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
     return sum(
-        1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held and not rounded(d)
+        1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held and not is_rounding(d)
     )
 
 
-def _found(one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Digits) -> Found:
-    trees = reduced(one, two, joints, links)
-    alignment = aligned(trees.first, trees.second, trees.pairs, size)
+def _find_explanation(one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Digits) -> Found:
+    trees = build_matched_trees(one, two, joints, links)
+    alignment = find_alignment(trees.first, trees.second, trees.pairs, size)
     members = trees.first.members, trees.second.members
     pairs = [Pair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
     found: list[Difference] = []
     for pair in pairs:
-        own = [*body_differences(pair)]
-        lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
-        found += [*joint_differences(pair), *([lost] if lost else one_body(pair) or own), *drive_differences(pair)]
-    found = exchanged(trees.first, trees.second, pairs, found)
-    base = base_differences(trees.first, trees.second, alignment.motion, pairs)
-    found = [*trees.found, *base, *alike(scaled(trees.first, found))]
+        own = [*list_body_differences(pair)]
+        lost = find_missing_links(pair) if any(d.cause in BODY for d in own) else None
+        found += [
+            *list_joint_differences(pair),
+            *([lost] if lost else find_differing_body(pair) or own),
+            *list_drive_differences(pair),
+        ]
+    found = join_exchanged_bodies(trees.first, trees.second, pairs, found)
+    base = list_base_differences(trees.first, trees.second, alignment.motion, pairs)
+    found = [*trees.found, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
     return Found(trees, alignment.seats, found, alignment.motion)
 
 
-def _notes(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:
+def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:
     """Conventions that change no coordinate: names, order, frames of links, merged links."""
     notes = []
     renamed = {a: b for a, b in pairs.pairs.items() if a != b}

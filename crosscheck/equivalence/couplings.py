@@ -9,7 +9,7 @@ from itertools import combinations
 
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.judge import rounded
+from crosscheck.equivalence.judge import is_rounding
 from crosscheck.equivalence.members import SIGN, ZERO
 from crosscheck.equivalence.tree import Tree
 
@@ -22,7 +22,7 @@ MOST = 2  # of them that are tried together
 SHOWN = 4  # names of joints
 
 
-def with_couplings(
+def add_coupling_differences(
     one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference],
     tolerance: float = SAME,
 ) -> list[Difference]:  # fmt: skip
@@ -34,14 +34,16 @@ def with_couplings(
     one difference, of the coordinate, and counts as a difference of what drives add: a convention is what no torque feels.
     """
     back = {theirs: ours for ours, theirs in pairs.items()}
-    ours = dict(_laws(one))
-    plain = dict(_laws(two, back))
-    theirs = {key: _mapped(law, back, seats) for key, law in plain.items()}
-    apart = [key for key in ours if key in theirs and not _same(ours[key], theirs[key], tolerance)]
+    ours = dict(_list_coupling_laws(one))
+    plain = dict(_list_coupling_laws(two, back))
+    theirs = {key: _map_law(law, back, seats) for key, law in plain.items()}
+    apart = [key for key in ours if key in theirs and not _is_same_law(ours[key], theirs[key], tolerance)]
     told = list(found)
     counted = [(d.cause, d.place.removeprefix("joint ")) for d in told if d.cause in CONVENTIONS]
-    follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats, counted, tolerance)
-    told = [_felt(difference, follows) for difference in told]
+    follows = _find_following_couplings(
+        {key: (ours[key], plain[key]) for key in apart}, back, seats, counted, tolerance
+    )
+    told = [_move_to_drive_family(difference, follows) for difference in told]
     for key in [*ours, *(k for k in theirs if k not in ours)]:
         a = ours.get(key)
         b = theirs.get(key)
@@ -49,27 +51,27 @@ def with_couplings(
         if a is None or b is None:
             side, law = ("A", a) if b is None else ("B", b)
             assert law is not None
-            values = (_words(law), "none") if side == "A" else ("none", _words(law))
+            values = (_format_law(law), "none") if side == "A" else ("none", _format_law(law))
             told.append(Difference("drive", f"coupling that only {side} has", place, 1.0, "-", *values))
         elif key in apart and key not in follows:
-            told += _differences(place, a, b, tolerance)
+            told += _list_law_differences(place, a, b, tolerance)
     return told
 
 
-def _differences(place: str, a: Law, b: Law, tolerance: float) -> Iterator[Difference]:
+def _list_law_differences(place: str, a: Law, b: Law, tolerance: float) -> Iterator[Difference]:
     gap = max(abs(a[0][name] - b[0].get(name, 0.0)) for name in a[0])
     if gap > tolerance:
-        yield Difference("drive", "factor of coupling", place, gap, "-", _words(a), _words(b))
+        yield Difference("drive", "factor of coupling", place, gap, "-", _format_law(a), _format_law(b))
     if abs(a[1] - b[1]) > tolerance:
-        yield Difference("drive", "offset of coupling", place, abs(a[1] - b[1]), "rad", _words(a), _words(b))
+        yield Difference("drive", "offset of coupling", place, abs(a[1] - b[1]), "rad", _format_law(a), _format_law(b))
 
 
-def _same(a: Law, b: Law, tolerance: float) -> bool:
+def _is_same_law(a: Law, b: Law, tolerance: float) -> bool:
     gaps = [abs(a[0].get(name, 0.0) - b[0].get(name, 0.0)) for name in {*a[0], *b[0]}]
     return max([*gaps, abs(a[1] - b[1])]) <= tolerance
 
 
-def _followed(
+def _find_following_couplings(
     apart: Mapping[Joints, tuple[Law, Law]],
     back: Mapping[str, str],
     seats: Mapping[str, Aligned],
@@ -81,7 +83,11 @@ def _followed(
     for key, (ours, theirs) in apart.items():
         for number in range(1, MOST + 1):
             tried = combinations([one for one in counted if one[1] in key and one[1] in seats], number)
-            alike = [some for some in tried if _same(ours, _mapped(theirs, back, _without(seats, some)), tolerance)]
+            alike = [
+                some
+                for some in tried
+                if _is_same_law(ours, _map_law(theirs, back, _drop_coordinate_changes(seats, some)), tolerance)
+            ]
             if alike:
                 ways[key] = alike
                 break
@@ -89,7 +95,7 @@ def _followed(
     return {key: max(alike, key=lambda some: sum(often[one] for one in some)) for key, alike in ways.items()}
 
 
-def _without(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str, Aligned]:
+def _drop_coordinate_changes(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str, Aligned]:
     """The alignments as if some coordinates counted in B as in A."""
     found = dict(seats)
     for cause, name in some:
@@ -97,25 +103,25 @@ def _without(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str,
     return found
 
 
-def _felt(difference: Difference, follows: Follows) -> Difference:
+def _move_to_drive_family(difference: Difference, follows: Follows) -> Difference:
     """The difference; that of a coordinate by which others go is one of drives."""
     counted = (difference.cause, difference.place.removeprefix("joint "))
     moved = sorted({name for key, some in follows.items() if counted in some for name in key} - {counted[1]})
-    if difference.family != "convention" or not moved or rounded(difference):
+    if difference.family != "convention" or not moved or is_rounding(difference):
         return difference
     more = f" and {len(moved) - SHOWN} more" if len(moved) > SHOWN else ""
     hint = f"coupled to it by the same law in both: {', '.join(moved[:SHOWN])}{more}"
     return replace(difference, family="drive", hints=(*difference.hints, hint))
 
 
-def _laws(tree: Tree, names: Mapping[str, str] | None = None) -> Iterator[tuple[Joints, Law]]:
+def _list_coupling_laws(tree: Tree, names: Mapping[str, str] | None = None) -> Iterator[tuple[Joints, Law]]:
     """Couplings by the joints that they tie, the largest factor first made one."""
     for factors, offset in tree.couplings.values():
         key = frozenset((names or {}).get(name, name) for name in factors)
-        yield key, _normal((dict(factors), offset))
+        yield key, _scale_law((dict(factors), offset))
 
 
-def _normal(law: Law) -> Law:
+def _scale_law(law: Law) -> Law:
     """The law whose factor of the joint that comes first in the alphabet is one."""
     factors, offset = law
     named = sorted(name for name, factor in factors.items() if factor)
@@ -123,7 +129,7 @@ def _normal(law: Law) -> Law:
     return {name: factor / lead for name, factor in factors.items()}, offset / lead
 
 
-def _mapped(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Law:
+def _map_law(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Law:
     """B's law in A's coordinates: q_B = sign (q_A - offset)."""
     factors = {}
     offset = law[1]
@@ -133,9 +139,9 @@ def _mapped(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> 
         sign, zero = (seat.sign, seat.offset) if seat is not None else (1.0, 0.0)
         factors[ours] = factor * sign
         offset += factor * sign * zero
-    return _normal((factors, offset))
+    return _scale_law((factors, offset))
 
 
-def _words(law: Law) -> str:
+def _format_law(law: Law) -> str:
     parts = [f"{'-' if factor < 0 else '+'} {abs(factor):.6g} {name}" for name, factor in sorted(law[0].items())]
     return f"{' '.join(parts).removeprefix('+ ')} = {law[1] + 0.0:.6g}"

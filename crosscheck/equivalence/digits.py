@@ -38,7 +38,11 @@ class Sheet:
     def place(self, joint: str) -> float:
         """Return the open part of a joint's position on the link before it that moves [m]."""
         return sum(
-            (self._own(k, "position") + self._own(k, "rotation") * self._arm(k) for k in self._chain(joint)), 0.0
+            (
+                self._own(k, "position") + self._own(k, "rotation") * self._compute_longest_arm(k)
+                for k in self._chain(joint)
+            ),
+            0.0,
         )
 
     def zero(self, joint: str) -> float:
@@ -47,7 +51,10 @@ class Sheet:
         if k is None:
             return 0.0
         member = self.tree.members[k]
-        seen = [self.turn(self.tree.members[m].joint) for m in (*self.tree.carried(k), *self._fixed_on(k))]
+        seen = [
+            self.turn(self.tree.members[m].joint)
+            for m in (*self.tree.list_moving_children(k), *self._list_fixed_children(k))
+        ]
         points = [(self.body(member, "com"), member.com)]
         points += [
             (self.place(m.joint), m.placement.position) for m in (self.tree.members[n] for n in self.tree.children(k))
@@ -62,7 +69,7 @@ class Sheet:
         names = [name for name, _ in member.parts] or [member.name]
         if len(names) == 1:
             return self.of(names[0], quantity)
-        moved = {name: self._on_carrier(name) for name in names}
+        moved = {name: self._compute_carrier_rounding(name) for name in names}
         total = 0.0
         for name, body in member.parts:
             way, turn = moved[name]
@@ -84,7 +91,7 @@ class Sheet:
         member = self.tree.members[k]
         return self.of(member.joint, quantity) or self.of(member.name, quantity)
 
-    def _arm(self, k: int) -> float:
+    def _compute_longest_arm(self, k: int) -> float:
         """Largest distance from a member to its children's places, within one moving link [m]."""
         ways = [float(np.linalg.norm(self.tree.members[m].placement.position)) for m in self.tree.children(k)]
         return max(ways, default=0.0) if self.tree.members[k].kind == "fixed" else 0.0
@@ -97,12 +104,12 @@ class Sheet:
             found.append(k)
         return found
 
-    def _fixed_on(self, k: int) -> list[int]:
+    def _list_fixed_children(self, k: int) -> list[int]:
         """The fixed members that a member carries."""
         own = [m for m in self.tree.children(k) if self.tree.members[m].kind == "fixed"]
-        return [*own, *(deep for m in own for deep in self._fixed_on(m))]
+        return [*own, *(deep for m in own for deep in self._list_fixed_children(m))]
 
-    def _on_carrier(self, link: str) -> tuple[float, float]:
+    def _compute_carrier_rounding(self, link: str) -> tuple[float, float]:
         """Open part of a fixed link's frame on the link that moves: position [m], orientation [rad]; 0 of that itself."""
         k = self._links.get(link, -1)
         if k < 0 or self.tree.members[k].kind != "fixed":

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.equivalence.alignment.seats import Aligned
-from crosscheck.equivalence.tree import SCALARS, Member, Tree, mechanism_of
+from crosscheck.equivalence.tree import SCALARS, Member, Tree, build_mechanism
 from crosscheck.lifting.rigid import between, inverse, on, quaternion, turned, twist_map
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Mechanism, Placement
@@ -46,7 +46,7 @@ class States:
         none = {name: np.zeros_like(rates) for name, rates in self.qd.items()}
         return States(self.q, self.poses, none, none)
 
-    def pushed(self, joint: str, k: int) -> States:
+    def apply_unit_acceleration(self, joint: str, k: int) -> States:
         """Return the same places at rest with a unit of one acceleration [rad/s^2], [m/s^2]."""
         rest = self.still
         push = rest.qdd[joint].copy()
@@ -54,7 +54,7 @@ class States:
         return States(self.q, self.poses, rest.qd, {**rest.qdd, joint: push})
 
 
-def states_of(tree: Tree, seed: int = SEED, count: tuple[int, int] = (RANDOM, ALONG)) -> States:
+def sample_states(tree: Tree, seed: int = SEED, count: tuple[int, int] = (RANDOM, ALONG)) -> States:
     """Return random states, then samples of an exciting motion, within stated limits [rad], [m]; count : of each [-]."""
     rng = np.random.default_rng(seed)
     q = {}
@@ -67,23 +67,23 @@ def states_of(tree: Tree, seed: int = SEED, count: tuple[int, int] = (RANDOM, AL
         qd[joint] = np.vstack([rng.standard_normal((count[0], len(size))), np.zeros((count[1], len(size)))])
         qdd[joint] = np.vstack([rng.standard_normal((count[0], len(size))), np.zeros((count[1], len(size)))])
         if member.kind not in SCALARS:
-            poses[joint] = _poses(member, rng, sum(count))
+            poses[joint] = _sample_poses(member, rng, sum(count))
             continue
-        low, high = _bounds(member)
-        wave = _wave(rng, count[1], (high - low) / 2)
+        low, high = _find_coordinate_bounds(member)
+        wave = _sample_fourier_series(rng, count[1], (high - low) / 2)
         q[joint] = np.concatenate([rng.uniform(low, high, count[0]), wave[0] + (low + high) / 2])
         qd[joint][count[0] :, 0], qdd[joint][count[0] :, 0] = wave[1:]
     return States(q, poses, qd, qdd)
 
 
-def _bounds(member: Member) -> tuple[float, float]:
+def _find_coordinate_bounds(member: Member) -> tuple[float, float]:
     reach = REACH[member.kind]
     low = max(member.limits.lower, -reach)
     high = min(member.limits.upper, reach)
     return (low, high) if high - low > 0.1 * reach else (-reach, reach)
 
 
-def _wave(rng: np.random.Generator, count: int, reach: float) -> Array:
+def _sample_fourier_series(rng: np.random.Generator, count: int, reach: float) -> Array:
     """Position, rate and acceleration (3, samples) of a Fourier series that stays within the reach [rad], [m]."""
     rate = 2 * np.pi / PERIOD * np.arange(1, WAVES + 1)[:, None]
     size = rng.dirichlet(np.ones(WAVES))[:, None] * reach
@@ -98,7 +98,7 @@ def _wave(rng: np.random.Generator, count: int, reach: float) -> Array:
     )
 
 
-def _poses(member: Member, rng: np.random.Generator, count: int) -> list[Placement]:
+def _sample_poses(member: Member, rng: np.random.Generator, count: int) -> list[Placement]:
     found = []
     for _ in range(count):
         axis = rng.standard_normal(3)
@@ -107,7 +107,7 @@ def _poses(member: Member, rng: np.random.Generator, count: int) -> list[Placeme
     return found
 
 
-def efforts(
+def evaluate_efforts(
     mechanism: Mechanism, states: States, joints: Mapping[str, str] | None = None, law: Law = joint_torques
 ) -> dict[str, Array]:
     """Return by joint of the states the efforts (samples, nv) [N m], [N]; joints : names there, others stand at zero.
@@ -134,7 +134,7 @@ def efforts(
             if k is not None:
                 at = slice(at.start + k, at.start + k + 1)
                 vat = slice(vat.start + k, vat.start + k + 1)
-            q[:, at] = _configuration(joint.kind, states, own)
+            q[:, at] = _build_configuration(joint.kind, states, own)
             qd[:, vat] = states.qd[own]
             qdd[:, vat] = states.qdd[own]
             columns[own] = vat
@@ -142,7 +142,7 @@ def efforts(
     return {name: torque[:, vat] for name, vat in columns.items()}
 
 
-def _configuration(kind: str, states: States, joint: str) -> Array:
+def _build_configuration(kind: str, states: States, joint: str) -> Array:
     if kind == "continuous":
         return np.stack([np.cos(states.q[joint]), np.sin(states.q[joint])], axis=1)
     if kind in ("spherical", "free"):
@@ -152,12 +152,12 @@ def _configuration(kind: str, states: States, joint: str) -> Array:
     return states.q[joint][:, None]
 
 
-def of_tree(tree: Tree, states: States) -> dict[str, Array]:
+def evaluate_tree_efforts(tree: Tree, states: States) -> dict[str, Array]:
     """Return the efforts of a tree by joint (samples, nv) [N m], [N]."""
-    return efforts(mechanism_of(tree), states)
+    return evaluate_efforts(build_mechanism(tree), states)
 
 
-def mapped(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> States:
+def map_states(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> States:
     """Return states of A as states of B, by joint of A [rad], [m]."""
     q = {}
     poses = {}
@@ -171,23 +171,23 @@ def mapped(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> States:
             qd[joint] = seat.sign * states.qd[joint]
             qdd[joint] = seat.sign * states.qdd[joint]
             continue
-        back = _velocity_map(kind, seat.frame)
+        back = _build_velocity_map(kind, seat.frame)
         poses[joint] = [on(on(inverse(seat.frame), pose), seat.frame) for pose in states.poses[joint]]
         qd[joint] = states.qd[joint] @ back.T
         qdd[joint] = states.qdd[joint] @ back.T
     return States(q, poses, qd, qdd)
 
 
-def mapped_back(found: Mapping[str, Array], tree: Tree, seats: Mapping[str, Aligned]) -> dict[str, Array]:
+def map_efforts_back(found: Mapping[str, Array], tree: Tree, seats: Mapping[str, Aligned]) -> dict[str, Array]:
     """Return efforts of B as efforts of A's coordinates [N m], [N]."""
     made = {}
     for joint, k in tree.moving.items():
         kind = tree.members[k].kind
-        dual = seats[joint].sign if kind in SCALARS else _velocity_map(kind, seats[joint].frame)
+        dual = seats[joint].sign if kind in SCALARS else _build_velocity_map(kind, seats[joint].frame)
         made[joint] = found[joint] * dual if kind in SCALARS else found[joint] @ dual
     return made
 
 
-def _velocity_map(kind: str, frame: Placement) -> Array:
+def _build_velocity_map(kind: str, frame: Placement) -> Array:
     """A's velocity coordinates to B's."""
     return frame.rotation.T if kind == "spherical" else twist_map(between(frame, Placement()))

@@ -9,8 +9,8 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair, body_differences
-from crosscheck.equivalence.tree import Member, Tree, sum_of
+from crosscheck.equivalence.members import Pair, list_body_differences
+from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.rigid import moved
 from flexinv.model.mechanism import Array, Inertia, Placement
 
@@ -28,21 +28,21 @@ FIELDS = {
 FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction": "friction"}
 
 
-def missing_links(pair: Pair) -> Difference | None:
+def find_missing_links(pair: Pair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
     one = pair.one
     there = moved(pair.seat.frame, pair.two.inertia)
     ours = dict(one.parts)
     theirs = {name: moved(pair.seat.frame, body) for name, body in pair.two.parts}
     for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
-        for lost in _alone(mine, others):
-            left = sum_of(body for name, body in mine.items() if name not in lost)
-            if _same(left, target, pair.size):
-                return _missing(pair, side, lost, mine, there)
+        for lost in _list_missing_candidates(mine, others):
+            left = join_bodies(body for name, body in mine.items() if name not in lost)
+            if _is_same_body(left, target, pair.size):
+                return _make_missing_difference(pair, side, lost, mine, there)
     return None
 
 
-def one_body(pair: Pair) -> list[Difference]:
+def find_differing_body(pair: Pair) -> list[Difference]:
     """Return the differences of one body of several that make up a member, where that body is all that differs.
 
     Bodies have counterparts by their names; or one body of either is what the whole of the other leaves beside its others,
@@ -51,18 +51,18 @@ def one_body(pair: Pair) -> list[Difference]:
     ours = dict(pair.one.parts)
     theirs = {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
     if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
-        found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
+        found = {name: list(_list_part_differences(pair, name, ours[name], theirs[name])) for name in ours}
         # What is no more than rounding of turned frames is put right with it.
-        off = [own for own in found.values() if _named(own)]
+        off = [own for own in found.values() if _list_with_cause(own)]
         return [d for own in found.values() for d in own] if len(off) == 1 else []
-    tried = [own for own in (_one_of_ours(pair, ours), _one_of_theirs(pair, theirs)) if own]
-    return min(tried, key=lambda own: len(_named(own)), default=[])
+    tried = [own for own in (_one_of_ours(pair, ours), _find_body_of_second(pair, theirs)) if own]
+    return min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
 
 
 def counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str:
     """Return the name of the body beside which the others are, together, a rest [kg, m, kg m^2]; "" where none is."""
     for name in parts:
-        if _same(sum_of(body for own, body in parts.items() if own != name), rest, size):
+        if _is_same_body(join_bodies(body for own, body in parts.items() if own != name), rest, size):
             return name
     return ""
 
@@ -71,38 +71,38 @@ def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
     """The differences of one body of A, where those are fewer than those of the whole."""
     if len(ours) < max(2, len(pair.one.parts)):
         return []
-    whole = _named(body_differences(pair))
+    whole = _list_with_cause(list_body_differences(pair))
     there = moved(pair.seat.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
-        rest = sum_of(other for own, other in ours.items() if own != name)
+        rest = join_bodies(other for own, other in ours.items() if own != name)
         if there.mass - rest.mass > SEEN * there.mass:
-            tried.append(list(_of_part(pair, name, body, _without(there, rest))))
-    best = min(tried, key=lambda own: len(_named(own)), default=[])
-    return best if best and len(_named(best)) < len(whole) else []
+            tried.append(list(_list_part_differences(pair, name, body, _compute_body_remainder(there, rest))))
+    best = min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
+    return best if best and len(_list_with_cause(best)) < len(whole) else []
 
 
-def _one_of_theirs(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
+def _find_body_of_second(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
     """The difference of one body of B, where that body's alone stands for two or more of the whole."""
-    whole = list(body_differences(pair))
+    whole = list(list_body_differences(pair))
     one = pair.one.inertia
-    if len(theirs) < max(2, len(pair.two.parts)) or len(_named(whole)) < 2:
+    if len(theirs) < max(2, len(pair.two.parts)) or len(_list_with_cause(whole)) < 2:
         return []
     for name, body in theirs.items():
-        rest = sum_of(other for own, other in theirs.items() if own != name)
+        rest = join_bodies(other for own, other in theirs.items() if own != name)
         if one.mass - rest.mass <= SEEN * one.mass:
             continue
-        own = _named(_of_part(pair, name, _without(one, rest), body))
+        own = _list_with_cause(_list_part_differences(pair, name, _compute_body_remainder(one, rest), body))
         if len(own) == 1:
             return [replace(own[0], changes=tuple(change for d in whole for change in d.changes))]
     return []
 
 
-def _named(found: Iterable[Difference]) -> list[Difference]:
+def _list_with_cause(found: Iterable[Difference]) -> list[Difference]:
     return [d for d in found if d.cause]
 
 
-def _without(whole: Inertia, part: Inertia) -> Inertia:
+def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
     """The rest of a body that a part of it is taken from [kg, m, kg m^2]; tensors by Steiner's theorem."""
     mass = whole.mass - part.mass
     com = (whole.mass * whole.com - part.mass * part.com) / mass
@@ -111,19 +111,21 @@ def _without(whole: Inertia, part: Inertia) -> Inertia:
     return Inertia.stated(mass, com, whole.tensor + about[0] - part.tensor - about[1])
 
 
-def _of_part(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
+def _list_part_differences(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
     """Yield the differences of one body of a member, each with a change of that body."""
     seat = replace(pair.seat, frame=Placement())
-    for d in body_differences(replace(pair, one=_of_body(pair, name, one), two=_of_body(pair, name, two), seat=seat)):
+    for d in list_body_differences(
+        replace(pair, one=_make_body_member(pair, name, one), two=_make_body_member(pair, name, two), seat=seat)
+    ):
         changes = tuple((index, f"part {field_name} {name}", value) for index, field_name, value in d.changes)
         yield replace(d, place=f"body {name} (on link {pair.one.name})", changes=changes)
 
 
-def _of_body(pair: Pair, name: str, body: Inertia) -> Member:
+def _make_body_member(pair: Pair, name: str, body: Inertia) -> Member:
     return replace(pair.one, name=name, mass=body.mass, com=body.com, tensor=body.tensor, parts=((name, body),))
 
 
-def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tuple[str, ...]]:
+def _list_missing_candidates(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tuple[str, ...]]:
     """Candidates: all links with a mass that the other has not, then each alone."""
     empty = [name for name, body in others.items() if not body.mass and not body.tensor.any()]
     lost = [n for n, body in mine.items() if (n not in others or n in empty) and (body.mass or body.tensor.any())]
@@ -133,7 +135,7 @@ def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tup
             yield from ((name,) for name in lost)
 
 
-def _same(one: Inertia, two: Inertia, size: float, tolerance: float = SAME) -> bool:
+def _is_same_body(one: Inertia, two: Inertia, size: float, tolerance: float = SAME) -> bool:
     scale = max(one.mass, two.mass)
     largest = max(float(np.abs(one.tensor).max()), float(np.abs(two.tensor).max()))
     return (
@@ -143,7 +145,9 @@ def _same(one: Inertia, two: Inertia, size: float, tolerance: float = SAME) -> b
     )
 
 
-def _missing(pair: Pair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia) -> Difference:
+def _make_missing_difference(
+    pair: Pair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia
+) -> Difference:
     mass = sum(mine[name].mass for name in lost)
     values = (f"{mass:.9g} kg", "none") if side == "A" else ("none", f"{mass:.9g} kg")
     place = ("link " if len(lost) == 1 else "links ") + ", ".join(lost)
@@ -151,7 +155,9 @@ def _missing(pair: Pair, side: str, lost: tuple[str, ...], mine: dict[str, Inert
     return Difference("rigid", f"body that only {side} has", place, mass, "kg", *values, changes)
 
 
-def exchanged(first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Difference]) -> list[Difference]:
+def join_exchanged_bodies(
+    first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Difference]
+) -> list[Difference]:
     """Return the differences with bodies that stand at one another's link as one each."""
     off = {d.place for d in found if d.cause in BODY}
     by_place = {pair.link: pair for pair in pairs if pair.link in off}
@@ -159,7 +165,7 @@ def exchanged(first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Diff
     made = []
     for place, pair in by_place.items():
         for other, that in by_place.items():
-            if place >= other or {place, other} & used or not _crossed(pair, that):
+            if place >= other or {place, other} & used or not _is_exchanged_pair(pair, that):
                 continue
             used |= {place, other}
             changes = [c for d in found if d.place in (place, other) and d.cause in (*BODY, "") for c in d.changes]
@@ -169,30 +175,34 @@ def exchanged(first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Diff
     return made + [d for d in found if not (d.place in used and d.cause in (*BODY, ""))]
 
 
-def _crossed(one: Pair, two: Pair) -> bool:
+def _is_exchanged_pair(one: Pair, two: Pair) -> bool:
     """Return True if each has the other's body, and not its own to rounding: two alike are not exchanged."""
-    alike = _equal(one.one, one.two, one.size, SEEN) and _equal(two.one, two.two, one.size, SEEN)
-    return _equal(one.one, two.two, one.size) and _equal(two.one, one.two, one.size) and not alike
+    alike = _has_equal_inertia(one.one, one.two, one.size, SEEN) and _has_equal_inertia(
+        two.one, two.two, one.size, SEEN
+    )
+    return (
+        _has_equal_inertia(one.one, two.two, one.size) and _has_equal_inertia(two.one, one.two, one.size) and not alike
+    )
 
 
-def _equal(one: Member, two: Member, size: float, tolerance: float = SAME) -> bool:
-    return bool(one.mass) and _same(one.inertia, two.inertia, size, tolerance)
+def _has_equal_inertia(one: Member, two: Member, size: float, tolerance: float = SAME) -> bool:
+    return bool(one.mass) and _is_same_body(one.inertia, two.inertia, size, tolerance)
 
 
-def scaled(first: Tree, found: list[Difference]) -> list[Difference]:
+def join_scaled_differences(first: Tree, found: list[Difference]) -> list[Difference]:
     """Return the differences with one factor on all numbers of a kind as one each."""
     for cause, name in FIELDS.items():
         own = [d for d in found if d.cause == cause]
-        factors = [factor for d in own if (factor := _factor(first, d, name)) is not None]
+        factors = [factor for d in own if (factor := _find_common_factor(first, d, name)) is not None]
         if len(own) < ALL or len(factors) < len(own) or np.ptp(factors) > 1e-6 * abs(factors[0]):
             continue
-        if len(own) == sum(bool(np.any(_value(m, name))) for m in first.members):
+        if len(own) == sum(bool(np.any(_read_member_field(m, name))) for m in first.members):
             found = [d for d in found if d.cause != cause]
-            found.append(_together(own, factors[0]))
+            found.append(_join_differences(own, factors[0]))
     return found
 
 
-def alike(found: list[Difference]) -> list[Difference]:
+def join_equal_differences(found: list[Difference]) -> list[Difference]:
     """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
     for cause in ALIKE:
         own = [d for d in found if d.cause == cause and d.place.startswith("joint ")]
@@ -209,18 +219,18 @@ def alike(found: list[Difference]) -> list[Difference]:
     return found
 
 
-def _value(member: Member, name: str) -> Array:
+def _read_member_field(member: Member, name: str) -> Array:
     record, _, part = name.partition(" ")
     value = getattr(member, record)
     return np.asarray(getattr(value, part) if part else value)
 
 
-def _factor(first: Tree, difference: Difference, name: str) -> float | None:
+def _find_common_factor(first: Tree, difference: Difference, name: str) -> float | None:
     """The factor of all numbers of a difference; None where they have none in common."""
     changes = [(k, value) for k, field_name, value in difference.changes if field_name == name]
     if len(changes) != 1:
         return None
-    before = _value(first.members[changes[0][0]], name).ravel()
+    before = _read_member_field(first.members[changes[0][0]], name).ravel()
     after = np.asarray(changes[0][1]).ravel()
     square = float(before @ before)
     factor = float(before @ after) / square if square else None
@@ -229,7 +239,7 @@ def _factor(first: Tree, difference: Difference, name: str) -> float | None:
     return factor
 
 
-def _together(own: list[Difference], factor: float) -> Difference:
+def _join_differences(own: list[Difference], factor: float) -> Difference:
     kind = "links" if own[0].place.startswith("link") else "joints"
     hints = own[0].hints if all(d.hints == own[0].hints for d in own) else ()
     largest = max(own, key=lambda d: d.size)

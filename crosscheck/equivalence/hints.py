@@ -28,7 +28,7 @@ FACTORS = {
 ANGLES = {np.pi: "half a turn", np.pi / 2: "a quarter turn"}
 
 
-def factor_hints(value: float, before: float) -> tuple[str, ...]:
+def describe_factor(value: float, before: float) -> tuple[str, ...]:
     """Return words for the factor from one number to another [any unit]; nothing for an ordinary one."""
     if before == 0.0:
         return tuple(f"it is {words}" for turn, words in ANGLES.items() if abs(abs(value) - turn) <= NEAR * turn)
@@ -36,10 +36,10 @@ def factor_hints(value: float, before: float) -> tuple[str, ...]:
         return ("B has none",)
     ratio = value / before
     found = tuple(words for factor, words in FACTORS.items() if abs(ratio - factor) <= NEAR * abs(factor))
-    return found or (("the same digits in another order",) if _digits(value) == _digits(before) else ())
+    return found or (("the same digits in another order",) if _list_digits(value) == _list_digits(before) else ())
 
 
-def vector_hints(value: Array, before: Array) -> tuple[str, ...]:
+def describe_vector_change(value: Array, before: Array) -> tuple[str, ...]:
     """Return words for the way from one vector to another (3,) [any unit]: signs, exchanged or mistyped entries, a factor."""
     near = NEAR * max(float(np.abs(value).max()), float(np.abs(before).max()))
     other = [k for k in range(3) if abs(value[k] - before[k]) > near]
@@ -50,23 +50,23 @@ def vector_hints(value: Array, before: Array) -> tuple[str, ...]:
         if abs(value[a] - before[b]) <= near and abs(value[b] - before[a]) <= near:
             return (f"{'xyz'[a]} and {'xyz'[b]} are exchanged",)
     if len(other) == 1:
-        hints = factor_hints(float(value[other[0]]), float(before[other[0]])) if before[other[0]] else ()
+        hints = describe_factor(float(value[other[0]]), float(before[other[0]])) if before[other[0]] else ()
         return tuple(f"its {'xyz'[other[0]]}: {words}" for words in hints)
-    return factor_hints(float(np.linalg.norm(value)), float(np.linalg.norm(before)))
+    return describe_factor(float(np.linalg.norm(value)), float(np.linalg.norm(before)))
 
 
-def _digits(value: float) -> list[str]:
+def _list_digits(value: float) -> list[str]:
     """The digits of a number as files print it, in order of size; none where there are too few to be an accident."""
     digits = sorted(f"{abs(value):.6e}".partition("e")[0].replace(".", "").rstrip("0"))
     return digits if len(set(digits)) > 1 else [f"{value!r}"]
 
 
-def tensor_hints(one: Inertia, two: Inertia) -> tuple[str, ...]:
+def describe_tensor_change(one: Inertia, two: Inertia) -> tuple[str, ...]:
     """Return words for the way from one tensor to another [kg m^2]: a factor, another point, other axes, signs of products."""
-    return tuple(_tensor_hints(one, two))
+    return tuple(_list_tensor_hints(one, two))
 
 
-def _tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
+def _list_tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
     a = one.tensor
     b = two.tensor
     scale = max(float(np.abs(a).max()), float(np.abs(b).max()))
@@ -79,7 +79,7 @@ def _tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
         (two, 1.0, "B's is about the link's origin"),
         (one, -1.0, "A's is about the link's origin"),
     ):
-        if float(np.abs(b - a - sign * _steiner(body)).max()) <= NEAR * scale:
+        if float(np.abs(b - a - sign * _compute_steiner_term(body)).max()) <= NEAR * scale:
             yield f"they differ by m (c^2 1 - c c^T): {words}, not about the centre of mass"
             return
     flipped = np.where(np.eye(3, dtype=bool), a, -a)
@@ -89,7 +89,7 @@ def _tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
         yield "the principal moments are the same: its axes are turned"
 
 
-def _steiner(body: Inertia) -> Array:
+def _compute_steiner_term(body: Inertia) -> Array:
     c = body.com
     made: Array = body.mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
     return made

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.efforts import States, of_tree
+from crosscheck.equivalence.efforts import States, evaluate_tree_efforts
 from crosscheck.equivalence.members import ZERO
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Array
@@ -54,14 +54,14 @@ class Bench:
 
     def efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
         """Return the efforts of A with the changes of differences [N m], [N]."""
-        return of_tree(self.tree.changed(c for d in differences for c in d.changes), self.states)
+        return evaluate_tree_efforts(self.tree.replace_fields(c for d in differences for c in d.changes), self.states)
 
     def share(self, found: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
         """Return the largest difference over the range of B's effort [-], the difference there [N m], [N], and its joint."""
-        return share_of(found, wanted, self.wanted)
+        return compute_effort_share(found, wanted, self.wanted)
 
 
-def share_of(found: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
+def compute_effort_share(found: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
     """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint.
 
     scale : efforts by joint (samples, nv) whose sizes are the ranges [N m], [N]; of the smallest ones FLOOR times the largest
@@ -87,13 +87,15 @@ def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged
     whole = bench.efforts([*silent, *acting])
     after = bench.share(whole, bench.wanted)
     before = bench.share(bench.efforts(silent), bench.wanted)
-    measured = [_measured(bench, d, [*silent, *acting], whole) for d in acting]
-    rounding = [d for d in measured if rounded(d)]
-    rest = [d for d in measured if not rounded(d)]
+    measured = [_compute_effect(bench, d, [*silent, *acting], whole) for d in acting]
+    rounding = [d for d in measured if is_rounding(d)]
+    rest = [d for d in measured if not is_rounding(d)]
     placed = [
         d for d in rest if d.cause in KINEMATIC and d.size > tolerance
     ]  # where a link goes is seen without a torque
-    rest, unseen = _minimal(bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance)
+    rest, unseen = _find_minimal_differences(
+        bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance
+    )
     rest = [*placed, *rest]
     small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole
     bent = [d for d in found if d.family == "beam"]  # measured already, with torques of their own
@@ -103,22 +105,22 @@ def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged
     limits = [d for d in found if d.family == "limits"]
     causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))
     return Judged(
-        tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if rounded(d))), tuple(unseen),
-        tuple(d for d in conventions if not rounded(d)), tuple(d for d in limits if not rounded(d)),
+        tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if is_rounding(d))), tuple(unseen),
+        tuple(d for d in conventions if not is_rounding(d)), tuple(d for d in limits if not is_rounding(d)),
         before[0], after[0], before[1], before[2], bench.share(small, whole)[1],
     )  # fmt: skip
 
 
-def rounded(difference: Difference) -> bool:
+def is_rounding(difference: Difference) -> bool:
     """Return True if a difference is below half the last digit that a file prints, and small beside the number itself."""
     if not 0.0 < difference.size <= difference.printed * (1.0 + 1e-9):
         return False
-    values = [_largest(text) for text in (difference.first, difference.second)]
+    values = [_find_largest_number(text) for text in (difference.first, difference.second)]
     largest = 1.0 if difference.unit == "rad" or difference.cause == ZERO else max(*values, 1e-300)
     return difference.size <= ROUNDED * largest or difference.printed <= SIGNIFICANT * largest
 
 
-def _largest(text: str) -> float:
+def _find_largest_number(text: str) -> float:
     numbers = []
     for word in text.split():
         try:
@@ -128,20 +130,22 @@ def _largest(text: str) -> float:
     return max(numbers, default=0.0)
 
 
-def _measured(bench: Bench, difference: Difference, every: list[Difference], whole: Mapping[str, Array]) -> Difference:
+def _compute_effect(
+    bench: Bench, difference: Difference, every: list[Difference], whole: Mapping[str, Array]
+) -> Difference:
     without = bench.efforts(d for d in every if d is not difference)
     share, effort, _ = bench.share(without, whole)
     return replace(difference, effect=effort, share=share)
 
 
-def _minimal(
+def _find_minimal_differences(
     bench: Bench, always: list[Difference], acting: list[Difference], whole: Mapping[str, Array], tolerance: float
 ) -> tuple[list[Difference], list[Difference]]:
     """Leave out, one after the other, what leaves no more than the tolerance; then all of a link, then all of rigid bodies."""
     kept = list(acting)
     unseen = []
 
-    def left_out(group: list[Difference]) -> bool:
+    def can_drop(group: list[Difference]) -> bool:
         rest = [d for d in kept if d not in group]
         return bool(group) and bench.share(bench.efforts([*always, *rest]), whole)[0] <= tolerance
 
@@ -151,7 +155,7 @@ def _minimal(
     groups = [[d for d in bodies if d.place == place] for place in places] + [bodies]
     for group in [*small, *(g for g in groups if len(g) > 1)]:
         group = [d for d in group if d in kept]
-        if left_out(group):
+        if can_drop(group):
             unseen += group
             kept = [d for d in kept if d not in group]
     return kept, unseen

@@ -55,7 +55,7 @@ class Side:
     frames: Mapping[str, Placement]
 
 
-def loop_differences(
+def list_loop_differences(
     mechanisms: tuple[Mechanism, Mechanism],
     trees: tuple[Tree, Tree],
     pairs: Mapping[str, str],
@@ -73,39 +73,39 @@ def loop_differences(
     frames = {"": motion} | {joint: seat.frame for joint, seat in seats.items()}
     own = {joint: joint for joint in pairs}
     back = {theirs: ours for ours, theirs in pairs.items()}
-    ours = list(_tied(Side(mechanisms[0], trees[0], own, {})))
-    theirs = list(_tied(Side(mechanisms[1], trees[1], back, frames)))
+    ours = list(_list_closures(Side(mechanisms[0], trees[0], own, {})))
+    theirs = list(_list_closures(Side(mechanisms[1], trees[1], back, frames)))
     for one in ours:
         like = [other for other in theirs if other.key == one.key]
         if not like:
-            yield _alone("A", one)
+            yield _make_lone_difference("A", one)
             continue
-        nearest = min(like, key=lambda other: sum(_gaps(one, other)))
+        nearest = min(like, key=lambda other: sum(_compute_closure_gaps(one, other)))
         theirs.remove(nearest)
-        yield from _compared(one, nearest, size, tolerance)
+        yield from _compare_closures(one, nearest, size, tolerance)
     for other in theirs:
-        yield _alone("B", other)
+        yield _make_lone_difference("B", other)
 
 
-def _alone(side: str, one: Tied) -> Difference:
+def _make_lone_difference(side: str, one: Tied) -> Difference:
     a, b = (one.place, "none") if side == "A" else ("none", one.place)
     return Difference("rigid", f"loop that only {side} closes", one.place, 1.0, "-", a, b, structural=True)
 
 
-def _compared(one: Tied, other: Tied, size: float, tolerance: float) -> Iterator[Difference]:
-    way, turn = _gaps(one, other)
+def _compare_closures(one: Tied, other: Tied, size: float, tolerance: float) -> Iterator[Difference]:
+    way, turn = _compute_closure_gaps(one, other)
     if way > tolerance * size:
-        shown = [" and ".join(map(_point, (tied.first, tied.second))) for tied in (one, other)]
+        shown = [" and ".join(map(_format_point, (tied.first, tied.second))) for tied in (one, other)]
         yield Difference("rigid", "point of closure", one.place, way, "m", shown[0], shown[1])
     if turn > tolerance:
         yield Difference("rigid", "axis of closure", one.place, turn, "rad", "", "")
 
 
-def _point(end: Placement) -> str:
+def _format_point(end: Placement) -> str:
     return " ".join(f"{x:.9g}" for x in end.position)
 
 
-def _gaps(one: Tied, other: Tied) -> tuple[float, float]:
+def _compute_closure_gaps(one: Tied, other: Tied) -> tuple[float, float]:
     """Distance [m] and angle [rad] by which two closures of one kind differ."""
     if one.kind == "fixed":
         ways = [on(tied.first, inverse(tied.second)) for tied in (one, other)]
@@ -125,18 +125,18 @@ def _gaps(one: Tied, other: Tied) -> tuple[float, float]:
     return max(*off, abs(along[0] - along[1])), max(turns)
 
 
-def _tied(side: Side) -> Iterator[Tied]:
+def _list_closures(side: Side) -> Iterator[Tied]:
     """Closures of one side, each with its ends in A's frames, the joint that comes first in the alphabet first."""
     poses = side.tree.poses()
     number = {member.name: k for k, member in enumerate(side.tree.members)}
     for closure in side.mechanism.closures:
         if closure.kind == "coupling":
             continue
-        ends = [_seated(side, poses, number, at) for at in (closure.first, closure.second)]
-        yield _ordered(closure, ends)
+        ends = [_find_attachment(side, poses, number, at) for at in (closure.first, closure.second)]
+        yield _make_ordered_closure(closure, ends)
 
 
-def _ordered(closure: Closure, ends: list[tuple[str, Placement]]) -> Tied:
+def _make_ordered_closure(closure: Closure, ends: list[tuple[str, Placement]]) -> Tied:
     links = (closure.first.link, closure.second.link)
     if ends[1][0] < ends[0][0]:
         ends = ends[::-1]
@@ -144,7 +144,9 @@ def _ordered(closure: Closure, ends: list[tuple[str, Placement]]) -> Tied:
     return Tied(closure.kind, (ends[0][0], ends[1][0]), ends[0][1], ends[1][1], closure.axis, links)
 
 
-def _seated(side: Side, poses: list[Placement], number: Mapping[str, int], at: Attachment) -> tuple[str, Placement]:
+def _find_attachment(
+    side: Side, poses: list[Placement], number: Mapping[str, int], at: Attachment
+) -> tuple[str, Placement]:
     """The matched joint of A that carries an attachment, "" for the world, and its frame in that member of A [m]."""
     k = -1 if at.link == WORLD else number[at.link]
     place = at.placement if k < 0 else on(poses[k], at.placement)

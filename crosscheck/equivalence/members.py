@@ -11,7 +11,7 @@ import numpy as np
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.digits import VECTOR, Digits
-from crosscheck.equivalence.hints import factor_hints, tensor_hints, vector_hints
+from crosscheck.equivalence.hints import describe_factor, describe_tensor_change, describe_vector_change
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import angle, moved, on
 from flexinv.model.mechanism import Array, Limits, Placement
@@ -68,14 +68,14 @@ class Pair:
         return self.seat.first, name, value
 
 
-def differences(pair: Pair) -> Iterator[Difference]:
+def list_member_differences(pair: Pair) -> Iterator[Difference]:
     """Yield every difference of two matched members [unit of each]."""
-    yield from joint_differences(pair)
-    yield from body_differences(pair)
-    yield from drive_differences(pair)
+    yield from list_joint_differences(pair)
+    yield from list_body_differences(pair)
+    yield from list_drive_differences(pair)
 
 
-def joint_differences(pair: Pair) -> Iterator[Difference]:
+def list_joint_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of kind, place, axis [m], [rad], and of how the coordinate counts."""
     one = pair.one
     two = pair.two
@@ -84,7 +84,7 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
         own = (pair.change("kind", two.kind), pair.change("axis", seat.frame.rotation @ two.axis))
         yield Difference("rigid", "kind of joint", pair.joint, 1.0, "-", one.kind, two.kind, own, structural=True)
         return
-    yield from _placement(pair)
+    yield from _compare_placement(pair)
     if one.kind not in SCALARS:
         return
     axis = seat.frame.rotation @ two.axis * seat.sign
@@ -92,78 +92,78 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
     if tilt > SAME:
         digits = pair.of_joint("axis") + pair.of_joint("rotation")
         changes = (pair.change("axis", axis),)
-        shown = vector_text(one.axis), vector_text(axis)
+        shown = format_vector(one.axis), format_vector(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
     elif tilt > 0.0:
-        yield _silent(pair, "axis", axis)
+        yield _make_silent_difference(pair, "axis", axis)
     if one.kind == "helical" and abs(one.pitch - two.pitch) > SAME * abs(one.pitch):
-        yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
+        yield _make_scalar_difference(pair, "rigid", "pitch", "pitch", two.pitch, "m")
     unit = "m" if one.kind == "prismatic" else "rad"
     if seat.sign < 0:
-        yield Difference("convention", SIGN, pair.joint, 2.0, "-", "+", "-", hints=_left_limits(pair))
+        yield Difference("convention", SIGN, pair.joint, 2.0, "-", "+", "-", hints=_describe_unchanged_limits(pair))
     if abs(seat.offset) > SAME * (pair.size if unit == "m" else 1.0):
         digits = pair.of_joint("shift" if unit == "m" else "zero")
         yield Difference(
             "convention", ZERO, pair.joint, abs(seat.offset), unit, "0", f"{seat.offset:.9g}",
-            hints=(*factor_hints(seat.offset, 0.0), *_left_limits(pair)), printed=digits,
+            hints=(*describe_factor(seat.offset, 0.0), *_describe_unchanged_limits(pair)), printed=digits,
         )  # fmt: skip
 
 
-def _placement(pair: Pair) -> Iterator[Difference]:
+def _compare_placement(pair: Pair) -> Iterator[Difference]:
     one = pair.one
     rest = pair.seat.rest
     way = float(np.linalg.norm(rest.position))
     turn = angle(rest.rotation)
     target = on(one.placement, rest)
     if one.kind == "free":
-        yield from _start(pair, target, way, turn)
+        yield from _compare_start_pose(pair, target, way, turn)
         return
     if way > SAME * pair.size:
         changes = (pair.change("placement position", target.position),)
-        shown = vector_text(one.placement.position), vector_text(target.position)
-        hints = vector_hints(target.position, one.placement.position)
+        shown = format_vector(one.placement.position), format_vector(target.position)
+        hints = describe_vector_change(target.position, one.placement.position)
         digits = pair.of_joint("position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
     elif way > 0.0:
-        yield _silent(pair, "placement position", target.position)
+        yield _make_silent_difference(pair, "placement position", target.position)
     if turn > SAME:
         changes = (pair.change("placement rotation", target.rotation),)
         digits = pair.of_joint("rotation")
-        shown = _rpy(one.placement.rotation), _rpy(target.rotation)
+        shown = _format_rpy(one.placement.rotation), _format_rpy(target.rotation)
         yield Difference("rigid", "orientation of joint", pair.joint, turn, "rad", *shown, changes, printed=digits)
     elif turn > 0.0:
-        yield _silent(pair, "placement rotation", target.rotation)
+        yield _make_silent_difference(pair, "placement rotation", target.rotation)
 
 
-def _silent(pair: Pair, name: str, value: Any) -> Difference:
+def _make_silent_difference(pair: Pair, name: str, value: Any) -> Difference:
     """Put right a difference too small to be named: many of them add up."""
     return Difference("rigid", "", pair.joint, 0.0, "-", "", "", (pair.change(name, value),))
 
 
-def _start(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
+def _compare_start_pose(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
     """Compare the pose of a floating base at zero [m], [rad]: its coordinates count from there; what acts on it is the same."""
     one = pair.one
-    yield _silent(pair, "placement position", target.position)
-    yield _silent(pair, "placement rotation", target.rotation)
+    yield _make_silent_difference(pair, "placement position", target.position)
+    yield _make_silent_difference(pair, "placement rotation", target.rotation)
     for size, unit, bound, a, b in (
-        (way, "m", SAME * pair.size, vector_text(one.placement.position), vector_text(target.position)),
-        (turn, "rad", SAME, _rpy(one.placement.rotation), _rpy(target.rotation)),
+        (way, "m", SAME * pair.size, format_vector(one.placement.position), format_vector(target.position)),
+        (turn, "rad", SAME, _format_rpy(one.placement.rotation), _format_rpy(target.rotation)),
     ):
         if size > bound:
             hints = ("where the base begins: no torque feels it",)
             yield Difference("convention", START, pair.joint, size, unit, a, b, hints=hints)
 
 
-def body_differences(pair: Pair) -> Iterator[Difference]:
+def list_body_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of mass [kg], centre of mass [m] and tensor [kg m^2] of a link."""
     one = pair.one
     there = moved(pair.seat.frame, pair.two.inertia)
     if abs(there.mass - one.mass) > SAME * max(one.mass, there.mass):
-        yield _scalar(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
+        yield _make_scalar_difference(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
     gap = float(np.linalg.norm(there.com - one.com))
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
-        shown = vector_text(one.com), vector_text(there.com)
-        hints = vector_hints(there.com, one.com)
+        shown = format_vector(one.com), format_vector(there.com)
+        hints = describe_vector_change(there.com, one.com)
         changes = (pair.change("com", there.com),)
         digits = VECTOR * pair.of_body("com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
@@ -171,14 +171,14 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
         yield Difference("rigid", "", pair.link, 0.0, "-", "", "", (pair.change("com", there.com),))
     off = float(np.abs(there.tensor - one.tensor).max())
     if off > SAME * max(float(np.abs(one.tensor).max()), float(np.abs(there.tensor).max())):
-        shown = _tensor(one.tensor), _tensor(there.tensor)
-        hints = tensor_hints(one.inertia, there)
+        shown = _format_tensor(one.tensor), _format_tensor(there.tensor)
+        hints = describe_tensor_change(one.inertia, there)
         changes = (pair.change("tensor", there.tensor),)
         digits = pair.of_body("tensor")
         yield Difference("rigid", "inertia tensor", pair.link, off, "kg m^2", *shown, changes, hints, printed=digits)
 
 
-def drive_differences(pair: Pair) -> Iterator[Difference]:
+def list_drive_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of rotor, damping, friction, spring, gear [-] and limits."""
     one = pair.one
     two = pair.two
@@ -190,28 +190,30 @@ def drive_differences(pair: Pair) -> Iterator[Difference]:
         theirs = getattr(two, name)
         if abs(ours - theirs) > SAME * max(abs(ours), abs(theirs)):
             unit = sliding if one.kind == "prismatic" else turning
-            yield _scalar(pair, "drive", cause, name, theirs, unit)
+            yield _make_scalar_difference(pair, "drive", cause, name, theirs, unit)
     rest = seat.sign * two.rest + seat.offset
     if one.stiffness and two.stiffness and abs(rest - one.rest) > SAME:
-        yield _scalar(pair, "drive", "rest of spring", "rest", rest, "m" if one.kind == "prismatic" else "rad")
+        yield _make_scalar_difference(
+            pair, "drive", "rest of spring", "rest", rest, "m" if one.kind == "prismatic" else "rad"
+        )
     elif two.stiffness and rest != one.rest:
         yield Difference("drive", "", pair.joint, 0.0, "-", "", "", (pair.change("rest", rest),))
     if one.gear and two.gear and abs(one.gear - seat.sign * two.gear) > SAME * abs(one.gear):
-        yield _scalar(pair, "drive", "gear", "gear", seat.sign * two.gear, "-")
-    yield from _limits(pair)
+        yield _make_scalar_difference(pair, "drive", "gear", "gear", seat.sign * two.gear, "-")
+    yield from _compare_limits(pair)
 
 
-def _limits(pair: Pair) -> Iterator[Difference]:
+def _compare_limits(pair: Pair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
     ours = pair.one.limits
-    theirs = _mapped(pair.two.limits, pair.seat)
+    theirs = _map_limits(pair.two.limits, pair.seat)
     # Where the coordinate counts otherwise and its range was left, that is one thing, which the convention says.
     left = (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits)
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS[2:] if left else BOUNDS:
-        a = _binding(getattr(ours, name))
-        b = _binding(getattr(theirs, name))
+        a = _resolve_limit(getattr(ours, name))
+        b = _resolve_limit(getattr(theirs, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
             changes = (pair.change(f"limits {name}", b),)
@@ -221,15 +223,15 @@ def _limits(pair: Pair) -> Iterator[Difference]:
             digits = 0.5e-4 * max(abs(a), abs(b))
             yield Difference(
                 "limits", f"{name} limit", pair.joint, abs(b - a), units[name], f"{a:.9g}", f"{b:.9g}", changes,
-                factor_hints(b, a), printed=digits,
+                describe_factor(b, a), printed=digits,
             )  # fmt: skip
 
 
-def _binding(limit: float) -> float:
+def _resolve_limit(limit: float) -> float:
     return limit if abs(limit) < UNBOUND else float(np.copysign(np.inf, limit))
 
 
-def _left_limits(pair: Pair) -> tuple[str, ...]:
+def _describe_unchanged_limits(pair: Pair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
     ours = pair.one.limits
     theirs = pair.two.limits
@@ -238,10 +240,10 @@ def _left_limits(pair: Pair) -> tuple[str, ...]:
     seats = [pair.seat]
     if pair.one.kind == "revolute":  # a whole turn on, a hinge is in the same place
         seats += [replace(pair.seat, offset=pair.seat.offset + way) for way in (-TURN, TURN)]
-    return () if any(_close(ours, _mapped(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
+    return () if any(_close(ours, _map_limits(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
 
 
-def _mapped(limits: Limits, seat: Aligned) -> Limits:
+def _map_limits(limits: Limits, seat: Aligned) -> Limits:
     ends = sorted((seat.sign * limits.lower + seat.offset, seat.sign * limits.upper + seat.offset))
     return Limits(limits.effort, limits.velocity, *ends)
 
@@ -252,32 +254,34 @@ def _close(one: Limits, two: Limits) -> bool:
     return all(a == b or abs(a - b) <= 1e-5 * abs(a) for a, b in pairs)
 
 
-def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = "") -> Difference:
+def _make_scalar_difference(
+    pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = ""
+) -> Difference:
     ours = float(getattr(pair.one, name))
     digits = pair.of_body(name) if place else pair.of_joint(name)
     return Difference(
         family, cause, place or pair.joint, abs(value - ours), unit, f"{ours:.9g}", f"{value:.9g}",
-        (pair.change(name, value),), factor_hints(value, ours), printed=digits,
+        (pair.change(name, value),), describe_factor(value, ours), printed=digits,
     )  # fmt: skip
 
 
-def vector_text(numbers: Array) -> str:
+def format_vector(numbers: Array) -> str:
     """Return numbers as text [any unit]; what is rounding beside the largest of them is zero."""
     small = max(NOISE, SAME * float(np.abs(numbers).max(initial=0.0)))
     return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < small, 0.0, numbers))
 
 
-def placement_text(frame: Placement) -> str:
+def format_placement(frame: Placement) -> str:
     """Return a frame as text: position [m], and its turn [rad] where it has one."""
     turn = angle(frame.rotation)
-    return vector_text(frame.position) + (f", {_rpy(frame.rotation)}" if turn > SAME else "")
+    return format_vector(frame.position) + (f", {_format_rpy(frame.rotation)}" if turn > SAME else "")
 
 
-def _rpy(rotation: Array) -> str:
+def _format_rpy(rotation: Array) -> str:
     from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 
-    return vector_text(np.array(compute_roll_pitch_yaw(rotation))) + " rpy"
+    return format_vector(np.array(compute_roll_pitch_yaw(rotation))) + " rpy"
 
 
-def _tensor(tensor: Array) -> str:
-    return vector_text(tensor[np.triu_indices(3)])
+def _format_tensor(tensor: Array) -> str:
+    return format_vector(tensor[np.triu_indices(3)])

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crosscheck.equivalence.efforts import States, efforts, states_of
+from crosscheck.equivalence.efforts import States, evaluate_efforts, sample_states
 from crosscheck.equivalence.proving.ties import LOST as TIES_LOST
-from crosscheck.equivalence.proving.ties import UNJUDGED, prove_ties
-from crosscheck.equivalence.tree import tree_of
+from crosscheck.equivalence.proving.ties import UNJUDGED, check_ties
+from crosscheck.equivalence.tree import build_tree
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
@@ -91,30 +91,30 @@ def prove(description: Description) -> Proof:
     if description.dynamics is None:
         return Proof(SOURCE, description.reader)
     reader = description.dynamics.reader
-    tree = tree_of(description.mechanism, {})
+    tree = build_tree(description.mechanism, {})
     if not tree.moving:
         return Proof(PROVEN, reader)
-    off = named(description)
-    states = states_of(tree, SEED, (SAMPLES, 0))
-    ours = efforts(without_ties(description.mechanism), states)
+    off = list_feature_names(description)
+    states = sample_states(tree, SEED, (SAMPLES, 0))
+    ours = evaluate_efforts(remove_ties(description.mechanism), states)
     try:
-        theirs = own_efforts(description, states, without=off)
-        ties = prove_ties(description.mechanism, description.dynamics, off)
+        theirs = evaluate_reader_efforts(description, states, without=off)
+        ties = check_ties(description.mechanism, description.dynamics, off)
     except InputError as error:
         return Proof(UNPROVEN, reader, reason=f"{reader}: {error}")
     held = SINGLE if max(description.precision, description.dynamics.precision) > 0.0 else HELD
-    found = _judged(reader, ours, theirs, held)
+    found = _judge_efforts(reader, ours, theirs, held)
     if ties.state == UNJUDGED:
         return replace(found, reason=ties.words)
     return replace(found, state=LOST, reason=ties.words) if ties.state == TIES_LOST else found
 
 
-def named(description: Description) -> frozenset[str]:
+def list_feature_names(description: Description) -> frozenset[str]:
     """Return the names of the features of a description [-]."""
     return frozenset(feature.name for feature in description.features)
 
 
-def own_efforts(
+def evaluate_reader_efforts(
     description: Description,
     states: States,
     joints: Mapping[str, str] | None = None,
@@ -129,18 +129,18 @@ def own_efforts(
     assert dynamics is not None
     gravity = None if description.gravity_stated else np.asarray(description.mechanism.gravity)
 
-    def law(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Array:
+    def evaluate_law(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Array:
         return dynamics.efforts(q, qd, qdd, gravity, without)
 
-    return efforts(description.mechanism, states, joints, law)
+    return evaluate_efforts(description.mechanism, states, joints, evaluate_law)
 
 
-def without_ties(mechanism: Mechanism) -> Mechanism:
+def remove_ties(mechanism: Mechanism) -> Mechanism:
     """Return the cut tree of a mechanism [m, kg]: nothing closes loops, pulls between points or pushes."""
     return replace(mechanism, closures=(), springs=(), forces=())
 
 
-def _judged(reader: str, ours: Mapping[str, Array], theirs: Mapping[str, Array], held: float) -> Proof:
+def _judge_efforts(reader: str, ours: Mapping[str, Array], theirs: Mapping[str, Array], held: float) -> Proof:
     sizes = {name: np.maximum(np.abs(ours[name]), np.abs(theirs[name])).max(axis=0) for name in ours}
     largest = max(float(np.nan_to_num(size).max(initial=0.0)) for size in sizes.values())
     lost: list[Lost] = []

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from crosscheck.equivalence.compare import TOLERANCE, checked, compared
+from crosscheck.equivalence.compare import TOLERANCE, check_comparison_options, compare_descriptions
 from crosscheck.equivalence.result import JUDGED, Comparison
-from crosscheck.equivalence.sources import describe, describe_pair, is_xml, kind_of, readers
+from crosscheck.equivalence.sources import describe, describe_pair, find_format, is_xml, list_readers
 from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from flexinv.errors import InputError
 
@@ -68,7 +68,7 @@ def call_here(function: Callable[..., T], file: str, *arguments: Any) -> T:
     return function(file, *arguments)
 
 
-def by_readers(
+def compare_readers(
     file: str, wanted: str = "all", measure: Measure | None = None, way: Callable[..., Any] = call_here
 ) -> list[Loaded]:
     """Return a row for every reader of a file, first that which the others are held against; what one refuses is in its row.
@@ -77,14 +77,14 @@ def by_readers(
     Raises InputError for a file that nobody has a reader for.
     """
     measure = measure or Measure()
-    checked(measure.tolerance, measure.families)
+    check_comparison_options(measure.tolerance, measure.families)
     kind, known = way(_kind_and_readers, file)
     names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
     if not names and wanted != "all":
         raise InputError(
             f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
         )
-    first = _reference(file, list(dict.fromkeys([*_preferred(kind, known), *known])), way)
+    first = _find_reference_reader(file, list(dict.fromkeys([*_list_preferred_readers(kind, known), *known])), way)
     return [_guarded_row(file, first, name, measure, way) for name in (first, *(n for n in names if n != first))]
 
 
@@ -97,8 +97,8 @@ def _kind_and_readers(file: str) -> tuple[str, list[str]]:
         raise InputError(
             f"{path}: no engine has a reader of its own for it; expected a URDF, MJCF, SDF or USD for --readers"
         )
-    kind = kind_of(path)
-    known = readers(kind)
+    kind = find_format(path)
+    known = list_readers(kind)
     if not (known or REFERENCE.get(kind)):
         describe(file)  # says which reader to install, or reads it by the only one, which is no engine's
         raise InputError(
@@ -107,17 +107,17 @@ def _kind_and_readers(file: str) -> tuple[str, list[str]]:
     return kind, known
 
 
-def _preferred(kind: str, known: list[str]) -> list[str]:
+def _list_preferred_readers(kind: str, known: list[str]) -> list[str]:
     """The reader that knows a format best, if it is there; flexinv's own always is."""
     best = REFERENCE.get(kind)
     return [best] if best == "flexinv" or best in known else []
 
 
-def _reference(file: str, names: list[str], way: Callable[..., Any]) -> str:
+def _find_reference_reader(file: str, names: list[str], way: Callable[..., Any]) -> str:
     """The first reader that reads the file; the first of all where none does."""
     for name in names:
         with contextlib.suppress(InputError):
-            if not way(_refusal, file, name):
+            if not way(_describe_refusal, file, name):
                 return name
     return names[0]
 
@@ -125,13 +125,13 @@ def _reference(file: str, names: list[str], way: Callable[..., Any]) -> str:
 def _guarded_row(file: str, first: str, name: str, measure: Measure, way: Callable[..., Any]) -> Loaded:
     """The row of a reader; one that dies or comes to no end is its row alone."""
     try:
-        row: Loaded = way(_row, file, first, name, measure)
+        row: Loaded = way(_compare_reader, file, first, name, measure)
     except InputError as error:
         return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
     return row
 
 
-def _refusal(file: str, name: str) -> str:
+def _describe_refusal(file: str, name: str) -> str:
     """The reason of a reader for not reading a file, "" where it does; any exception is its own."""
     try:
         describe(f"{file}@{name}")
@@ -142,12 +142,12 @@ def _refusal(file: str, name: str) -> str:
     return ""
 
 
-def _row(file: str, first: str, name: str, measure: Measure) -> Loaded:
-    if refusal := _refusal(file, name):
+def _compare_reader(file: str, first: str, name: str, measure: Measure) -> Loaded:
+    if refusal := _describe_refusal(file, name):
         return Loaded(name, "", "", "cannot", refusal)
     try:
         one, two = describe_pair(f"{file}@{first}", f"{file}@{name}")
-        found = compared(one, two, measure.tolerance, {}, measure.ignored)
+        found = compare_descriptions(one, two, measure.tolerance, {}, measure.ignored)
     except InputError as error:
         return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
     found = replace(found, families=measure.families, strict=measure.strict, unproven=measure.unproven)

@@ -53,15 +53,15 @@ def describe(source: Any, base: str = "fixed") -> Description:
     if isinstance(source, Mechanism):
         return Description(source.name, source, "live")
     if not isinstance(source, str | Path):
-        return _live(source)
+        return _read_live_model(source)
     name, engine = _split(str(source))
     path = Path(name)
     if engine:
-        found = replace(_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
+        found = replace(_read_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
     elif path.is_dir():
-        found = _folder(path)
+        found = _read_folder(path)
     else:
-        found = _file(path, base)
+        found = _read_file(path, base)
     return found
 
 
@@ -77,13 +77,13 @@ def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
     """
     first = describe(a)
     second = describe(b)
-    if _floats(first) != _floats(second):
-        first = _freed(first, a) if not first.root_stated and _floats(second) else first
-        second = _freed(second, b) if not second.root_stated and _floats(first) else second
-    first, second = _pulled(first, second), _pulled(second, first)
+    if _is_floating(first) != _is_floating(second):
+        first = _add_free_root(first, a) if not first.root_stated and _is_floating(second) else first
+        second = _add_free_root(second, b) if not second.root_stated and _is_floating(first) else second
+    first, second = _apply_gravity(first, second), _apply_gravity(second, first)
     if first.label == second.label:
         names = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
-        labels = list(_apart(*names))
+        labels = list(_find_differing_ends(*names))
         if labels[0] == labels[1]:
             labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
         first = replace(first, label=labels[0])
@@ -91,7 +91,7 @@ def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
     return first, second
 
 
-def _apart(one: str, two: str) -> tuple[str, str]:
+def _find_differing_ends(one: str, two: str) -> tuple[str, str]:
     """The ends of two paths from the folder on in which they differ."""
     parts = [Path(name).parts for name in (one, two)]
     for count in range(2, max(map(len, parts))):
@@ -101,11 +101,11 @@ def _apart(one: str, two: str) -> tuple[str, str]:
     return one, two
 
 
-def _floats(description: Description) -> bool:
+def _is_floating(description: Description) -> bool:
     return any(joint.kind == "free" and joint.parent == WORLD for joint in description.mechanism.joints)
 
 
-def _freed(description: Description, source: Any) -> Description:
+def _add_free_root(description: Description, source: Any) -> Description:
     """A URDF whose root is free; one that an engine has read keeps what that engine made of it."""
     if description.reader != "flexinv":
         return description
@@ -114,7 +114,7 @@ def _freed(description: Description, source: Any) -> Description:
     return replace(free, dropped=(*free.dropped, words))
 
 
-def _pulled(one: Description, other: Description) -> Description:
+def _apply_gravity(one: Description, other: Description) -> Description:
     """A description under the other's gravity, where it states none itself."""
     theirs = other.mechanism.gravity
     if one.gravity_stated or not other.gravity_stated or np.array_equal(one.mechanism.gravity, theirs):
@@ -129,7 +129,7 @@ def _split(text: str) -> tuple[str, str]:
     return (name, engine) if at and name and "/" not in engine and not Path(text).exists() else (text, "")
 
 
-def _folder(path: Path) -> Description:
+def _read_folder(path: Path) -> Description:
     if os.path.lexists(path / "case.json"):
         return lift_kit(path / "case.json")
     if os.path.lexists(path / "mechanism.toml"):
@@ -137,17 +137,17 @@ def _folder(path: Path) -> Description:
     raise make_input_error(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
 
 
-def _file(path: Path, base: str) -> Description:
+def _read_file(path: Path, base: str) -> Description:
     _check_regular(path)
     tables = {".toml": lift_toml, ".json": lift_kit}
     if path.suffix in tables and not is_xml(path):
         return tables[path.suffix](path)
-    kind = kind_of(path)
+    kind = find_format(path)
     if kind == "urdf":
         found = lift_urdf(path, base)
     else:
-        found = lift_usd(path) if kind == "usd" and reads_usd() else _by_engine(path, _reader(path, kind))
-    return replace(found, label=path.name, dropped=(*_suffix(path, kind), *found.dropped))
+        found = lift_usd(path) if kind == "usd" and reads_usd() else _read_by_engine(path, _choose_reader(path, kind))
+    return replace(found, label=path.name, dropped=(*_describe_wrong_suffix(path, kind), *found.dropped))
 
 
 def _check_regular(path: Path) -> None:
@@ -171,7 +171,7 @@ def is_xml(path: Path) -> bool:
     return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") or start[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
-def kind_of(path: Path) -> str:
+def find_format(path: Path) -> str:
     """Return the format of a file by what it holds: urdf, mjcf, sdf or usd.  Raises InputError."""
     start = _read_start(path)
     if not start.strip():
@@ -185,7 +185,7 @@ def kind_of(path: Path) -> str:
     if root is None or any(str(part.tag).partition("}")[0].endswith("/xacro") for part in root.iter()):
         raise InputError(
             f"{path}\n  given:    a xacro, which is a program that writes a URDF\n  expected: the URDF itself\n"
-            f"  write:    xacro {path.name} > {_expanded(path.name)}, and give that"
+            f"  write:    xacro {path.name} > {_resolve_xacro_name(path.name)}, and give that"
         )
     _check_words(path, root)
     kind = ROOTS.get(root.tag)
@@ -195,7 +195,7 @@ def kind_of(path: Path) -> str:
     return kind
 
 
-def _expanded(name: str) -> str:
+def _resolve_xacro_name(name: str) -> str:
     """The name of what a xacro writes: never its own, which the shell would empty first."""
     plain = f"{name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
     return plain if plain != name else f"{name.removesuffix('.urdf')}.expanded.urdf"
@@ -212,7 +212,7 @@ def _check_words(path: Path, root: Element) -> None:
                 )
 
 
-def _suffix(path: Path, kind: str) -> Iterator[str]:
+def _describe_wrong_suffix(path: Path, kind: str) -> Iterator[str]:
     suffixes = {f".{name}": name for name in ("urdf", "sdf", "mjcf", "toml", "json")} | dict.fromkeys(
         USD_SUFFIXES, "usd"
     )
@@ -221,12 +221,12 @@ def _suffix(path: Path, kind: str) -> Iterator[str]:
         yield f"suffix {path.suffix}: the file is {kind.upper()}, and is read as that"
 
 
-def _engines() -> dict[str, Engine]:
+def _collect_engines() -> dict[str, Engine]:
     return {**ENGINES, **installed()}
 
 
-def _reader(path: Path, kind: str) -> str:
-    engines = _engines()
+def _choose_reader(path: Path, kind: str) -> str:
+    engines = _collect_engines()
     for name in READERS[kind]:
         if name in engines and describe_missing_package(engines[name]) is None:
             return name
@@ -236,10 +236,10 @@ def _reader(path: Path, kind: str) -> str:
     )
 
 
-def readers(kind: str) -> list[str]:
+def list_readers(kind: str) -> list[str]:
     """Return the engines that have a reader of their own for a format, those that are installed."""
     found = []
-    for name, engine in _engines().items():
+    for name, engine in _collect_engines().items():
         if "-" in name or describe_missing_package(engine) is not None or name in ("measured", "flexinv"):
             continue
         try:
@@ -251,10 +251,10 @@ def readers(kind: str) -> list[str]:
     return found
 
 
-def _by_engine(path: Path, name: str) -> Description:
-    engines = _engines()
+def _read_by_engine(path: Path, name: str) -> Description:
+    engines = _collect_engines()
     if name == "flexinv":
-        return _file(path, "fixed")
+        return _read_file(path, "fixed")
     if name not in engines:
         known = ", ".join(n for n in engines if "-" not in n and n != "measured")
         raise InputError(f"{path}@{name}: no engine is called {name!r}; known: {known}")
@@ -263,16 +263,16 @@ def _by_engine(path: Path, name: str) -> Description:
     lift = offered(resolve_adapter(engines[name].module), "lift")
     if lift is None:
         raise InputError(
-            f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(readers('urdf'))}"
+            f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(list_readers('urdf'))}"
         )
-    kind_of(path)
+    find_format(path)
     found: Description = lift(path)
     return found
 
 
-def _live(source: Any) -> Description:
+def _read_live_model(source: Any) -> Description:
     """A model in memory: asked are the engines whose package is loaded already."""
-    for engine in _engines().values():
+    for engine in _collect_engines().values():
         if engine.requires not in sys.modules or "-" in engine.name:
             continue
         adapter: Any = resolve_adapter(engine.module)

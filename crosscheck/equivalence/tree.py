@@ -53,7 +53,7 @@ class Member:
     gear: float = 0.0
     ground: Placement | None = None
 
-    def changed(self, name: str, value: Any) -> Member:
+    def replace_fields(self, name: str, value: Any) -> Member:
         """Return the member with another field [unit of the field].
 
         "placement position", "limits lower" are parts of one; "part mass NAME" is that of one of the bodies that make it up.
@@ -61,14 +61,14 @@ class Member:
         record, _, part = name.partition(" ")
         if record == "part":
             own, _, body = part.partition(" ")
-            return self._with_part(own, body, value)
+            return self._replace_part(own, body, value)
         return replace(self, **{record: replace(getattr(self, record), **{part: value}) if part else value})
 
-    def _with_part(self, name: str, part: str, value: Any) -> Member:
+    def _replace_part(self, name: str, part: str, value: Any) -> Member:
         parts = tuple(
             (own, body.replace_unchecked(**{name: value}) if own == part else body) for own, body in self.parts
         )
-        whole = sum_of([body for _, body in parts])
+        whole = join_bodies([body for _, body in parts])
         return replace(self, parts=parts, mass=whole.mass, com=whole.com, tensor=whole.tensor)
 
     @property
@@ -89,11 +89,11 @@ class Tree:
         """Return the numbers of the members that a member carries."""
         return self._children.get(index, [])
 
-    def carried(self, index: int) -> list[int]:
+    def list_moving_children(self, index: int) -> list[int]:
         """Return the moving members that a member carries, fixed ones between them left out; -1 : the world."""
         return self._carried.get(index, [])
 
-    def moving_from(self, index: int) -> int:
+    def count_moving(self, index: int) -> int:
         """Return the number of moving members from one on [-], itself among them."""
         return self._moving_from[index]
 
@@ -101,7 +101,7 @@ class Tree:
     def _moving_from(self) -> dict[int, int]:
         found: dict[int, int] = {}
         for index in reversed(range(len(self.members))):
-            found[index] = 1 + sum(found[k] for k in self.carried(index))
+            found[index] = 1 + sum(found[k] for k in self.list_moving_children(index))
         return found
 
     @cached_property
@@ -131,7 +131,7 @@ class Tree:
             found.append(on(found[member.parent], member.placement) if member.parent >= 0 else member.placement)
         return found
 
-    def changed(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
+    def replace_fields(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
         """Return the tree with other fields, (member or -1 for the tree itself, field, value) each [unit of it]."""
         members = list(self.members)
         own = {}
@@ -139,27 +139,32 @@ class Tree:
             if index < 0:
                 own[name] = value
             else:
-                members[index] = members[index].changed(name, value)
+                members[index] = members[index].replace_fields(name, value)
         return replace(self, members=tuple(members), **own)
 
 
-def tree_of(mechanism: Mechanism, gears: Mapping[str, float]) -> Tree:
+def build_tree(mechanism: Mechanism, gears: Mapping[str, float]) -> Tree:
     """Return the members of a rigid mechanism; gears : by joint [-]."""
     members: list[Member] = []
     number = {WORLD: -1}
     for joint in mechanism.joints:
-        for member in _members(mechanism, joint, number[joint.parent], len(members), gears.get(joint.name, 0.0)):
+        for member in _list_members(mechanism, joint, number[joint.parent], len(members), gears.get(joint.name, 0.0)):
             members.append(member)
         number[joint.child] = len(members) - 1
     couplings = {c.name: (dict(c.factors), c.offset) for c in mechanism.closures if c.kind == "coupling"}
     return Tree(tuple(members), np.asarray(mechanism.gravity), couplings)
 
 
-def _members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: float) -> Iterator[Member]:
+def _list_members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: float) -> Iterator[Member]:
     link = mechanism.link_of[joint.child]
-    body = sum_of([part.inertia for part in link.bodies])
+    body = join_bodies([part.inertia for part in link.bodies])
     passive: dict[str, Any] = {name: getattr(joint, name) for name in PASSIVE}
-    own: dict[str, Any] = {"mass": body.mass, "com": body.com, "tensor": body.tensor, "parts": _parts(link, body)}
+    own: dict[str, Any] = {
+        "mass": body.mass,
+        "com": body.com,
+        "tensor": body.tensor,
+        "parts": _list_named_bodies(link, body),
+    }
     if joint.kind == "universal":
         names = joint.name + ".1", joint.name + ".2"
         yield Member(f"{joint.name}.between", names[0], "revolute", parent, joint.placement, joint.axis, **passive)
@@ -172,7 +177,7 @@ def _members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: 
     )  # fmt: skip
 
 
-def _parts(link: Link, body: Inertia) -> tuple[tuple[str, Inertia], ...]:
+def _list_named_bodies(link: Link, body: Inertia) -> tuple[tuple[str, Inertia], ...]:
     """The bodies of a link by their names, which a payload has of its own; one body has that of its link."""
     names = [part.name for part in link.bodies]
     if len(names) < 2 or len(set(names)) < len(names):
@@ -180,7 +185,7 @@ def _parts(link: Link, body: Inertia) -> tuple[tuple[str, Inertia], ...]:
     return tuple((part.name, part.inertia) for part in link.bodies)
 
 
-def sum_of(parts: Iterable[Inertia]) -> Inertia:
+def join_bodies(parts: Iterable[Inertia]) -> Inertia:
     """Return bodies of one frame as one body [kg, m, kg m^2]; tensors by Steiner's theorem.
 
     A body without mass keeps its centre where it is alone; its tensor is added as it is.
@@ -197,7 +202,7 @@ def sum_of(parts: Iterable[Inertia]) -> Inertia:
     return Inertia.stated(float(mass), com, tensor)
 
 
-def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
+def join_into_carriers(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
     """Return the tree with members merged into their carriers where they stand at zero, and new numbers by old ones.
 
     What is merged into the world is left out, but for its pose where it carries a member: it does not move.
@@ -212,7 +217,7 @@ def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
         if k in still:
             seats[k] = (carrier, here)
             if carrier >= 0:
-                members[carrier] = _joined(members[carrier], here, member)
+                members[carrier] = _add_to_carrier(members[carrier], here, member)
             continue
         number[k] = len(members)
         seats[k] = (number[k], Placement())
@@ -221,13 +226,13 @@ def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
     return replace(tree, members=tuple(members)), number
 
 
-def _joined(carrier: Member, place: Placement, member: Member) -> Member:
+def _add_to_carrier(carrier: Member, place: Placement, member: Member) -> Member:
     parts = (*carrier.parts, *((name, moved(place, body)) for name, body in member.parts))
-    body = sum_of([inertia for _, inertia in parts])
+    body = join_bodies([inertia for _, inertia in parts])
     return replace(carrier, parts=parts, mass=body.mass, com=body.com, tensor=body.tensor)
 
 
-def mechanism_of(tree: Tree) -> Mechanism:
+def build_mechanism(tree: Tree) -> Mechanism:
     """Return the tree as a mechanism of the same coordinates [m, kg, rad]; couplings are left to who compares them."""
     links = {-1: WORLD} | {k: f"link {k}" for k in range(len(tree.members))}
     made = [

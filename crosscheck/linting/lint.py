@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.sources import describe, is_xml, kind_of
-from crosscheck.equivalence.tree import sum_of
+from crosscheck.equivalence.sources import describe, find_format, is_xml
+from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.description import Description
 from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
@@ -63,7 +63,7 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
     strict = check_flag("strict", strict)
     meshes = check_flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
-    if path is not None and path.is_file() and is_xml(path) and kind_of(path) == "urdf":
+    if path is not None and path.is_file() and is_xml(path) and find_format(path) == "urdf":
         found = [*_xml_findings(path), *urdf_findings(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _unread(path)
@@ -130,7 +130,7 @@ def machine_findings(description: Description) -> Iterator[Finding]:
     moving = {joint.child for joint in mechanism.joints if joint.nv}
     links = {}
     for link in mechanism.links:
-        body = sum_of([part.inertia for part in link.bodies])
+        body = join_bodies([part.inertia for part in link.bodies])
         links[link.name] = Stated(link.name, body, link.name in moving, bool(link.bodies))
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
     yield from body_findings(links, float(sum(lengths[-6:])) or 1.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
-from crosscheck.equivalence.output.text import cell
+from crosscheck.equivalence.output.text import format_cell
 from crosscheck.linting.lint import Linted
 from crosscheck.report.html import environment, style, write_page
 from crosscheck.report.junit import FORBIDDEN
@@ -48,11 +48,11 @@ def markdown(found: Sequence[Linted]) -> str:
     """Return findings as Markdown: a table for each file."""
     lines = [f"## {sentence(found)}"]
     for one in found:
-        lines += ["", f"### {cell(one.label)}: {one.words}"]
+        lines += ["", f"### {format_cell(one.label)}: {one.words}"]
         if one.findings:
             lines += ["", "| check | where | given | why | write |", "|---|---|---|---|---|"]
         for f in one.findings:
-            lines.append("| " + " | ".join(map(cell, (f.check, f.place, f.given, f.why, f.write))) + " |")
+            lines.append("| " + " | ".join(map(format_cell, (f.check, f.place, f.given, f.why, f.write))) + " |")
     return "\n".join(lines) + "\n"
 
 

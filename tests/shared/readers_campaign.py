@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from crosscheck.equivalence.readers import Loaded, by_readers
+from crosscheck.equivalence.readers import Loaded, compare_readers
 from crosscheck.equivalence.result import REPAIRED
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import find_robots_folder
@@ -43,7 +43,7 @@ def tables(files: Iterable[Path]) -> Iterator[Read]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                rows = by_readers(str(file))
+                rows = compare_readers(str(file))
         except InputError as error:
             words = " ".join(str(error).split())[:200]
         yield Read(file, rows, words, time.perf_counter() - begun)

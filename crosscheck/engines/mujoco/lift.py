@@ -160,7 +160,7 @@ def _remove_files(spec: Any, path: Path) -> None:
                 "put the mesh where the file says, or write <inertial> in the body"
             )
         spec.delete(geom)
-    for kind in (spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
+    for kind in (spec.describe_other_meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
         for part in list(kind):
             spec.delete(part)
     for geom in [*spec.geoms, *spec.sites]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.lengths import Lengths
 from crosscheck.equivalence.alignment.poses import Poses
-from crosscheck.equivalence.alignment.seats import Aligned, joined
+from crosscheck.equivalence.alignment.seats import Aligned, make_joint_alignment
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Placement
 
@@ -38,7 +38,7 @@ class Alignment:
     length: float = 0.0
 
 
-def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float) -> Alignment:
+def find_alignment(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float) -> Alignment:
     """Return the alignment of every pair of members, parents first; size : of the machines [m].
 
     First all stands as it is, and a member in which that leaves no difference is not looked at again.  Where differences are
@@ -46,14 +46,14 @@ def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float
     """
     lengths = Lengths(first, second, dict(pairs), size)
     search = Search(lengths, Poses(lengths))
-    best = search.under(Placement())
+    best = search.find_best_alignment(Placement())
     search.doubted = search.left(best)
-    if not search.doubted and not lengths.of_base(Placement()):
+    if not search.doubted and not lengths.compute_base_code_length(Placement()):
         return best
-    for least, motion in ((0.0, Placement()), *search.bases()):
+    for least, motion in ((0.0, Placement()), *search.list_base_motions()):
         if least >= best.length:
             break
-        other = search.under(motion)
+        other = search.find_best_alignment(motion)
         if other.length < best.length - NEAR:
             best = other
     return best
@@ -71,7 +71,7 @@ class Search:
     doubted: set[int] = field(default_factory=set)
     kept: dict[int, list[Placement]] = field(default_factory=dict)
 
-    def under(self, motion: Placement) -> Alignment:
+    def find_best_alignment(self, motion: Placement) -> Alignment:
         """Return the best alignment where B's world stands so in A's [m]."""
         first = self.lengths.first
         partner = self.lengths.partner
@@ -81,7 +81,7 @@ class Search:
         sums: dict[int, list[float]] = {}
         chosen: dict[tuple[int, int], int] = {}
         for a in [*sorted(partner, reverse=True), -1]:
-            sums[a] = [self._sum(a, k, pose, sums, chosen) for k, pose in enumerate(self.kept[a])]
+            sums[a] = [self._compute_subtree_length(a, k, pose, sums, chosen) for k, pose in enumerate(self.kept[a])]
         seats: list[Aligned] = []
         taken = {-1: 0}
         for a in sorted(partner):
@@ -90,16 +90,18 @@ class Search:
             before = self.kept[carrier][taken[carrier]]
             frame = self.kept[a][taken[a]]
             seats.append(
-                joined(first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame)
+                make_joint_alignment(
+                    first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame
+                )
             )
-        total = sums[-1][0] + self.lengths.of_base(motion) + self.lengths.of_ground(motion)
+        total = sums[-1][0] + self.lengths.compute_base_code_length(motion) + self.lengths.of_ground(motion)
         return Alignment(seats, motion, total)
 
-    def _sum(
+    def _compute_subtree_length(
         self, a: int, k: int, pose: Placement, sums: dict[int, list[float]], chosen: dict[tuple[int, int], int]
     ) -> float:
         """The length of all that a member carries in one of its poses; which pose of each child that takes is kept."""
-        total = self.lengths.of_frame(pose) + self.lengths.of_body(a, pose) if a >= 0 else 0.0
+        total = self.lengths.compute_frame_code_length(pose) + self.lengths.of_body(a, pose) if a >= 0 else 0.0
         for c in self.lengths.first.children(a):
             if c not in self.lengths.partner:
                 continue
@@ -115,17 +117,22 @@ class Search:
         known: set[bytes] = set()
         for before in carriers:
             still = self.poses.still(a, before)
-            alone = a not in self.doubted and not self._seen(a, before, still)
+            alone = a not in self.doubted and not self._compute_pose_length(a, before, still)
             tried = [still] if alone else [still, *self.poses.others(a, still)]
             for pose in tried:
-                if (key := _key(pose)) not in known:
+                if (key := _make_pose_key(pose)) not in known:
                     known.add(key)
-                    found.append((self._seen(a, before, pose) + self.lengths.of_frame(pose), pose))
+                    found.append(
+                        (
+                            self._compute_pose_length(a, before, pose) + self.lengths.compute_frame_code_length(pose),
+                            pose,
+                        )
+                    )
         found.sort(key=lambda one: round(one[0] / TIE))
         return [pose for _, pose in found[:MOST]]
 
-    def _seen(self, a: int, before: Placement, pose: Placement) -> float:
-        return self.lengths.of_joint(a, before, pose) + self.lengths.of_content(a, pose)
+    def _compute_pose_length(self, a: int, before: Placement, pose: Placement) -> float:
+        return self.lengths.of_joint(a, before, pose) + self.lengths.compute_content_code_length(a, pose)
 
     def left(self, best: Alignment) -> set[int]:
         """Return the members in which something differs, and all that carry them."""
@@ -140,17 +147,17 @@ class Search:
                 a = lengths.first.members[a].parent
         return found
 
-    def bases(self) -> list[tuple[float, Placement]]:
+    def list_base_motions(self) -> list[tuple[float, Placement]]:
         """Return the motions of the base that most of what stands on the world agrees with, the shortest first [-], [m]."""
         lengths = self.lengths
         roots = [a for a in lengths.first.children(-1) if a in lengths.partner]
         found: list[tuple[float, Placement]] = []
-        known = {_key(Placement())}
-        for motion in self.poses.bases(roots):
-            if (key := _key(motion)) in known:
+        known = {_make_pose_key(Placement())}
+        for motion in self.poses.list_base_motions(roots):
+            if (key := _make_pose_key(motion)) in known:
                 continue
             known.add(key)
-            length = lengths.of_base(motion) + lengths.of_ground(motion)
+            length = lengths.compute_base_code_length(motion) + lengths.of_ground(motion)
             for a in roots:
                 still = self.poses.still(a, motion)
                 length += min(lengths.of_joint(a, motion, pose) for pose in (still, Placement()))
@@ -159,7 +166,7 @@ class Search:
         return found[:BASES]
 
 
-def _key(pose: Placement) -> bytes:
+def _make_pose_key(pose: Placement) -> bytes:
     """The same bytes for poses that are one to rounding."""
     numbers = np.concatenate([pose.position, pose.rotation.ravel()])
     return (np.round(numbers / NEAR) + 0.0).astype(np.int64).tobytes()

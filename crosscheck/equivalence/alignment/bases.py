@@ -12,7 +12,7 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair, placement_text
+from crosscheck.equivalence.members import Pair, format_placement
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import angle, inverse
 from flexinv.model.mechanism import Array, Placement
@@ -22,7 +22,7 @@ FELT = "gravity has another direction in it"
 UNFELT = "no torque feels it: gravity has the same direction in it"
 
 
-def base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterable[Pair]) -> Iterator[Difference]:
+def list_base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterable[Pair]) -> Iterator[Difference]:
     """Yield what differs of where both machines stand [m], [rad], and of gravity [m/s^2]; motion : of B's world in A's."""
     ours = first.gravity
     theirs = second.gravity
@@ -38,18 +38,27 @@ def base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterab
         quantity = "rotation" if turn > SAME else "position"
         back = inverse(motion)
         yield Difference(
-            "rigid" if felt else "convention", BASE, "the machine", size, unit, placement_text(Placement()),
-            placement_text(back), ((-1, "gravity", there),) if felt else (), (FELT if felt else UNFELT,),
+            "rigid" if felt else "convention", BASE, "the machine", size, unit, format_placement(Placement()),
+            format_placement(back), ((-1, "gravity", there),) if felt else (), (FELT if felt else UNFELT,),
             printed=max((pair.of_joint(quantity) for pair in standing), default=0.0), structural=True, motion=back,
         )  # fmt: skip
     if felt and other:
         size = float(np.linalg.norm(theirs - ours))
-        yield Difference("rigid", "gravity", "the world", size, "m/s^2", _text(ours), _text(theirs), _gravity(there))
+        yield Difference(
+            "rigid",
+            "gravity",
+            "the world",
+            size,
+            "m/s^2",
+            _format_gravity(ours),
+            _format_gravity(theirs),
+            _make_gravity_change(there),
+        )
 
 
-def _gravity(there: Array) -> tuple[tuple[int, str, Array], ...]:
+def _make_gravity_change(there: Array) -> tuple[tuple[int, str, Array], ...]:
     return ((-1, "gravity", there),)
 
 
-def _text(gravity: Array) -> str:
+def _format_gravity(gravity: Array) -> str:
     return " ".join(f"{x:.9g}" for x in gravity)

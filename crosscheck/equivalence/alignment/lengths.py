@@ -24,7 +24,14 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, SEEN, Aligned, agree, joined, same_limits
+from crosscheck.equivalence.alignment.seats import (
+    SAME,
+    SEEN,
+    Aligned,
+    has_same_limits,
+    is_same_as_printed,
+    make_joint_alignment,
+)
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
 from crosscheck.lifting.rigid import angle, between, cross, moved, on, size_of
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -36,7 +43,7 @@ FRAME = 0.45
 HINGES = ("revolute", "helical")
 
 
-def length(size: float) -> float:
+def compute_code_length(size: float) -> float:
     """Return the length of a difference by its relative size [-]."""
     return 1.0 + float(np.log10(size / SEEN)) if size > SEEN else 0.0
 
@@ -62,9 +69,9 @@ class Lengths:
     size: float
     known: dict[int, Content] = field(default_factory=dict)
 
-    def of_frame(self, frame: Placement) -> float:
+    def compute_frame_code_length(self, frame: Placement) -> float:
         """Return the length of a frame of B that stands so in A's [m]."""
-        return FRAME * length(max(size_of(frame.position) / self.size, angle(frame.rotation)))
+        return FRAME * compute_code_length(max(size_of(frame.position) / self.size, angle(frame.rotation)))
 
     def of_joint(self, a: int, before: Placement, frame: Placement) -> float:
         """Return the length of what differs in a joint, where its carrier and its own frame stand so [m]."""
@@ -72,68 +79,70 @@ class Lengths:
         two = self.second.members[self.partner[a]]
         if one.kind == "free":
             return 0.0
-        seat = joined(one, two, (a, self.partner[a]), before, frame)
+        seat = make_joint_alignment(one, two, (a, self.partner[a]), before, frame)
         way = size_of(seat.rest.position) / self.size
-        total = length(way) + length(angle(seat.rest.rotation))
+        total = compute_code_length(way) + compute_code_length(angle(seat.rest.rotation))
         if one.kind in SCALARS:
-            total += length(size_of(cross(one.axis, frame.rotation @ two.axis))) + float(seat.sign < 0.0)
-            total += HALF * length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
-            total += self._of_bounds(one, two, seat)
+            total += compute_code_length(size_of(cross(one.axis, frame.rotation @ two.axis))) + float(seat.sign < 0.0)
+            total += HALF * compute_code_length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
+            total += self._compute_limit_code_length(one, two, seat)
         return total
 
-    def _of_bounds(self, one: Member, two: Member, seat: Aligned) -> float:
+    def _compute_limit_code_length(self, one: Member, two: Member, seat: Aligned) -> float:
         """The length of limits and rests of springs that do not agree in these coordinates."""
         total = 0.0
         ours = one.limits.lower, one.limits.upper
         moved_on = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
-        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not agree(a, b)]
-        stayed = (seat.sign < 0.0 or seat.offset) and same_limits(one, two)
+        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not is_same_as_printed(a, b)]
+        stayed = (seat.sign < 0.0 or seat.offset) and has_same_limits(one, two)
         if ends:
-            total += HALF if stayed else sum(HALF * length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
+            total += HALF if stayed else sum(HALF * compute_code_length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
         if one.stiffness and two.stiffness:
-            total += length(abs(seat.sign * two.rest + seat.offset - one.rest))
+            total += compute_code_length(abs(seat.sign * two.rest + seat.offset - one.rest))
         return total
 
     def of_body(self, a: int, frame: Placement) -> float:
         """Return the length of what differs in where a link's mass is, in a pose of B's frame in A's [m]."""
         one = self.first.members[a]
         two = self.second.members[self.partner[a]]
-        return self._of_bodies(one.inertia, moved(frame, two.inertia))
+        return self._compute_inertia_code_length(one.inertia, moved(frame, two.inertia))
 
-    def _of_bodies(self, one: Inertia, there: Inertia) -> float:
+    def _compute_inertia_code_length(self, one: Inertia, there: Inertia) -> float:
         if not one.mass or not there.mass:
             return 0.0
-        total = length(size_of(there.com - one.com) / self.size)
+        total = compute_code_length(size_of(there.com - one.com) / self.size)
         largest = float(np.abs(one.tensor).max())
-        return total + (length(float(np.abs(there.tensor - one.tensor).max()) / largest) if largest else 0.0)
+        return total + (
+            compute_code_length(float(np.abs(there.tensor - one.tensor).max()) / largest) if largest else 0.0
+        )
 
-    def of_content(self, a: int, frame: Placement) -> float:
+    def compute_content_code_length(self, a: int, frame: Placement) -> float:
         """Return the length of what differs in all that shows how a rigid part stands, in a pose of B's frame in A's [m]."""
-        content = self.content(a)
-        total = sum(self._of_bodies(one, moved(frame, two)) for one, two in content.bodies)
-        return total + sum(self._of_hung(*hung, frame) for hung in content.hung)
+        content = self.collect_rigid_content(a)
+        total = sum(self._compute_inertia_code_length(one, moved(frame, two)) for one, two in content.bodies)
+        return total + sum(self._compute_child_code_length(*hung, frame) for hung in content.hung)
 
-    def _of_hung(
+    def _compute_child_code_length(
         self, kind: str, ours: tuple[Placement, Array], theirs: tuple[Placement, Array], frame: Placement
     ) -> float:
         gap = frame.position + frame.rotation @ theirs[0].position - ours[0].position
         if kind not in SCALARS:
-            return length(size_of(gap) / self.size)
+            return compute_code_length(size_of(gap) / self.size)
         along = ours[0].rotation @ ours[1]
-        total = length(size_of(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
-        return total + (length(size_of(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
+        total = compute_code_length(size_of(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
+        return total + (compute_code_length(size_of(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
-    def content(self, a: int) -> Content:
+    def collect_rigid_content(self, a: int) -> Content:
         """Return the bodies and joints by which a member and all that is fixed to it show how they stand, found once [kg, m]."""
         if a not in self.known:
             one = self.first.members[a]
             two = self.second.members[self.partner[a]]
             found = Content([(one.inertia, two.inertia)], [])
-            self._gather(a, Placement(), Placement(), found)
+            self._collect_children(a, Placement(), Placement(), found)
             self.known[a] = found
         return self.known[a]
 
-    def _gather(self, a: int, ours: Placement, theirs: Placement, found: Content) -> None:
+    def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: Content) -> None:
         for c in self.first.children(a):
             if c not in self.partner:
                 continue
@@ -143,28 +152,28 @@ class Lengths:
             there = on(theirs, two.placement)
             if one.kind == "fixed":
                 found.bodies.append((moved(here, one.inertia), moved(there, two.inertia)))
-                self._gather(c, here, there, found)
+                self._collect_children(c, here, there, found)
             elif one.kind == two.kind:
                 found.hung.append((one.kind, (here, one.axis), (there, two.axis)))
 
-    def of_base(self, motion: Placement) -> float:
+    def compute_base_code_length(self, motion: Placement) -> float:
         """Return the length of a motion of the base, or of gravity where that is what differs [m]."""
         ours = self.first.gravity
         theirs = self.second.gravity
         pull = max(size_of(ours), size_of(theirs)) or 1.0
-        felt = length(size_of(motion.rotation @ theirs - ours) / pull)
+        felt = compute_code_length(size_of(motion.rotation @ theirs - ours) / pull)
         size = max(size_of(motion.position) / self.size, angle(motion.rotation))
         if size <= SAME:
             return felt
-        changed = length(size_of(theirs - ours) / pull)
+        changed = compute_code_length(size_of(theirs - ours) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
         if felt:
-            return length(size) + (felt if changed else 0.0)
-        return HALF * length(size)
+            return compute_code_length(size) + (felt if changed else 0.0)
+        return HALF * compute_code_length(size)
 
     def of_ground(self, motion: Placement) -> float:
         """Return the length of the frames of links that stand still and carry joints, where B's world stands so in A's [m]."""
-        return sum(self.of_frame(between(one, on(motion, two))) for one, two in self._grounds)
+        return sum(self.compute_frame_code_length(between(one, on(motion, two))) for one, two in self._grounds)
 
     @cached_property
     def _grounds(self) -> list[tuple[Placement, Placement]]:

@@ -32,58 +32,63 @@ class Poses:
 
     def still(self, a: int, before: Placement) -> Placement:
         """Return the pose that leaves both machines where they stand at zero; before : of the carrier [m]."""
-        one, two = self._pair(a)
-        return self._on_axis(a, between(one.placement, on(before, two.placement)))
+        one, two = self._find_member_pair(a)
+        return self._move_onto_axis(a, between(one.placement, on(before, two.placement)))
 
     def others(self, a: int, still: Placement) -> Iterator[Placement]:
         """Yield other poses of a member: the same frame, its axis turned onto A's, turned zeros, and what it shows alone [m]."""
-        one, _ = self._pair(a)
-        yield self._on_axis(a, Placement())
+        one, _ = self._find_member_pair(a)
+        yield self._move_onto_axis(a, Placement())
         if one.kind in SCALARS:
-            straight = self._straight(a, still)
+            straight = self._turn_onto_axis(a, still)
             yield straight
-            yield from self._turned(a, straight)
+            yield from self._list_turned_frames(a, straight)
         yield from self.alone(a)
 
-    def _pair(self, a: int) -> tuple[Member, Member]:
+    def _find_member_pair(self, a: int) -> tuple[Member, Member]:
         return self.lengths.first.members[a], self.lengths.second.members[self.lengths.partner[a]]
 
-    def _on_axis(self, a: int, frame: Placement) -> Placement:
+    def _move_onto_axis(self, a: int, frame: Placement) -> Placement:
         """The frame moved across B's axis until that leads through A's origin: only its direction is then A's to change."""
-        one, two = self._pair(a)
+        one, two = self._find_member_pair(a)
         if one.kind not in HINGES:
             return Placement(np.zeros(3), frame.rotation) if one.kind == "spherical" else frame
         axis = frame.rotation @ two.axis
         return Placement(float(frame.position @ axis) * axis, frame.rotation)
 
-    def _straight(self, a: int, frame: Placement) -> Placement:
+    def _turn_onto_axis(self, a: int, frame: Placement) -> Placement:
         """The frame turned by the least angle that brings B's axis onto A's, or onto its opposite."""
-        one, two = self._pair(a)
+        one, two = self._find_member_pair(a)
         axis = frame.rotation @ two.axis
-        turn = _least_turn(axis, one.axis if one.axis @ axis >= 0.0 else -one.axis)
-        return self._on_axis(a, Placement(turn @ frame.position, turn @ frame.rotation))
+        turn = _compute_least_rotation(axis, one.axis if one.axis @ axis >= 0.0 else -one.axis)
+        return self._move_onto_axis(a, Placement(turn @ frame.position, turn @ frame.rotation))
 
-    def _turned(self, a: int, frame: Placement) -> Iterator[Placement]:
+    def _list_turned_frames(self, a: int, frame: Placement) -> Iterator[Placement]:
         """Yield a frame whose axis is A's turned about it, and moved along it, until something that it shows agrees."""
-        one, _ = self._pair(a)
-        turns = [0.0, *(self._turns(a, frame) if one.kind in HINGES else ())]
+        one, _ = self._find_member_pair(a)
+        turns = [0.0, *(self._list_axis_angles(a, frame) if one.kind in HINGES else ())]
         for turn in turns:
             there = on(Placement(rotation=turned(one.axis, turn)), frame)
             yield there
-            for way in self._ways(a, there):
+            for way in self._list_axis_shifts(a, there):
                 yield Placement(there.position + way * one.axis, there.rotation)
 
-    def _turns(self, a: int, frame: Placement) -> list[float]:
+    def _list_axis_angles(self, a: int, frame: Placement) -> list[float]:
         """Angles about A's axis by which something that both show agrees, or their limits do [rad]."""
-        one, two = self._pair(a)
-        found = [-offset for offset in _offsets(one, two, 1.0 if one.axis @ frame.rotation @ two.axis >= 0.0 else -1.0)]
-        found += self._angles(a, one.axis, frame, points=True)
-        return _unlike(found, 1e-9)[:TURNS]
+        one, two = self._find_member_pair(a)
+        found = [
+            -offset
+            for offset in _list_coordinate_offsets(
+                one, two, 1.0 if one.axis @ frame.rotation @ two.axis >= 0.0 else -1.0
+            )
+        ]
+        found += self._list_matching_angles(a, one.axis, frame, points=True)
+        return _drop_near_duplicates(found, 1e-9)[:TURNS]
 
-    def _angles(self, a: int, axis: Array, frame: Placement, points: bool) -> list[float]:
+    def _list_matching_angles(self, a: int, axis: Array, frame: Placement, points: bool) -> list[float]:
         """Angles about an axis of A by which directions agree, and points where they count from the frame's origin [rad]."""
         found = []
-        for ours, theirs in self._vectors(a, axis, frame, points):
+        for ours, theirs in self._list_vector_pairs(a, axis, frame, points):
             turn = _turn_between(axis, theirs, ours)
             if turn is not None:
                 found.append(turn)
@@ -93,9 +98,9 @@ class Poses:
                 found += [turn, turn + np.pi]
         return found
 
-    def _vectors(self, a: int, axis: Array, frame: Placement, points: bool) -> Iterator[tuple[Array, Array]]:
+    def _list_vector_pairs(self, a: int, axis: Array, frame: Placement, points: bool) -> Iterator[tuple[Array, Array]]:
         """Yield vectors of A and B, B's in A's frame, whose directions count: places, what tensors make of the axis."""
-        content = self.lengths.content(a)
+        content = self.lengths.collect_rigid_content(a)
         size = self.lengths.size
         for one, two in content.bodies:
             if not one.mass or not two.mass:
@@ -110,7 +115,7 @@ class Poses:
                 theirs = on(frame, other)
                 if kind in HINGES:
                     yield tuple(  # type: ignore[misc]
-                        _nearest(axis, pose.position, pose.rotation @ line) / size
+                        _find_nearest_point(axis, pose.position, pose.rotation @ line) / size
                         for pose, line in ((at, along), (theirs, across))
                     )
                 elif kind != "prismatic":
@@ -118,23 +123,23 @@ class Poses:
 
     def _lines(self, a: int) -> Iterator[tuple[Array, Array]]:
         """Yield directions of A and B that count in both ways: axes of joints, principal axes."""
-        content = self.lengths.content(a)
+        content = self.lengths.collect_rigid_content(a)
         for kind, (at, along), (other, across) in content.hung:
             if kind in SCALARS:
                 yield at.rotation @ along, other.rotation @ across
         for one, two in content.bodies:
             if one.mass and two.mass:
-                yield from _principal(one.tensor, two.tensor)
+                yield from _list_principal_axes(one.tensor, two.tensor)
 
-    def _ways(self, a: int, frame: Placement) -> list[float]:
+    def _list_axis_shifts(self, a: int, frame: Placement) -> list[float]:
         """Ways along A's axis by which a point of both agrees [m]."""
-        one, _ = self._pair(a)
-        found = [float(gap @ one.axis) for gap in self._gaps(a, frame, one.axis)]
-        return _unlike(found, 1e-9 * self.lengths.size)[:TURNS]
+        one, _ = self._find_member_pair(a)
+        found = [float(gap @ one.axis) for gap in self._list_point_gaps(a, frame, one.axis)]
+        return _drop_near_duplicates(found, 1e-9 * self.lengths.size)[:TURNS]
 
-    def _gaps(self, a: int, frame: Placement, axis: Array | None) -> Iterator[Array]:
+    def _list_point_gaps(self, a: int, frame: Placement, axis: Array | None) -> Iterator[Array]:
         """Yield the ways from B's points to A's: centres of mass, places on lines nearest to an axis, places of joints."""
-        content = self.lengths.content(a)
+        content = self.lengths.collect_rigid_content(a)
         for one, two in content.bodies:
             if one.mass and two.mass:
                 yield one.com - (frame.position + frame.rotation @ two.com)
@@ -144,7 +149,9 @@ class Poses:
                 ours = at.rotation @ along
                 theirs = there.rotation @ across
                 if size_of(cross(axis, ours)) > SPREAD:
-                    yield _nearest(axis, at.position, ours) - _nearest(axis, there.position, theirs)
+                    yield _find_nearest_point(axis, at.position, ours) - _find_nearest_point(
+                        axis, there.position, theirs
+                    )
             elif kind != "prismatic":
                 yield at.position - there.position
 
@@ -152,51 +159,55 @@ class Poses:
         """Return poses by what a member shows alone, whatever carries it, the best first [m]."""
         if a not in self.known:
             tried: dict[float, Placement] = {}
-            for pose in self._registered(a):
-                there = self._on_axis(a, pose)
-                tried[self.lengths.of_content(a, there) + 1e-6 * len(tried)] = there
+            for pose in self._list_registered_poses(a):
+                there = self._move_onto_axis(a, pose)
+                tried[self.lengths.compute_content_code_length(a, there) + 1e-6 * len(tried)] = there
             self.known[a] = [tried[key] for key in sorted(tried)[:INTRINSIC]]
         return self.known[a]
 
-    def _registered(self, a: int) -> Iterator[Placement]:
-        one, two = self._pair(a)
+    def _list_registered_poses(self, a: int) -> Iterator[Placement]:
+        one, two = self._find_member_pair(a)
         own = [(one.axis, two.axis)]
-        primary = own if one.kind in SCALARS else [*self._lines(a), *self._arms(a)][:PRIMARY]
+        primary = own if one.kind in SCALARS else [*self._lines(a), *self._list_arm_pairs(a)][:PRIMARY]
         for ours, theirs in primary:
             for sign in (1.0, -1.0):
-                base = Placement(rotation=_least_turn(theirs, sign * ours))
-                turns = [0.0, *self._angles(a, ours, base, points=one.kind in HINGES)]
-                for turn in _unlike(turns, 1e-9)[:TURNS]:
+                base = Placement(rotation=_compute_least_rotation(theirs, sign * ours))
+                turns = [0.0, *self._list_matching_angles(a, ours, base, points=one.kind in HINGES)]
+                for turn in _drop_near_duplicates(turns, 1e-9)[:TURNS]:
                     there = Placement(rotation=turned(ours, turn) @ base.rotation)
-                    yield from self._placed(a, there)
+                    yield from self._list_placed_frames(a, there)
 
-    def _arms(self, a: int) -> Iterator[tuple[Array, Array]]:
+    def _list_arm_pairs(self, a: int) -> Iterator[tuple[Array, Array]]:
         """Yield ways between two points of a rigid part, in A and in B [-]."""
-        points = [(one.com, two.com) for one, two in self.lengths.content(a).bodies if one.mass and two.mass]
-        points += [(ours[0].position, theirs[0].position) for _, ours, theirs in self.lengths.content(a).hung]
+        points = [
+            (one.com, two.com) for one, two in self.lengths.collect_rigid_content(a).bodies if one.mass and two.mass
+        ]
+        points += [
+            (ours[0].position, theirs[0].position) for _, ours, theirs in self.lengths.collect_rigid_content(a).hung
+        ]
         for ours, theirs in points[1:]:
             arms = ours - points[0][0], theirs - points[0][1]
             sizes = [size_of(arm) for arm in arms]
             if min(sizes) > SPREAD * self.lengths.size:
                 yield arms[0] / sizes[0], arms[1] / sizes[1]
 
-    def _placed(self, a: int, frame: Placement) -> Iterator[Placement]:
+    def _list_placed_frames(self, a: int, frame: Placement) -> Iterator[Placement]:
         """Yield a turned frame where points of both agree."""
-        one, _ = self._pair(a)
+        one, _ = self._find_member_pair(a)
         yield frame
         if one.kind in HINGES:
-            for way in self._ways(a, frame):
+            for way in self._list_axis_shifts(a, frame):
                 yield Placement(way * one.axis, frame.rotation)
         elif one.kind != "spherical":
-            for gap in self._gaps(a, frame, None):
+            for gap in self._list_point_gaps(a, frame, None):
                 yield Placement(frame.position + gap, frame.rotation)
-            yield from self._crossed(a, frame)
+            yield from self._fit_frame_to_hinges(a, frame)
 
-    def _crossed(self, a: int, frame: Placement) -> Iterator[Placement]:
+    def _fit_frame_to_hinges(self, a: int, frame: Placement) -> Iterator[Placement]:
         """Yield the frame moved so that the lines of all hinges agree best: sum of (1 - u u^T)(way - gap) least."""
         matrix = np.zeros((3, 3))
         right = np.zeros(3)
-        for kind, (at, along), (other, _) in self.lengths.content(a).hung:
+        for kind, (at, along), (other, _) in self.lengths.collect_rigid_content(a).hung:
             if kind in HINGES:
                 axis = at.rotation @ along
                 across = np.eye(3) - np.outer(axis, axis)
@@ -205,21 +216,21 @@ class Poses:
         if np.linalg.matrix_rank(matrix, tol=SPREAD) == 3:
             yield Placement(frame.position + np.linalg.solve(matrix, right), frame.rotation)
 
-    def bases(self, roots: Iterable[int]) -> Iterator[Placement]:
+    def list_base_motions(self, roots: Iterable[int]) -> Iterator[Placement]:
         """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
         ours = self.lengths.first.gravity
         theirs = self.lengths.second.gravity
         if size_of(ours) and size_of(theirs):
-            yield Placement(rotation=_least_turn(theirs / size_of(theirs), ours / size_of(ours)))
+            yield Placement(rotation=_compute_least_rotation(theirs / size_of(theirs), ours / size_of(ours)))
         for a in roots:
-            one, two = self._pair(a)
-            for pose in (self._on_axis(a, Placement()), *self.alone(a)):
+            one, two = self._find_member_pair(a)
+            for pose in (self._move_onto_axis(a, Placement()), *self.alone(a)):
                 back = on(pose, inverse(two.placement))
                 yield on(one.placement, back)
                 if one.kind not in SCALARS:
                     continue
                 sign = 1.0 if one.axis @ pose.rotation @ two.axis >= 0.0 else -1.0
-                offsets = list(_offsets(one, two, sign))
+                offsets = list(_list_coordinate_offsets(one, two, sign))
                 if one.kind == "prismatic":
                     for offset in offsets:
                         yield on(on(one.placement, Placement(offset * one.axis)), back)
@@ -231,7 +242,7 @@ class Poses:
                     yield on(on(one.placement, Placement(rotation=turned(one.axis, offset))), back)
 
 
-def _offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
+def _list_coordinate_offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
     """Yield A's coordinate at B's zero by which limits, or rests of springs, agree [rad]."""
     ends = (two.limits.lower, two.limits.upper) if sign > 0 else (-two.limits.upper, -two.limits.lower)
     for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
@@ -241,7 +252,7 @@ def _offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
         yield one.rest - sign * two.rest
 
 
-def _least_turn(start: Array, end: Array) -> Array:
+def _compute_least_rotation(start: Array, end: Array) -> Array:
     """The rotation by the least angle from one unit vector to another."""
     normal = cross(start, end)
     sine = size_of(normal)
@@ -262,7 +273,7 @@ def _turn_between(axis: Array, start: Array, end: Array) -> float | None:
     return float(np.arctan2(axis @ cross(u, v), u @ v))
 
 
-def _nearest(axis: Array, point: Array, direction: Array) -> Array:
+def _find_nearest_point(axis: Array, point: Array, direction: Array) -> Array:
     """The point of a line that is nearest to an axis through the origin; of a line along it the one that is given."""
     across = direction - (direction @ axis) * axis
     square = float(across @ across)
@@ -272,7 +283,7 @@ def _nearest(axis: Array, point: Array, direction: Array) -> Array:
     return np.asarray(point - (radial @ across) / square * direction)
 
 
-def _principal(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
+def _list_principal_axes(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
     """Yield the principal axes that both tensors show, those of moments that are no other's."""
     moments, axes = np.linalg.eigh(ours)
     _, others = np.linalg.eigh(theirs)
@@ -283,7 +294,7 @@ def _principal(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
             yield axes[:, k], others[:, k]
 
 
-def _unlike(numbers: Iterable[float], near: float) -> list[float]:
+def _drop_near_duplicates(numbers: Iterable[float], near: float) -> list[float]:
     found: list[float] = []
     for number in numbers:
         if all(abs(number - other) > near for other in found):

@@ -36,14 +36,16 @@ class Aligned:
     offset: float = 0.0
 
 
-def joined(one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement) -> Aligned:
+def make_joint_alignment(
+    one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement
+) -> Aligned:
     """Return the seat that follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
     shift = on(between(one.placement, on(before, two.placement)), inverse(frame))
-    sign, offset, rest = _coordinate(one, two, frame, shift)
+    sign, offset, rest = _fit_coordinate(one, two, frame, shift)
     return Aligned(*numbers, frame, rest, sign, offset)
 
 
-def _coordinate(one: Member, two: Member, frame: Placement, shift: Placement) -> tuple[float, float, Placement]:
+def _fit_coordinate(one: Member, two: Member, frame: Placement, shift: Placement) -> tuple[float, float, Placement]:
     """Sign and offset of a scalar coordinate, and what of the shift they leave: A's q = sign B's q + offset.
 
     shift = rest exp(a offset)  with B's axis a; where the rest is more than a small part of it, all of it is one difference,
@@ -65,8 +67,8 @@ def _coordinate(one: Member, two: Member, frame: Placement, shift: Placement) ->
         way = one.pitch * offset / (2 * np.pi) * axis if one.kind == "helical" else np.zeros(3)
         rest = on(shift, inverse(Placement(way, turned(axis, offset))))
         left = angle(rest.rotation)
-        offset = _by_turns(one, two, sign, offset)
-    told = left <= max(ROUGH, APART * abs(offset)) or _moved_with(one, two, sign, offset)
+        offset = _add_whole_turns(one, two, sign, offset)
+    told = left <= max(ROUGH, APART * abs(offset)) or _has_shifted_numbers(one, two, sign, offset)
     return (sign, offset, rest) if told else (sign, 0.0, shift)
 
 
@@ -86,15 +88,15 @@ def _by_pitch(one: Member, offset: float, along: float) -> float:
     return offset + 2 * np.pi * other if half and abs(turns - other) < abs(turns) else offset
 
 
-def _moved_with(one: Member, two: Member, sign: float, offset: float) -> bool:
+def _has_shifted_numbers(one: Member, two: Member, sign: float, offset: float) -> bool:
     """Return True where all that a joint states in its coordinate [rad], [m] has moved by an offset, and something has."""
     if abs(offset) <= ROUGH:
         return False
-    stated = _stated(one, two, sign)
+    stated = _list_coordinate_numbers(one, two, sign)
     return bool(stated) and all(abs(ours - theirs - offset) <= ROUGH for ours, theirs in stated)
 
 
-def _stated(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
+def _list_coordinate_numbers(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
     """Numbers that both joints state in their coordinates, B's by A's sign [rad], [m]: the rest of a spring, limits that bind."""
     low, high = (two.limits.lower, two.limits.upper) if sign > 0.0 else (-two.limits.upper, -two.limits.lower)
     ends = (one.limits.lower, low), (one.limits.upper, high)
@@ -102,14 +104,14 @@ def _stated(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
     return [(one.rest, sign * two.rest), *found] if one.stiffness and two.stiffness else found
 
 
-def _by_turns(one: Member, two: Member, sign: float, offset: float) -> float:
+def _add_whole_turns(one: Member, two: Member, sign: float, offset: float) -> float:
     """The offset [rad] with as many whole turns as limits, or rests of springs, say: no frame shows them.
 
     A coordinate that only counts the other way, and whose limits are the same numbers in both files, has no other zero.
     """
-    if one.kind != "revolute" or (abs(offset) <= ROUGH and same_limits(one, two)):
+    if one.kind != "revolute" or (abs(offset) <= ROUGH and has_same_limits(one, two)):
         return offset
-    told = [ours - theirs for ours, theirs in _stated(one, two, sign)]
+    told = [ours - theirs for ours, theirs in _list_coordinate_numbers(one, two, sign)]
     turns = {round((way - offset) / (2 * np.pi)) for way in told}
     # Only where it is whole turns that they say: other limits are other limits.
     whole = len(turns) == 1 and all(
@@ -118,11 +120,13 @@ def _by_turns(one: Member, two: Member, sign: float, offset: float) -> float:
     return offset + 2 * np.pi * turns.pop() if whole else offset
 
 
-def agree(one: float, two: float) -> bool:
+def is_same_as_printed(one: float, two: float) -> bool:
     """Compare two limits to the digits that are printed of them [rad], [m]."""
     return one == two or abs(one - two) <= ROUGH * max(abs(one), 1.0)
 
 
-def same_limits(one: Member, two: Member) -> bool:
+def has_same_limits(one: Member, two: Member) -> bool:
     """Return True where both files state the same numbers [rad], [m], however the coordinates count."""
-    return agree(one.limits.lower, two.limits.lower) and agree(one.limits.upper, two.limits.upper)
+    return is_same_as_printed(one.limits.lower, two.limits.lower) and is_same_as_printed(
+        one.limits.upper, two.limits.upper
+    )

@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.equivalence.beams.sections import Beams, Bent
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.judge import Share, share_of
+from crosscheck.equivalence.judge import Share, compute_effort_share
 from flexinv.analysis.solve import solve
 from flexinv.errors import FlexinvError
 from flexinv.linearized.modal_damping import apply_stated_ratio
@@ -42,7 +42,7 @@ class Felt:
     notes: tuple[str, ...] = ()
 
 
-def felt(beams: Beams) -> Felt:
+def compute_beam_effects(beams: Beams) -> Felt:
     """Return the differences of two machines' beams, each with what it alone does to a torque [N m], [N]."""
     alone = tuple(beams.alone())
     bent = list(beams.differences())
@@ -51,63 +51,68 @@ def felt(beams: Beams) -> Felt:
     mixed = beams.first.modal_damping is None or beams.second.modal_damping is None
     if mixed and (beams.first.modal_damping or beams.second.modal_damping):
         beams = replace(beams, first=apply_stated_ratio(beams.first), second=apply_stated_ratio(beams.second))
-        beams = replace(beams, first=_stated(beams.first), second=_stated(beams.second))
+        beams = replace(beams, first=_drop_modal_damping(beams.first), second=_drop_modal_damping(beams.second))
         bent = list(beams.differences())
     try:
         base = beams.base()
-        wanted = torques(beams.second)
-        before, whole = (torques(_edited(base, some)) for some in ([], bent))
-        found = [_measured(base, bent, one, whole, wanted) for one in bent]
+        wanted = compute_flexible_torques(beams.second)
+        before, whole = (compute_flexible_torques(_apply_edits(base, some)) for some in ([], bent))
+        found = [_compute_beam_effect(base, bent, one, whole, wanted) for one in bent]
     except FlexinvError as error:
         words = f"torques of links that bend are not compared: {' '.join(str(error).split())[:300]}"
         return Felt((*alone, *(one.difference for one in bent)), notes=(words,))
     notes = ("the certificate has A's beams on both sides: what beams differ by is in the table",) if found else ()
-    return Felt((*alone, *found), share_of(before, wanted, wanted), share_of(whole, wanted, wanted), notes)
+    return Felt(
+        (*alone, *found),
+        compute_effort_share(before, wanted, wanted),
+        compute_effort_share(whole, wanted, wanted),
+        notes,
+    )
 
 
-def _stated(mechanism: Mechanism) -> Mechanism:
+def _drop_modal_damping(mechanism: Mechanism) -> Mechanism:
     """A mechanism whose damping its sections state."""
     return replace(mechanism, modal_damping=None)
 
 
-def _edited(base: Mechanism, bent: Iterable[Bent]) -> Mechanism:
+def _apply_edits(base: Mechanism, bent: Iterable[Bent]) -> Mechanism:
     for one in bent:
         base = one.edit(base)
     return base
 
 
-def _measured(
+def _compute_beam_effect(
     base: Mechanism, bent: list[Bent], one: Bent, whole: dict[str, Array], wanted: dict[str, Array]
 ) -> Difference:
     """The difference with what leaving it out, alone, changes."""
-    without = torques(_edited(base, (other for other in bent if other is not one)))
-    share, effort, _ = share_of(without, whole, wanted)
+    without = compute_flexible_torques(_apply_edits(base, (other for other in bent if other is not one)))
+    share, effort, _ = compute_effort_share(without, whole, wanted)
     return replace(one.difference, effect=effort, share=share)
 
 
-def torques(mechanism: Mechanism) -> dict[str, Array]:
+def compute_flexible_torques(mechanism: Mechanism) -> dict[str, Array]:
     """Return the efforts by joint (samples, nv) [N m], [N] of a mechanism that bends, loops cut, along the motion of all joints.
 
     Raises ConvergenceError, InputError.
     """
     joints = tuple(replace(joint, actuated=True) for joint in mechanism.joints)
     tree = replace(apply_stated_ratio(mechanism), joints=joints, closures=(), springs=(), forces=())
-    found = solve(tree, motion_of(tree), step=DURATION / STEPS).torque_all
+    found = solve(tree, make_exciting_motion(tree), step=DURATION / STEPS).torque_all
     return {joint.name: found[:, tree.v_slices[joint.name]] for joint in tree.joints if joint.nv}
 
 
-def motion_of(mechanism: Mechanism) -> Motion:
+def make_exciting_motion(mechanism: Mechanism) -> Motion:
     """Return a motion from near zero, within limits, that every joint of one coordinate takes part in [rad], [m]."""
     rng = np.random.default_rng(SEED)
     start = {}
     end = {}
     for joint in mechanism.joints:
         if joint.nv:
-            start[joint.name], end[joint.name] = _ends(joint, rng)
+            start[joint.name], end[joint.name] = _sample_motion_ends(joint, rng)
     return Motion.point_to_point(start, end, DURATION, law="septic")
 
 
-def _ends(joint: Joint, rng: np.random.Generator) -> tuple[Array, Array]:
+def _sample_motion_ends(joint: Joint, rng: np.random.Generator) -> tuple[Array, Array]:
     size = rng.uniform(0.5, 1.0, joint.nv) * rng.choice([-1.0, 1.0], joint.nv)
     kind = KINDS[joint.kind]
     if kind.has_quaternion:

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from crosscheck.equivalence.tree import sum_of
+from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.rigid import moved, on
 from flexinv.kinematics.mesh import compute_section_frame
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
@@ -21,15 +21,15 @@ from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Join
 POINTS = 8  # of Gauss on each half of a stretch: exact for straight beams, to rounding for arcs of a turn
 
 
-def held(mechanism: Mechanism) -> Mechanism:
+def make_rigid_mechanism(mechanism: Mechanism) -> Mechanism:
     """Return the rigid mechanism of a flexible one [m, kg]; a rigid one is returned itself."""
     if mechanism.is_rigid:
         return mechanism
     beams = {link.name: link.beam for link in mechanism.beams}
     return replace(
         mechanism,
-        links=tuple(_link(link, beams.get(link.name)) for link in mechanism.links),
-        joints=tuple(_joint(joint, beams.get(joint.parent)) for joint in mechanism.joints),
+        links=tuple(_make_rigid_link(link, beams.get(link.name)) for link in mechanism.links),
+        joints=tuple(_make_rigid_joint(joint, beams.get(joint.parent)) for joint in mechanism.joints),
         closures=tuple(
             replace(one, first=_end(one.first, beams), second=_end(one.second, beams)) for one in mechanism.closures
         ),
@@ -37,24 +37,29 @@ def held(mechanism: Mechanism) -> Mechanism:
     )
 
 
-def section_frame(beam: Beam, station: float | None) -> Placement:
+def evaluate_section_frame(beam: Beam, station: float | None) -> Placement:
     """Return a section's frame [m] in the link frame, at a fraction 0..1 of the length [-]; None : at the end."""
     return on(beam.placement, compute_section_frame(beam, beam.length * (1.0 if station is None else station)))
 
 
-def _link(link: Link, beam: Beam | None) -> Link:
+def _make_rigid_link(link: Link, beam: Beam | None) -> Link:
     if beam is None:
         return link
     bodies = [
         Body(
-            body.name, body.inertia if body.station is None else moved(section_frame(beam, body.station), body.inertia)
+            body.name,
+            body.inertia if body.station is None else moved(evaluate_section_frame(beam, body.station), body.inertia),
         )
         for body in link.bodies
     ]
-    return Link(link.name, (Body(link.name, sum_of(_slices(beam))), *bodies), tip=section_frame(beam, None).position)
+    return Link(
+        link.name,
+        (Body(link.name, join_bodies(_list_slice_inertias(beam))), *bodies),
+        tip=evaluate_section_frame(beam, None).position,
+    )
 
 
-def _slices(beam: Beam) -> Iterator[Inertia]:
+def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     section = beam.section
     bounds = np.union1d(np.linspace(0.0, 1.0, 3), np.clip(section.stations, 0.0, 1.0))
@@ -63,17 +68,19 @@ def _slices(beam: Beam) -> Iterator[Inertia]:
             mass = np.interp(at, section.stations, section.mass_per_length)
             rotary = [np.interp(at, section.stations, column) for column in section.rotary_inertia.T]
             ds = weight * beam.length
-            yield moved(section_frame(beam, float(at)), Inertia(float(mass) * ds, np.zeros(3), np.diag(rotary) * ds))
+            yield moved(
+                evaluate_section_frame(beam, float(at)), Inertia(float(mass) * ds, np.zeros(3), np.diag(rotary) * ds)
+            )
 
 
-def _joint(joint: Joint, beam: Beam | None) -> Joint:
+def _make_rigid_joint(joint: Joint, beam: Beam | None) -> Joint:
     if beam is None or joint.parent == WORLD:
         return joint
-    return replace(joint, station=None, placement=on(section_frame(beam, joint.station), joint.placement))
+    return replace(joint, station=None, placement=on(evaluate_section_frame(beam, joint.station), joint.placement))
 
 
 def _end(end: Attachment, beams: Mapping[str, Beam | None]) -> Attachment:
     beam = beams.get(end.link)
     if beam is None or end.station is None:
         return end
-    return Attachment(end.link, on(section_frame(beam, end.station), end.placement))
+    return Attachment(end.link, on(evaluate_section_frame(beam, end.station), end.placement))

@@ -28,7 +28,7 @@ class Sampled:
     inertia: Array
     retardation: Array
 
-    def with_column(self, name: str, columns: slice, values: Array) -> Sampled:
+    def replace_table_columns(self, name: str, columns: slice, values: Array) -> Sampled:
         """Return the numbers with other columns of one field [unit of the field]."""
         table = np.array(getattr(self, name))
         table[:, columns] = values
@@ -41,20 +41,24 @@ class Sampled:
         return replace(like, length=float(self.length[0, 0]), curvature=self.curvature[0], section=section)
 
 
-def sampled(beam: Beam, stations: Array) -> Sampled:
+def sample_beam(beam: Beam, stations: Array) -> Sampled:
     """Return a beam's numbers at stations [-] that include its own: between them they are linear."""
     section = beam.section
     tables = section.stiffness, np.column_stack([section.mass_per_length, section.rotary_inertia])
-    stiffness, inertia = (_at(stations, section.stations, table) for table in tables)
-    damping = np.zeros_like(stiffness) if section.damping is None else _at(stations, section.stations, section.damping)
+    stiffness, inertia = (_evaluate_table(stations, section.stations, table) for table in tables)
+    damping = (
+        np.zeros_like(stiffness)
+        if section.damping is None
+        else _evaluate_table(stations, section.stations, section.damping)
+    )
     retardation = np.divide(damping, stiffness, out=np.zeros_like(damping), where=stiffness != 0)
     return Sampled(stations, np.array([[beam.length]]), beam.curvature[None], stiffness, inertia, retardation)
 
 
-def shared(one: Beam, two: Beam) -> Array:
+def collect_stations(one: Beam, two: Beam) -> Array:
     """Return the stations [-] of both beams, in order."""
     return np.union1d(one.section.stations, two.section.stations)
 
 
-def _at(wanted: Array, stations: Array, table: Array) -> Array:
+def _evaluate_table(wanted: Array, stations: Array, table: Array) -> Array:
     return np.column_stack([np.interp(wanted, stations, column) for column in table.T])

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME
-from crosscheck.equivalence.beams.sampled import Sampled, sampled, shared
+from crosscheck.equivalence.beams.sampled import Sampled, collect_stations, sample_beam
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.hints import factor_hints
+from crosscheck.equivalence.hints import describe_factor
 from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism, ModalDamping
 
 # By field of a beam's numbers: quantity and unit of each column.
@@ -66,9 +66,9 @@ class Beams:
             if a is not None and b is not None:
                 yield ours, theirs, a, b
 
-    def _shapes(self) -> dict[str, Beam]:
+    def _build_matched_beams(self) -> dict[str, Beam]:
         """B's beams with A's numbers at B's root, by link of B."""
-        return {theirs: sampled(a, shared(a, b)).beam(b) for _, theirs, a, b in self.both}
+        return {theirs: sample_beam(a, collect_stations(a, b)).beam(b) for _, theirs, a, b in self.both}
 
     def alone(self) -> Iterator[Difference]:
         """Yield the links that bend in one of both only; the other holds their shape."""
@@ -79,7 +79,7 @@ class Beams:
                 cause = f"link that bends in {'A' if bends[0] else 'B'} only"
                 yield Difference("beam", cause, f"link {ours}", 1.0, "-", *values, structural=True)
 
-    def meshes(self) -> list[str]:
+    def describe_other_meshes(self) -> list[str]:
         """Return in words which beams have another mesh: that is discretisation, and not the machine."""
         words = [
             f"{ours} {a.elements} of order {a.order} in A, {b.elements} of order {b.order} in B"
@@ -90,81 +90,85 @@ class Beams:
 
     def base(self) -> Mechanism:
         """Return B with A's beams, stations and stated modal damping, on B's mesh: what differs then is no matter of a beam."""
-        shapes = self._shapes()
+        shapes = self._build_matched_beams()
         stations = {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()}
         links = {
-            theirs: _with_stations(self.second.link_of[theirs], self.first.link_of[ours])
+            theirs: _move_bodies_to_stations(self.second.link_of[theirs], self.first.link_of[ours])
             for ours, theirs in self.links.items()
         }
         made = [links.get(link.name, link) for link in self.second.links]
         return replace(
             self.second,
             links=tuple(replace(link, beam=shapes.get(link.name, link.beam)) for link in made),
-            joints=tuple(_at_station(joint, stations.get(joint.name)) for joint in self.second.joints),
-            modal_damping=_asked(self.first.modal_damping),
+            joints=tuple(_move_joint_to_station(joint, stations.get(joint.name)) for joint in self.second.joints),
+            modal_damping=_drop_damping_time(self.first.modal_damping),
         )  # fmt: skip
 
     def differences(self) -> Iterator[Bent]:
         """Yield every difference of beams with its edit [unit of each]."""
         for ours, theirs, a, b in self.both:
-            stations = shared(a, b)
-            tables = sampled(a, stations), sampled(b, stations)
+            stations = collect_stations(a, b)
+            tables = sample_beam(a, stations), sample_beam(b, stations)
             for name in COLUMNS if not self._stated else [name for name in COLUMNS if name != "retardation"]:
-                yield from _of_table(ours, theirs, name, *tables)
-            yield from self._stations(ours, theirs)
-        yield from self._damping()
+                yield from _list_table_changes(ours, theirs, name, *tables)
+            yield from self._list_station_changes(ours, theirs)
+        yield from self._list_damping_changes()
 
-    def _stations(self, ours: str, theirs: str) -> Iterator[Bent]:
+    def _list_station_changes(self, ours: str, theirs: str) -> Iterator[Bent]:
         mine = self.first.link_of[ours]
         other = self.second.link_of[theirs]
         at = {body.name: body.station for body in other.bodies}
         for body in mine.bodies:
-            if body.name in at and _apart(body.station, at[body.name]):
-                found = _moved("station of body", f"body {body.name} (on link {ours})", body.station, at[body.name])
-                yield Bent(found, _body_edit(theirs, body.name, at[body.name]))
+            if body.name in at and _is_other_station(body.station, at[body.name]):
+                found = _make_station_difference(
+                    "station of body", f"body {body.name} (on link {ours})", body.station, at[body.name]
+                )
+                yield Bent(found, _make_body_edit(theirs, body.name, at[body.name]))
         for joint, partner in self.joints.items():
             one = self.first.joint_of[joint]
             two = self.second.joint_of[partner]
-            if one.parent == ours and two.parent == theirs and _apart(_end(one.station), _end(two.station)):
-                found = _moved("station of joint", f"joint {joint}", _end(one.station), _end(two.station))
-                yield Bent(found, _joint_edit(partner, two.station))
+            if one.parent == ours and two.parent == theirs and _is_other_station(_end(one.station), _end(two.station)):
+                found = _make_station_difference(
+                    "station of joint", f"joint {joint}", _end(one.station), _end(two.station)
+                )
+                yield Bent(found, _make_joint_edit(partner, two.station))
 
     @property
     def _stated(self) -> bool:
         """Both state the ratio of a mode: retardation times follow from it."""
         return self.first.modal_damping is not None and self.second.modal_damping is not None
 
-    def _damping(self) -> Iterator[Bent]:
+    def _list_damping_changes(self) -> Iterator[Bent]:
         one = self.first.modal_damping
         two = self.second.modal_damping
         if one is None or two is None or (one.ratio, one.mode) == (two.ratio, two.mode):
             return
         size = abs(two.ratio - one.ratio)
         shown = (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}")
-        hints = factor_hints(two.ratio, one.ratio) if one.mode == two.mode else ()
+        hints = describe_factor(two.ratio, one.ratio) if one.mode == two.mode else ()
         found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
-        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_asked(two)))
+        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
 
 
-def _asked(stated: ModalDamping | None) -> ModalDamping | None:
+def _drop_damping_time(stated: ModalDamping | None) -> ModalDamping | None:
     """A stated ratio whose time is to be computed for the mechanism that it is put into."""
     return None if stated is None else replace(stated, seconds=None)
 
 
-def _of_table(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
+def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
     """Yield the differences of one field of a beam's numbers: as one where a factor is common, else by column."""
     a = getattr(one, name)
     b = getattr(two, name)
     place = f"link {ours}"
-    factor = _factor(a, b)
+    factor = _find_common_factor(a, b)
     if np.abs(b - a).max() <= SAME * max(np.abs(a).max(), np.abs(b).max()):
         return
     if name in WHOLE and factor is not None:
         cause, words = WHOLE[name]
-        hints = (words, *factor_hints(factor, 1.0))
+        hints = (words, *describe_factor(factor, 1.0))
         shown = ("stated", f"{factor:.9g} times that of A")
         found = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
-        yield Bent(found, _table_edit(theirs, name, slice(None), b))
+        yield Bent(found, _make_table_edit(theirs, name, slice(None), b))
         return
     for k, (cause, unit) in enumerate(COLUMNS[name]):
         mine = a[:, k]
@@ -172,12 +176,24 @@ def _of_table(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> 
         size = float(np.abs(other - mine).max())
         if size > SAME * max(np.abs(mine).max(), np.abs(other).max()):
             worst = int(np.argmax(np.abs(other - mine)))
-            hints = (*factor_hints(float(other[worst]), float(mine[worst])), *_exchanged(name, k, a, b))
-            found = Difference("beam", cause, place, size, unit, _row(mine), _row(other), hints=hints)
-            yield Bent(found, _table_edit(theirs, name, slice(k, k + 1), other[:, None]))
+            hints = (
+                *describe_factor(float(other[worst]), float(mine[worst])),
+                *_describe_exchanged_axes(name, k, a, b),
+            )
+            found = Difference(
+                "beam",
+                cause,
+                place,
+                size,
+                unit,
+                _format_station_values(mine),
+                _format_station_values(other),
+                hints=hints,
+            )
+            yield Bent(found, _make_table_edit(theirs, name, slice(k, k + 1), other[:, None]))
 
 
-def _factor(a: Array, b: Array) -> float | None:
+def _find_common_factor(a: Array, b: Array) -> float | None:
     """The factor of a whole table; None where its numbers have none in common."""
     if a.size < 2 or not a.any() or np.any((a == 0) != (b == 0)):
         return None
@@ -185,7 +201,7 @@ def _factor(a: Array, b: Array) -> float | None:
     return float(factors[0]) if np.ptp(factors) <= SAME * abs(factors[0]) else None
 
 
-def _exchanged(name: str, column: int, a: Array, b: Array) -> tuple[str, ...]:
+def _describe_exchanged_axes(name: str, column: int, a: Array, b: Array) -> tuple[str, ...]:
     """Words where bending about y in one file is that about z in the other."""
     pair = {"stiffness": (4, 5), "inertia": (2, 3)}.get(name, ())
     if column not in pair:
@@ -194,7 +210,7 @@ def _exchanged(name: str, column: int, a: Array, b: Array) -> tuple[str, ...]:
     return ("y and z are exchanged",) if turned else ()
 
 
-def _row(values: Array) -> str:
+def _format_station_values(values: Array) -> str:
     """One number of a uniform beam, else those at the stations."""
     same = np.ptp(values) <= SAME * np.abs(values).max(initial=0.0)
     return " ".join(f"{x:.9g}" for x in (values[:1] if same else values))
@@ -204,21 +220,21 @@ def _end(station: float | None) -> float:
     return 1.0 if station is None else station
 
 
-def _apart(one: float | None, two: float | None) -> bool:
+def _is_other_station(one: float | None, two: float | None) -> bool:
     return one is not None and two is not None and abs(one - two) > SAME
 
 
-def _moved(cause: str, place: str, one: float | None, two: float | None) -> Difference:
+def _make_station_difference(cause: str, place: str, one: float | None, two: float | None) -> Difference:
     assert one is not None
     assert two is not None
     return Difference("beam", cause, place, abs(two - one), "of the length", f"{one:.9g}", f"{two:.9g}")
 
 
-def _at_station(joint: Joint, station: float | None) -> Joint:
+def _move_joint_to_station(joint: Joint, station: float | None) -> Joint:
     return joint if station is None or joint.station is None else replace(joint, station=station)
 
 
-def _with_stations(link: Link, like: Link) -> Link:
+def _move_bodies_to_stations(link: Link, like: Link) -> Link:
     """A link whose bodies stand where those of the other link of the same names do."""
     at = {body.name: body.station for body in like.bodies if body.station is not None}
     moved = [
@@ -228,31 +244,31 @@ def _with_stations(link: Link, like: Link) -> Link:
     return replace(link, bodies=tuple(moved))  # fmt: skip
 
 
-def _on_link(mechanism: Mechanism, name: str, change: Callable[[Link], Link]) -> Mechanism:
+def _apply_to_link(mechanism: Mechanism, name: str, change: Callable[[Link], Link]) -> Mechanism:
     return replace(mechanism, links=tuple(change(link) if link.name == name else link for link in mechanism.links))
 
 
-def _table_edit(link: str, name: str, columns: slice, values: Array) -> Edit:
-    def change(one: Link) -> Link:
+def _make_table_edit(link: str, name: str, columns: slice, values: Array) -> Edit:
+    def replace_table(one: Link) -> Link:
         assert one.beam is not None
-        table = sampled(one.beam, one.beam.section.stations).with_column(name, columns, values)
+        table = sample_beam(one.beam, one.beam.section.stations).replace_table_columns(name, columns, values)
         return replace(one, beam=table.beam(one.beam))
 
-    return lambda mechanism: _on_link(mechanism, link, change)
+    return lambda mechanism: _apply_to_link(mechanism, link, replace_table)
 
 
-def _body_edit(link: str, name: str, station: float | None) -> Edit:
-    def change(one: Link) -> Link:
+def _make_body_edit(link: str, name: str, station: float | None) -> Edit:
+    def move_body(one: Link) -> Link:
         return replace(
             one, bodies=tuple(replace(b, station=station) if b.name == name else b for b in one.bodies)
         )  # fmt: skip
 
-    return lambda mechanism: _on_link(mechanism, link, change)
+    return lambda mechanism: _apply_to_link(mechanism, link, move_body)
 
 
-def _joint_edit(name: str, station: float | None) -> Edit:
-    def edit(mechanism: Mechanism) -> Mechanism:
+def _make_joint_edit(name: str, station: float | None) -> Edit:
+    def move_joint(mechanism: Mechanism) -> Mechanism:
         joints = tuple(replace(j, station=station) if j.name == name else j for j in mechanism.joints)
         return replace(mechanism, joints=joints)
 
-    return edit
+    return move_joint

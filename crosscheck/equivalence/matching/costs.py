@@ -23,12 +23,12 @@ SMALL = 1e-4  # of the size of the machines: an arm that printed digits may have
 UNBOUND = 1e8  # a limit that large is none: formats that demand one are given such
 
 
-def _apart(one: float, other: float) -> float:
+def _compute_relative_gap(one: float, other: float) -> float:
     """Distance of two numbers over their sum [-]."""
     return abs(one - other) / ((abs(one) + abs(other)) or 1.0)
 
 
-def _range(limits: Limits) -> float:
+def _compute_limit_range(limits: Limits) -> float:
     """The way between the limits of a coordinate, wherever its zero is; 0 where one is missing [rad], [m]."""
     return limits.upper - limits.lower if max(abs(limits.upper), abs(limits.lower)) < UNBOUND else 0.0
 
@@ -61,7 +61,7 @@ class Costs:
         two = self.second.members[b]
         if one.kind != two.kind:
             return IMPOSSIBLE
-        return self._apart(a, b) + self._masses(a, b)
+        return self._apart(a, b) + self._compute_mass_gap(a, b)
 
     def step(self, before: tuple[int, int], a: int, b: int) -> float:
         """Return the cost [-] of taking two members for the same, as they lie to a pair before them, -1 and -1 the world."""
@@ -71,7 +71,7 @@ class Costs:
             return self.of(a, b)
         one = self._axes[0].between(before[0], a)
         two = self._axes[1].between(before[1], b)
-        return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._masses(a, b)
+        return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._compute_mass_gap(a, b)
 
     def shown(self, before: tuple[int, int], a: int, b: int) -> float:
         """Return the cost [-] of what two members show wherever the machines and the zeros stand.
@@ -80,8 +80,8 @@ class Costs:
         """
         if self.first.members[a].kind != self.second.members[b].kind:
             return IMPOSSIBLE
-        total = sum(_apart(x, y) for x, y in zip(self._own(0, a), self._own(1, b), strict=True))
-        return total if before == (-1, -1) else total + self.step(before, a, b) - self._masses(a, b)
+        total = sum(_compute_relative_gap(x, y) for x, y in zip(self._own(0, a), self._own(1, b), strict=True))
+        return total if before == (-1, -1) else total + self.step(before, a, b) - self._compute_mass_gap(a, b)
 
     def _own(self, side: int, index: int) -> tuple[float, ...]:
         """Mass, moment of inertia about the axis or in all, distance of the centre of mass from the axis, range, damping."""
@@ -93,9 +93,15 @@ class Costs:
             arm = size_of(cross(member.axis, member.com))
         if member.kind in ("prismatic", "free"):  # the frame may be anywhere on the body
             arm = 0.0
-        return member.mass, turn, arm if arm > SMALL * self.size else 0.0, _range(member.limits), member.damping
+        return (
+            member.mass,
+            turn,
+            arm if arm > SMALL * self.size else 0.0,
+            _compute_limit_range(member.limits),
+            member.damping,
+        )
 
-    def _masses(self, a: int, b: int) -> float:
+    def _compute_mass_gap(self, a: int, b: int) -> float:
         one = self.first.members[a].mass
         two = self.second.members[b].mass
         return abs(one - two) / (one + two or 1.0)
@@ -126,10 +132,10 @@ class Axes:
     def between(self, before: int, index: int) -> tuple[float, float]:
         """Return distance [m] and angle [rad] of the axes of two joints; of joints without an axis, of their places."""
         if (before, index) not in self.known:
-            self.known[before, index] = self._found(before, index)
+            self.known[before, index] = self._compute_axis_distance(before, index)
         return self.known[before, index]
 
-    def _found(self, before: int, index: int) -> tuple[float, float]:
+    def _compute_axis_distance(self, before: int, index: int) -> tuple[float, float]:
         members = [self.tree.members[k] for k in (before, index)]
         gap = self.poses[index].position - self.poses[before].position
         if members[0].kind == "free":

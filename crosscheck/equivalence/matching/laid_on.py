@@ -16,7 +16,7 @@ import scipy  # its parts are loaded when they are asked for
 from crosscheck.equivalence.alignment.lengths import Lengths
 from crosscheck.equivalence.alignment.poses import Poses
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
-from crosscheck.equivalence.tree import SCALARS, Tree, merged
+from crosscheck.equivalence.tree import SCALARS, Tree, join_into_carriers
 from crosscheck.lifting.rigid import cross, on, size_of
 from flexinv.model.mechanism import Array, Placement
 
@@ -24,9 +24,9 @@ FAR = 2.0  # cost of a joint that stands nowhere near
 NEAR = 1e-6  # cost below which a pose is taken without another look
 
 
-def still(tree: Tree) -> tuple[Tree, dict[int, int]]:
+def join_fixed_links(tree: Tree) -> tuple[Tree, dict[int, int]]:
     """Return a tree whose fixed links are merged, and new numbers by old ones [-]."""
-    return merged(tree, [k for k, member in enumerate(tree.members) if member.kind == "fixed"])
+    return join_into_carriers(tree, [k for k, member in enumerate(tree.members) if member.kind == "fixed"])
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class LaidOn:
     @classmethod
     def of(cls, first: Tree, second: Tree) -> LaidOn:
         """Return two trees that are laid on one another [-]."""
-        one, ours = still(first)
-        two, theirs = still(second)
+        one, ours = join_fixed_links(first)
+        two, theirs = join_fixed_links(second)
         return cls(Costs(one, two), ours, theirs)
 
     def costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
@@ -52,15 +52,15 @@ class LaidOn:
         above = self.first.get(before[0], -1), self.second.get(before[1], -1)
         mine = [self.first[k] for k in ours]
         yours = [self.second[k] for k in theirs]
-        shown = np.array([[subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
+        shown = np.array([[compute_subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
         return shown + self._apart(above, mine, yours, shown) if shown.size > 1 else shown
 
     def _apart(self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array) -> Array:
         """Costs of joints by where they stand on carriers that are laid on one another."""
         best = np.full(shown.shape, FAR)
         least = np.inf, np.inf
-        for frame in self._frames(*above, ours, theirs):
-            found = np.array([[self._gap(k, m, frame) for m in theirs] for k in ours])
+        for frame in self._list_trial_frames(*above, ours, theirs):
+            found = np.array([[self._compute_joint_gap(k, m, frame) for m in theirs] for k in ours])
             rows, columns = scipy.optimize.linear_sum_assignment(found + shown)
             total = float((found + shown)[rows, columns].sum())
             if total > least[0] + NEAR:
@@ -82,10 +82,10 @@ class LaidOn:
         if self.plain.first.members[k].kind != self.plain.second.members[m].kind:
             return 0.0
         tried = [still, *poses.others(k, still)]
-        frames = [lengths.of_joint(k, frame, pose) + lengths.of_content(k, pose) for pose in tried]
+        frames = [lengths.of_joint(k, frame, pose) + lengths.compute_content_code_length(k, pose) for pose in tried]
         return min(frames)
 
-    def _frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
+    def _list_trial_frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
         one = self.plain.first
         two = self.plain.second
         size = self.plain.size
@@ -93,13 +93,13 @@ class LaidOn:
         trials = [(k, m) for k in ours for m in theirs if one.members[k].kind == two.members[m].kind]
         if a < 0:
             for k, m in trials:
-                yield from Poses(Lengths(one, two, {k: m}, size)).bases([k])
+                yield from Poses(Lengths(one, two, {k: m}, size)).list_base_motions([k])
             return
         yield from Poses(Lengths(one, two, {a: b}, size)).alone(a)
         for k, m in trials:
             yield from Poses(Lengths(one, two, {a: b, k: m}, size)).alone(a)
 
-    def _gap(self, k: int, m: int, frame: Placement) -> float:
+    def _compute_joint_gap(self, k: int, m: int, frame: Placement) -> float:
         """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
         ours = self.plain.first.members[k]
         theirs = self.plain.second.members[m]
@@ -119,16 +119,16 @@ class LaidOn:
         return min(total, FAR)
 
 
-def subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float:
+def compute_subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float:
     """Return the cost [-] of what two members and all that they carry show; before : the moving pair before, -1 the world."""
     own = costs.shown(before, a, b)
     if own >= IMPOSSIBLE:
         return IMPOSSIBLE
-    ours = costs.first.carried(a)
-    theirs = costs.second.carried(b)
+    ours = costs.first.list_moving_children(a)
+    theirs = costs.second.list_moving_children(b)
     lonely = abs(len(ours) - len(theirs))
     if not ours or not theirs:
         return own + lonely
-    table = np.array([[subtree_cost(costs, (a, b), k, m) for m in theirs] for k in ours])
+    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in theirs] for k in ours])
     rows, columns = scipy.optimize.linear_sum_assignment(table)
     return own + lonely + float(np.minimum(table[rows, columns], 2.0).sum())

@@ -19,7 +19,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.matching.laid_on import LaidOn
-from crosscheck.equivalence.matching.numbers import counted_otherwise
+from crosscheck.equivalence.matching.numbers import find_renumbered_joints
 from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array
@@ -64,12 +64,12 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
     Raises InputError for names that do not exist, and where two joints could be exchanged.
     """
     _check(first, second, stated)
-    named = by_name(first.moving, second.moving, stated)
-    names = {a: (b, way) for a, (b, way) in named.items() if _countable(first, second, a, b)}
+    named = match_by_name(first.moving, second.moving, stated)
+    names = {a: (b, way) for a, (b, way) in named.items() if _can_match_coordinates(first, second, a, b)}
     pairs = {a: b for a, (b, _) in names.items()}
     how = {a: way for a, (_, way) in names.items()}
     certainty = dict.fromkeys(pairs, 1.0)
-    other, doubt = counted_otherwise(Costs(first, second), pairs) if not stated else ({}, 1.0)
+    other, doubt = find_renumbered_joints(Costs(first, second), pairs) if not stated else ({}, 1.0)
     if other:
         kept = {a: b for a, b in pairs.items() if a not in other and b not in other.values()}
         pairs = kept | other
@@ -87,7 +87,7 @@ def _check(first: Tree, second: Tree, stated: Mapping[str, str]) -> None:
                     f"--match: {side} has no moving joint {name!r}; it has {', '.join(list(tree.moving)[:30])}"
                 )
     for a, b in stated.items():
-        if not _countable(first, second, a, b):
+        if not _can_match_coordinates(first, second, a, b):
             kinds = first.members[first.moving[a]].kind, second.members[second.moving[b]].kind
             raise InputError(
                 f"--match {a}={b}: a {kinds[0]} joint and a {kinds[1]} one: no coordinate of one is the other's"
@@ -96,13 +96,13 @@ def _check(first: Tree, second: Tree, stated: Mapping[str, str]) -> None:
         raise InputError("--match: a joint of B is named twice; write each once")
 
 
-def _countable(first: Tree, second: Tree, a: str, b: str) -> bool:
+def _can_match_coordinates(first: Tree, second: Tree, a: str, b: str) -> bool:
     """Return True if two joints have coordinates that can be those of one another: of one kind, or one number each."""
     kinds = first.members[first.moving[a]].kind, second.members[second.moving[b]].kind
     return kinds[0] == kinds[1] or all(kind in SCALARS for kind in kinds)
 
 
-def by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+def match_by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return by name of the first the one of the second [-], and how: "stated", "name", "prefix"."""
     found = {a: (b, "stated") for a, b in stated.items()}
     rest_a = [a for a in first if a not in stated]
@@ -110,8 +110,8 @@ def by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, st
     found |= {a: (a, "name") for a in rest_a if a in rest_b}
     left_a = [a for a in rest_a if a not in found]
     left_b = [b for b in rest_b if b not in found]
-    plain_a = _plain(left_a, rest_a)
-    plain_b = _plain(left_b, rest_b)
+    plain_a = _drop_common_affixes(left_a, rest_a)
+    plain_b = _drop_common_affixes(left_b, rest_b)
     for a in left_a:
         same = [b for b in left_b if plain_b[b] == plain_a[a]]
         if len(same) == 1 and sum(plain_a[x] == plain_a[a] for x in left_a) == 1:
@@ -119,7 +119,7 @@ def by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, st
     return found
 
 
-def _plain(names: list[str], whole: list[str]) -> dict[str, str]:
+def _drop_common_affixes(names: list[str], whole: list[str]) -> dict[str, str]:
     """Names without the prefix that all joints of a machine share, and without what readers and writers differ in."""
     letters = zip(*whole, strict=False) if len(whole) > 1 else ()
     shared = takewhile(lambda column: len(set(column)) == 1, letters)
@@ -140,8 +140,8 @@ class Assignment:
 
     def extend(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
-        ours = self.first.carried(a)
-        theirs = self.second.carried(b)
+        ours = self.first.list_moving_children(a)
+        theirs = self.second.list_moving_children(b)
         for k in ours:
             joint = self.first.members[k].joint
             if joint in self.pairs:
@@ -150,7 +150,7 @@ class Assignment:
         taken = set(self.pairs.values())
         open_ = [k for k in theirs if self.second.members[k].joint not in taken]
         if free and open_:
-            for k, other in self._assigned((a, b), free, open_):
+            for k, other in self._solve_assignment((a, b), free, open_):
                 self.extend(k, other)
 
     @cached_property
@@ -158,8 +158,8 @@ class Assignment:
         """Return both trees, whose carriers can be laid on one another."""
         return LaidOn.of(self.first, self.second)
 
-    def _assigned(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
-        above = _moving(self.first, before[0]), _moving(self.second, before[1])
+    def _solve_assignment(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
+        above = _find_moving_member(self.first, before[0]), _find_moving_member(self.second, before[1])
         costs = self.laid_on.costs(above, ours, theirs)
         rows, columns = scipy.optimize.linear_sum_assignment(costs)
         made = []
@@ -192,7 +192,7 @@ class Assignment:
                 self.certainty[name] = min(self.certainty[name], 1.0 - doubt)
 
 
-def _moving(tree: Tree, index: int) -> int:
+def _find_moving_member(tree: Tree, index: int) -> int:
     """The member itself, or the one before it that moves, -1 the world."""
     while index >= 0 and tree.members[index].kind == "fixed":
         index = tree.members[index].parent

@@ -28,7 +28,7 @@ LESS = 0.5  # of the cost of the names, below which structure is believed
 Laid = tuple[float, tuple[tuple[int, int], ...]]
 
 
-def counted_otherwise(costs: Costs, named: Mapping[str, str]) -> tuple[dict[str, str], float]:
+def find_renumbered_joints(costs: Costs, named: Mapping[str, str]) -> tuple[dict[str, str], float]:
     """Return the joints of the second by those of the first, where structure reads numbers otherwise than names, and the doubt.
 
     named : joints by name; the doubt is the cost over that of the names [-].  What agrees with the names is left out.
@@ -36,33 +36,33 @@ def counted_otherwise(costs: Costs, named: Mapping[str, str]) -> tuple[dict[str,
     ours = costs.first.moving
     theirs = costs.second.moving
     lonely = len(ours) + len(theirs) - 2 * len(named)
-    if not lonely or not any(_numbered(a, b) for a, b in named.items()):
+    if not lonely or not any(_has_common_number(a, b) for a, b in named.items()):
         return {}, 1.0
-    off = _off(costs, {ours[a]: theirs[b] for a, b in named.items()})
+    off = _compute_naming_cost(costs, {ours[a]: theirs[b] for a, b in named.items()})
     if off < LEFT_OUT:
         return {}, 1.0
-    least, pairs = Overlay(costs).forests((-1, -1), -1, -1)
+    least, pairs = Overlay(costs).find_best_forest((-1, -1), -1, -1)
     found = {costs.first.members[a].joint: costs.second.members[b].joint for a, b in pairs}
     broken = {a for a, b in named.items() if found.get(a) != b}
     about = broken | {a for a, b in found.items() if b in {named[x] for x in broken}}
     more = LEFT_OUT * abs(len(ours) - len(theirs))  # left out in any case
     doubt = (least - more) / (off + LEFT_OUT * lonely - more)
-    if doubt >= LESS or len(found) < len(named) or not all(_numbered(a, named[a]) for a in broken):
+    if doubt >= LESS or len(found) < len(named) or not all(_has_common_number(a, named[a]) for a in broken):
         return {}, 1.0
     return {a: found[a] for a in ours if a in about and a in found}, doubt
 
 
-def _off(costs: Costs, named: Mapping[int, int]) -> float:
+def _compute_naming_cost(costs: Costs, named: Mapping[int, int]) -> float:
     """Cost of pairs of members by name [-], those that are left out aside."""
     total = 0.0
     for a, b in named.items():
-        before = _above(costs.first, a, set(named)), _above(costs.second, b, set(named.values()))
+        before = _find_ancestor(costs.first, a, set(named)), _find_ancestor(costs.second, b, set(named.values()))
         alike = named.get(before[0], -1) == before[1]
         total += costs.step(before, a, b) if alike else LEFT_OUT
     return total
 
 
-def _above(tree: Tree, index: int, among: set[int]) -> int:
+def _find_ancestor(tree: Tree, index: int, among: set[int]) -> int:
     """The nearest member before one that is among some, -1 the world."""
     index = tree.members[index].parent
     while index >= 0 and index not in among:
@@ -70,7 +70,7 @@ def _above(tree: Tree, index: int, among: set[int]) -> int:
     return index
 
 
-def _numbered(one: str, other: str) -> bool:
+def _has_common_number(one: str, other: str) -> bool:
     """Return True if a name of both has a number in it, so that another number would be another joint of the same name."""
     return bool(re.search(r"\d", one) and re.search(r"\d", other))
 
@@ -82,42 +82,42 @@ class Overlay:
     costs: Costs
     known: dict[tuple[int, int, int, int], Laid] = field(default_factory=dict)
 
-    def laid(self, before: tuple[int, int], a: int, b: int) -> Laid:
+    def find_best_overlay(self, before: tuple[int, int], a: int, b: int) -> Laid:
         """Return the least cost [-] and the pairs of what two members are and carry; before : the pair that carries them."""
         key = (*before, a, b)
         if key not in self.known:
-            self.known[key] = min(self._choices(before, a, b), key=lambda choice: choice[0])
+            self.known[key] = min(self._list_overlays(before, a, b), key=lambda choice: choice[0])
         return self.known[key]
 
-    def _choices(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
-        yield LEFT_OUT * (self.costs.first.moving_from(a) + self.costs.second.moving_from(b)), ()
+    def _list_overlays(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
+        yield LEFT_OUT * (self.costs.first.count_moving(a) + self.costs.second.count_moving(b)), ()
         own = self.costs.step(before, a, b)
         if own < IMPOSSIBLE:
-            beyond, pairs = self.forests((a, b), a, b)
+            beyond, pairs = self.find_best_forest((a, b), a, b)
             yield own + beyond, ((a, b), *pairs)
-        ours = self.costs.first.carried(a)
-        theirs = self.costs.second.carried(b)
+        ours = self.costs.first.list_moving_children(a)
+        theirs = self.costs.second.list_moving_children(b)
         for one, two in [*([(ours[0], b)] if len(ours) == 1 else []), *([(a, theirs[0])] if len(theirs) == 1 else [])]:
-            cost, pairs = self.laid(before, one, two)
+            cost, pairs = self.find_best_overlay(before, one, two)
             yield LEFT_OUT + cost, pairs
 
-    def forests(self, before: tuple[int, int], a: int, b: int) -> Laid:
+    def find_best_forest(self, before: tuple[int, int], a: int, b: int) -> Laid:
         """Return the least cost [-] and the pairs of all that two members carry, -1 the world; before : the last pair."""
-        ours = self.costs.first.carried(a)
-        theirs = self.costs.second.carried(b)
+        ours = self.costs.first.list_moving_children(a)
+        theirs = self.costs.second.list_moving_children(b)
         n = len(ours)
         m = len(theirs)
         if not n or not m:
             return LEFT_OUT * (
-                sum(map(self.costs.first.moving_from, ours)) + sum(map(self.costs.second.moving_from, theirs))
+                sum(map(self.costs.first.count_moving, ours)) + sum(map(self.costs.second.count_moving, theirs))
             ), ()
         table = np.zeros((n + m, n + m))
-        table[:n, m:] = np.array([self.costs.first.moving_from(k) for k in ours]).reshape(n, 1)
-        table[n:, :m] = np.array([self.costs.second.moving_from(k) for k in theirs])
+        table[:n, m:] = np.array([self.costs.first.count_moving(k) for k in ours]).reshape(n, 1)
+        table[n:, :m] = np.array([self.costs.second.count_moving(k) for k in theirs])
         for i, one in enumerate(ours):
             for j, two in enumerate(theirs):
-                table[i, j] = self.laid(before, one, two)[0]
+                table[i, j] = self.find_best_overlay(before, one, two)[0]
         rows, columns = scipy.optimize.linear_sum_assignment(table)
         chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
-        pairs = tuple(pair for one, two in chosen for pair in self.laid(before, one, two)[1])
+        pairs = tuple(pair for one, two in chosen for pair in self.find_best_overlay(before, one, two)[1])
         return float(table[rows, columns].sum()), pairs

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.matching.costs import Costs
-from crosscheck.equivalence.matching.laid_on import still, subtree_cost
-from crosscheck.equivalence.matching.match import ALMOST, by_name
-from crosscheck.equivalence.tree import tree_of
+from crosscheck.equivalence.matching.laid_on import compute_subtree_cost, join_fixed_links
+from crosscheck.equivalence.matching.match import ALMOST, match_by_name
+from crosscheck.equivalence.tree import build_tree
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.rigid import inverse, moved, on
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Link, Mechanism, Placement
@@ -37,71 +37,71 @@ class Rooted:
     found: tuple[Difference, ...] = ()
 
 
-def rooted_alike(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) -> Rooted:
+def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) -> Rooted:
     """Return the second mechanism told from the first's root, where both float and more joints then hang as in the first [m].
 
     stated : joints of the second by those of the first
     """
-    bases = [_base(one) for one in (first, second)]
+    bases = [_find_free_base(one) for one in (first, second)]
     if bases[0] is None or bases[1] is None or not (first.is_rigid and second.is_rigid):
         return Rooted(second)
     names = [
         [j.name for j in one.joints if j.nv and j is not base] for one, base in zip((first, second), bases, strict=True)
     ]
-    pairs = {a: b for a, (b, _) in by_name(names[0], names[1], stated).items() if a in names[0] and b in names[1]}
+    pairs = {a: b for a, (b, _) in match_by_name(names[0], names[1], stated).items() if a in names[0] and b in names[1]}
     old = bases[1].child
     if 2 * len(pairs) >= max(map(len, names)):
-        root = _best(first, second, bases[0].child, old, pairs)
+        root = _find_best_root(first, second, bases[0].child, old, pairs)
     else:
-        root = _alike(first, second, bases[1])
-    way = _way(second, old, root)
+        root = _find_similar_root(first, second, bases[1])
+    way = _list_path_joints(second, old, root)
     if root == old or any(joint.kind not in TURNED or joint.station is not None for joint in way):
         return Rooted(second)
     hints = ("the coordinates of its base are those of another body; the joints between count as before",)
     found = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
-    return Rooted(_told_from(second, bases[1], way), frozenset(joint.parent for joint in way), (found,))
+    return Rooted(_move_root(second, bases[1], way), frozenset(joint.parent for joint in way), (found,))
 
 
-def _base(mechanism: Mechanism) -> Joint | None:
+def _find_free_base(mechanism: Mechanism) -> Joint | None:
     """The free joint that alone stands on the world; None for a machine that is held, and for several."""
     on_world = [joint for joint in mechanism.joints if joint.parent == WORLD]
     return on_world[0] if len(on_world) == 1 and on_world[0].kind == "free" else None
 
 
-def _best(first: Mechanism, second: Mechanism, ours: str, theirs: str, pairs: Mapping[str, str]) -> str:
+def _find_best_root(first: Mechanism, second: Mechanism, ours: str, theirs: str, pairs: Mapping[str, str]) -> str:
     """The link of the second from which the most joints hang as in the first; of several the one named so, else its own."""
-    wanted = {pairs[a]: pairs.get(above, "") for a, above in _above(first, ours, set(pairs)).items()}
+    wanted = {pairs[a]: pairs.get(above, "") for a, above in _map_to_parent_joints(first, ours, set(pairs)).items()}
     scores = {}
     for link in second.links:
-        above = _above(second, link.name, set(pairs.values()))
+        above = _map_to_parent_joints(second, link.name, set(pairs.values()))
         same = sum(above.get(b) == carrier for b, carrier in wanted.items())
         scores[link.name] = (same, link.name == ours, link.name == theirs)
     return (
         max(scores, key=lambda name: scores[name])
-        if scores[theirs][0] < max(scores.values())[0] or _lonely(pairs)
+        if scores[theirs][0] < max(scores.values())[0] or _is_ambiguous_joint(pairs)
         else theirs
     )
 
 
-def _alike(first: Mechanism, second: Mechanism, base: Joint) -> str:
+def _find_similar_root(first: Mechanism, second: Mechanism, base: Joint) -> str:
     """The link of the second from which its tree is most like the first, by what bodies and axes show; in doubt its own."""
-    one = still(tree_of(first, {}))[0]
+    one = join_fixed_links(build_tree(first, {}))[0]
     costs: dict[str, float] = {}
     for link in (base.child, *(joint.child for joint in second.joints if joint.nv and joint is not base)):
-        way = _way(second, base.child, link)
+        way = _list_path_joints(second, base.child, link)
         if all(joint.kind in TURNED and joint.station is None for joint in way):
-            told = _told_from(second, base, way) if way else second
-            costs[link] = subtree_cost(Costs(one, still(tree_of(told, {}))[0]), (-1, -1), 0, 0)
+            told = _move_root(second, base, way) if way else second
+            costs[link] = compute_subtree_cost(Costs(one, join_fixed_links(build_tree(told, {}))[0]), (-1, -1), 0, 0)
     least = min(costs, key=lambda name: costs[name])
     return least if costs[least] < costs[base.child] - ALMOST else base.child
 
 
-def _lonely(pairs: Mapping[str, str]) -> bool:
+def _is_ambiguous_joint(pairs: Mapping[str, str]) -> bool:
     """Return True for one joint only, from both of whose ends it hangs alike: then names say which is the root."""
     return len(pairs) == 1
 
 
-def _above(mechanism: Mechanism, root: str, among: set[str]) -> dict[str, str]:
+def _map_to_parent_joints(mechanism: Mechanism, root: str, among: set[str]) -> dict[str, str]:
     """By joint the next one towards a root, "" where there is none; both of some joints only."""
     touching: dict[str, list[Joint]] = {}
     for joint in mechanism.joints:
@@ -123,7 +123,7 @@ def _above(mechanism: Mechanism, root: str, among: set[str]) -> dict[str, str]:
     return found
 
 
-def _way(mechanism: Mechanism, root: str, link: str) -> list[Joint]:
+def _list_path_joints(mechanism: Mechanism, root: str, link: str) -> list[Joint]:
     """The joints from the root to a link."""
     carried = {joint.child: joint for joint in mechanism.joints}
     found: list[Joint] = []
@@ -133,13 +133,13 @@ def _way(mechanism: Mechanism, root: str, link: str) -> list[Joint]:
     return found[::-1]
 
 
-def _told_from(mechanism: Mechanism, base: Joint, way: list[Joint]) -> Mechanism:
+def _move_root(mechanism: Mechanism, base: Joint, way: list[Joint]) -> Mechanism:
     """The same machine with the joints of a way from its root turned about; links before them have their frames at them [m]."""
     back = {joint.parent: inverse(joint.placement) for joint in way}
     pose = base.placement
     for joint in way:
         pose = on(pose, joint.placement)
-    turned = {id(joint): made for joint, made in zip(way, _turned(way, back), strict=True)}
+    turned = {id(joint): made for joint, made in zip(way, _list_reversed_joints(way, back), strict=True)}
     joints = [replace(base, child=way[-1].child, placement=pose)]
     for joint in mechanism.joints:
         if joint is not base:
@@ -147,18 +147,18 @@ def _told_from(mechanism: Mechanism, base: Joint, way: list[Joint]) -> Mechanism
             joints.append(turned.get(id(joint)) or replace(joint, placement=at))
     ends = ((one, _end(one.first, back), _end(one.second, back)) for one in mechanism.closures)
     return replace(
-        mechanism, links=tuple(_links(mechanism.links, back)), joints=depth_first(joints),
+        mechanism, links=tuple(_list_moved_links(mechanism.links, back)), joints=depth_first(joints),
         closures=tuple(replace(one, first=a, second=b) for one, a, b in ends), springs=(), forces=(),
     )  # fmt: skip
 
 
-def _turned(way: list[Joint], back: Mapping[str, Placement]) -> Iterator[Joint]:
+def _list_reversed_joints(way: list[Joint], back: Mapping[str, Placement]) -> Iterator[Joint]:
     for joint in way:
         at = back.get(joint.child, Placement())  # the link that now carries it stands at the next joint of the way
         yield replace(joint, parent=joint.child, child=joint.parent, placement=at, axis=-joint.axis)
 
 
-def _links(links: Iterable[Link], back: Mapping[str, Placement]) -> Iterator[Link]:
+def _list_moved_links(links: Iterable[Link], back: Mapping[str, Placement]) -> Iterator[Link]:
     for link in links:
         at = back.get(link.name)
         bodies = link.bodies if at is None else tuple(replace(b, inertia=moved(at, b.inertia)) for b in link.bodies)

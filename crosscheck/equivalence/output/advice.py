@@ -16,8 +16,8 @@ from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.groups import counterpart
 from crosscheck.equivalence.judge import Judged
-from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, vector_text
-from crosscheck.equivalence.tree import Member, Tree, sum_of
+from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
+from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import inverse, moved, quaternion
 from crosscheck.linting.bodies import Stated, body_findings
@@ -154,9 +154,13 @@ class Sides:
         one = self.trees[0].members[k]
         two = self.trees[1].members[seat.second]
         part = difference.place.partition(" ")[2].partition(" (on link ")
-        return (only(one, part[0]), only(two, part[0]), seat) if part[1] else (one, two, seat)
+        return (
+            (make_single_body_member(one, part[0]), make_single_body_member(two, part[0]), seat)
+            if part[1]
+            else (one, two, seat)
+        )
 
-    def merged(self, difference: Difference) -> Aligned | None:
+    def find_merged_alignment(self, difference: Difference) -> Aligned | None:
         """Return the seat of two members where a difference is about one of their bodies, and one file alone states it apart."""
         k = self._number(difference)
         if not difference.place.startswith("body ") or k is None or k not in self.seats:
@@ -178,45 +182,48 @@ class Sides:
         return next((k for k, own in called.items() if own == name), None)
 
 
-def only(member: Member, part: str) -> Member:
+def make_single_body_member(member: Member, part: str) -> Member:
     """Return a member as one of the bodies that make it up [kg, m, kg m^2]."""
     body = dict(member.parts)[part]
     return replace(member, name=part, mass=body.mass, com=body.com, tensor=body.tensor, parts=((part, body),))
 
 
-def advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def collect_advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return by difference which file looks wrong, and what to write in A to have B's machine, in B to have A's [any unit]."""
-    odd = [_odd(description) for description in sides.descriptions]
+    odd = [_collect_odd_numbers(description) for description in sides.descriptions]
     found = []
     for difference in (*judged.causes, *judged.conventions, *judged.limits):
-        merged = sides.merged(difference)
+        merged = sides.find_merged_alignment(difference)
         both = sides.members(difference) if difference.cause != BASE and merged is None else None
         if difference.cause == BASE:
-            lines = list(_of_base(difference, sides))
+            lines = list(_describe_base_change(difference, sides))
         elif merged is not None:
-            lines = list(_of_merged(difference, sides, merged))
+            lines = list(_describe_merged_body(difference, sides, merged))
         elif both is None or difference.place.startswith("all "):
-            lines = list(_of_many(difference, sides))
+            lines = list(_describe_common_change(difference, sides))
         else:
-            doubts = [_doubt(difference.cause, odd[0], both[0]), _doubt(difference.cause, odd[1], both[1])]
-            lines = [*_verdict(doubts), *_lines(difference, sides, both)]
+            doubts = [
+                _describe_doubt(difference.cause, odd[0], both[0]),
+                _describe_doubt(difference.cause, odd[1], both[1]),
+            ]
+            lines = [*_describe_suspect_file(doubts), *_describe_member_change(difference, sides, both)]
         if lines:
             found.append((difference.subject, tuple(lines)))
     return tuple(found)
 
 
-def _verdict(doubts: list[str]) -> Iterator[str]:
+def _describe_suspect_file(doubts: list[str]) -> Iterator[str]:
     """Yield which file to mend, where the numbers of one look wrong by themselves."""
     for n, side in enumerate("AB"):
         if doubts[n] and not doubts[1 - n]:
             yield f"mend {side}: {doubts[n]}"
 
 
-def _odd(description: Description) -> dict[str, list[tuple[str, str]]]:
+def _collect_odd_numbers(description: Description) -> dict[str, list[tuple[str, str]]]:
     """By link the check and the words of what looks odd in its numbers."""
     mechanism = description.mechanism
     links = {
-        link.name: Stated(link.name, sum_of([part.inertia for part in link.bodies]), True, bool(link.bodies))
+        link.name: Stated(link.name, join_bodies([part.inertia for part in link.bodies]), True, bool(link.bodies))
         for link in mechanism.links
     }
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
@@ -227,13 +234,13 @@ def _odd(description: Description) -> dict[str, list[tuple[str, str]]]:
     return found
 
 
-def _doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member: Member) -> str:
+def _describe_doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member: Member) -> str:
     names = [member.name, *(name for name, _ in member.parts if name != member.name)]
     words = [f"{n}, {text}" for n in names for check, text in odd.get(n, ()) if check in CHECKS.get(cause, ())]
     return words[0] if words else ""
 
 
-def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
+def _describe_common_change(difference: Difference, sides: Sides) -> Iterator[str]:
     """Yield the lines for one factor on all numbers of a kind, or for the same number in several joints."""
     if difference.place.startswith("joints ") and difference.changes:
         members = [sides.trees[0].members[k] for k, _, _ in difference.changes]
@@ -242,7 +249,7 @@ def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
             (("A", "B", members, difference.second), ("B", "A", others, difference.first))
         ):
             description = sides.descriptions[n]
-            if text := written(description.format, difference.cause, value):
+            if text := describe_quantity(description.format, difference.cause, value):
                 names = ", ".join(member.joint for member in own)
                 yield f"to make {side} ({description.label}) like {other}, in each of the joints {names}: {text}"
     factor = difference.second.partition(" ")[0]
@@ -251,7 +258,7 @@ def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
         yield f"to make B like A, divide it by {factor} everywhere"
 
 
-def _of_merged(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
+def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
     """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
     members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
     names = _names(difference, members, seat)
@@ -259,17 +266,17 @@ def _of_merged(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[
     wholes = moved(seat.frame, members[1].inertia), moved(inverse(seat.frame), members[0].inertia)
     for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
         head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
-        if _rehung(sides, seat) and n:
+        if _has_reframed_link(sides, seat) and n:
             continue  # the number would be one in frames that B's file has not
         if len(members[n].parts) > 1 and names[n]:
-            if not n or difference.cause == "mass" or _same_frame(seat):
+            if not n or difference.cause == "mass" or _is_same_frame(seat):
                 yield f"{head} body {names[n]}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
         else:
             whole = wholes[n]
             more = list(dict(members[1 - n].parts))[:6]
             apart = f", of which {other} states {', '.join(more)} apart" if len(more) > 1 else ""
-            tensor = vector_text(whole.tensor[np.triu_indices(3)])
-            numbers = f"mass {whole.mass:.9g}, centre of mass {vector_text(whole.com)}, inertia tensor {tensor}"
+            tensor = format_vector(whole.tensor[np.triu_indices(3)])
+            numbers = f"mass {whole.mass:.9g}, centre of mass {format_vector(whole.com)}, inertia tensor {tensor}"
             yield f"{head} link {members[n].name}{apart}: {numbers}"
 
 
@@ -279,13 +286,13 @@ def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned
     parts = dict(members[0].parts), {own: moved(seat.frame, body) for own, body in members[1].parts}
     # The difference was found of a body of A where it changes that part, and of one of B where it changes the whole.
     mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
-    rest = sum_of(body for own, body in parts[mine].items() if own != name)
+    rest = join_bodies(body for own, body in parts[mine].items() if own != name)
     size = max(float(np.linalg.norm(body.com)) for own in parts for body in own.values())
     other = counterpart(parts[1 - mine], rest, size)
     return (other, name) if mine else (name, other)
 
 
-def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:
+def _describe_base_change(difference: Difference, sides: Sides) -> Iterator[str]:
     """Yield what stands before the root of either file so that it stands as the other does."""
     motion = difference.motion or Placement()
     for description, side, other, frame in zip(sides.descriptions, "AB", "BA", (motion, inverse(motion)), strict=True):
@@ -293,56 +300,58 @@ def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:
         if words := STANDS.get(description.format, ""):
             x, y, z, w = quaternion(frame.rotation)
             turns = {
-                "rpy": vector_text(np.array(compute_roll_pitch_yaw(frame.rotation))),
-                "quat": vector_text(np.array([w, x, y, z])),
+                "rpy": format_vector(np.array(compute_roll_pitch_yaw(frame.rotation))),
+                "quat": format_vector(np.array([w, x, y, z])),
             }
-            what = words.format(root=root, xyz=vector_text(frame.position), **turns)
+            what = words.format(root=root, xyz=format_vector(frame.position), **turns)
             yield f"to make {side} ({description.label}) like {other}: {what}"
 
 
-def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Aligned]) -> Iterator[str]:
+def _describe_member_change(
+    difference: Difference, sides: Sides, both: tuple[Member, Member, Aligned]
+) -> Iterator[str]:
     one, two, seat = both
-    values = _values(difference, both)
+    values = _convert_values(difference, both)
     for n, (side, other, member) in enumerate((("A", "B", one), ("B", "A", two))):
         description = sides.descriptions[n]
         place = difference.place.partition(" ")[0]
         called = member.joint if place == "joint" else member.name
         head = f"to make {side} ({description.label}) like {other}, in {place} {called}"
         parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
-        if n and difference.cause in PLACED and _rehung(sides, seat):
+        if n and difference.cause in PLACED and _has_reframed_link(sides, seat):
             continue  # the number would be one in frames that B's file has not
         if difference.cause in CHECKS and len(parts) > 1:
             yield f"{head}, together with what is fixed to it ({', '.join(parts[:6])}): {difference.cause} {values[n]}"
         elif place == "body" and difference.cause in CHECKS and difference.cause != "mass":
             link = (sides.trees[n].members[seat.second if n else seat.first]).name
             yield f"{head}, in the frame of link {link}: {difference.cause} {values[n]}"
-        elif n and difference.cause in FRAMED and _turned(sides, both):
+        elif n and difference.cause in FRAMED and _has_moved_frame(sides, both):
             continue  # the number would be one in A's frames
         elif difference.cause == ZERO and not n:
             yield f"{head}, turn or shift the joint's frame along its axis by {values[n]} {difference.unit}, and the limits back"
-        elif text := written(description.format, _named(difference, seat, n), values[n]):
+        elif text := describe_quantity(description.format, _resolve_cause_name(difference, seat, n), values[n]):
             yield f"{head}: {text}"
 
 
-def _turned(sides: Sides, both: tuple[Member, Member, Aligned]) -> bool:
+def _has_moved_frame(sides: Sides, both: tuple[Member, Member, Aligned]) -> bool:
     """Return True if a frame of the member or of its carrier stands elsewhere in B."""
     carrier = sides.seats.get(both[0].parent)
-    return any(not _same_frame(seat) for seat in (both[2], carrier) if seat is not None)
+    return any(not _is_same_frame(seat) for seat in (both[2], carrier) if seat is not None)
 
 
-def _rehung(sides: Sides, seat: Aligned) -> bool:
+def _has_reframed_link(sides: Sides, seat: Aligned) -> bool:
     """Return True if B's link or the one that carries it has another frame here than in its file."""
     members = sides.trees[1].members
     own = members[seat.second]
     return own.name in sides.rehung or (own.parent >= 0 and members[own.parent].name in sides.rehung)
 
 
-def _same_frame(seat: Aligned) -> bool:
+def _is_same_frame(seat: Aligned) -> bool:
     off = max(np.abs(seat.frame.position).max(), np.abs(seat.frame.rotation - np.eye(3)).max())
     return bool(off <= SAME) and seat.sign > 0 and not seat.offset
 
 
-def _named(difference: Difference, seat: Aligned, side: int) -> str:
+def _resolve_cause_name(difference: Difference, seat: Aligned, side: int) -> str:
     """The cause as a side calls it: B's lower limit is A's upper one where the coordinate counts the other way."""
     cause = difference.cause
     if cause == SIGN and LEFT_LIMITS in difference.hints:
@@ -352,24 +361,24 @@ def _named(difference: Difference, seat: Aligned, side: int) -> str:
     return cause
 
 
-def _values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tuple[str, str]:
+def _convert_values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tuple[str, str]:
     """Return the value of B in A's frame and coordinate, and that of A in B's."""
     one, _, seat = both
     cause = difference.cause
     back = inverse(seat.frame)
     there = moved(back, one.inertia)
     if cause == "centre of mass":
-        return difference.second, vector_text(there.com)
+        return difference.second, format_vector(there.com)
     if cause == "inertia tensor":
-        return difference.second, vector_text(there.tensor[np.triu_indices(3)])
+        return difference.second, format_vector(there.tensor[np.triu_indices(3)])
     if cause == "joint axis":
-        return difference.second, vector_text(seat.sign * back.rotation @ one.axis)
+        return difference.second, format_vector(seat.sign * back.rotation @ one.axis)
     if cause in ("lower limit", "upper limit") and difference.first != "none":
         return difference.second, f"{seat.sign * (float(difference.first) - seat.offset):.9g}"
     return difference.second, difference.first
 
 
-def written(kind: str, cause: str, value: str) -> str:
+def describe_quantity(kind: str, cause: str, value: str) -> str:
     """Return a format's words for a quantity [any unit]; "" where it has none."""
     varies = cause in BEAMS and " " in value  # numbers at several stations: the section says them in a table
     if not value or value == "none" or kind not in WORDS or varies:

@@ -9,7 +9,13 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
-from crosscheck.equivalence.output.text import GROUPS, line, markdown, repaired, rounding
+from crosscheck.equivalence.output.text import (
+    GROUPS,
+    describe_difference,
+    describe_repair,
+    describe_rounding,
+    render_markdown,
+)
 from crosscheck.equivalence.result import INCOMPARABLE, NOT_PROVEN, WORDS, Comparison
 from crosscheck.report.html import environment, style, write_page
 from crosscheck.report.junit import FORBIDDEN
@@ -24,32 +30,40 @@ def write(found: Comparison, out: Path) -> None:
     stamp = {"started": now, "versions": versions()}
     view: dict[str, Any] = {
         "found": found, "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS], "words": WORDS,
-        "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told], "repaired": repaired(found), "rounding": rounding(found),
+        "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told], "repaired": describe_repair(found), "rounding": describe_rounding(found),
         "results": stamp, "root": "",
     }  # fmt: skip
     write_page(environment(), "compare.html.j2", out / "index.html", **view)
     owned.write(out / "results.json", json.dumps(found.plain | stamp, indent=1, ensure_ascii=False))
-    owned.write(out / "summary.md", markdown(found))
-    owned.write(out / "junit.xml", junit(found))
+    owned.write(out / "summary.md", render_markdown(found))
+    owned.write(out / "junit.xml", render_junit(found))
 
 
-def junit(found: Comparison) -> bytes:
+def render_junit(found: Comparison) -> bytes:
     """Return the comparison as JUnit XML: a test case for each family, a failure where differences count."""
     counted = found.differences
     root = ET.Element("testsuites", name="crosscheck compare", time=f"{found.elapsed:.3f}")
-    suite = ET.SubElement(root, "testsuite", name=_clean(f"{found.first} and {found.second}"))
-    cases = [(WORDS[f], [line(d) for d in counted if d.family == f]) for f in found.families if f in found.told]
-    cases.append(("efforts", [repaired(found)] if found.unexplained else []))
+    suite = ET.SubElement(root, "testsuite", name=_replace_forbidden(f"{found.first} and {found.second}"))
+    cases = [
+        (WORDS[f], [describe_difference(d) for d in counted if d.family == f])
+        for f in found.families
+        if f in found.told
+    ]
+    cases.append(("efforts", [describe_repair(found)] if found.unexplained else []))
     if found.proofs:
         doubted = found.state in (INCOMPARABLE, NOT_PROVEN)
         proof = ET.SubElement(suite, "testcase", classname="compare", name="held against the readers' own models")
         if doubted:
-            ET.SubElement(proof, "error", message=_clean(found.doubts[0])).text = _clean("\n".join(found.doubts))
-        ET.SubElement(proof, "system-out").text = _clean("\n".join(found.grounds))
+            ET.SubElement(proof, "error", message=_replace_forbidden(found.doubts[0])).text = _replace_forbidden(
+                "\n".join(found.doubts)
+            )
+        ET.SubElement(proof, "system-out").text = _replace_forbidden("\n".join(found.grounds))
     for name, lines in cases:
         case = ET.SubElement(suite, "testcase", classname="compare", name=name)
         if lines:
-            ET.SubElement(case, "failure", message=_clean(lines[0])).text = _clean("\n".join(lines))
+            ET.SubElement(case, "failure", message=_replace_forbidden(lines[0])).text = _replace_forbidden(
+                "\n".join(lines)
+            )
     suite.set("tests", str(len(suite)))
     suite.set("failures", str(len(suite.findall("testcase/failure"))))
     suite.set("errors", str(len(suite.findall("testcase/error"))))
@@ -58,5 +72,5 @@ def junit(found: Comparison) -> bytes:
     return text
 
 
-def _clean(words: str) -> str:
+def _replace_forbidden(words: str) -> str:
     return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)

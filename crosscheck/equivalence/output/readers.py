@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
-from crosscheck.equivalence.output.text import cell, line
+from crosscheck.equivalence.output.text import describe_difference, format_cell
 from crosscheck.equivalence.readers import Loaded
 from crosscheck.report.html import environment, style, write_page
 from crosscheck.report.junit import FORBIDDEN
@@ -24,19 +24,19 @@ def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
     view = {
         "name": Path(file).name,
         "rows": rows,
-        "sentence": sentence(rows),
+        "sentence": describe_agreement(rows),
         "results": stamp,
         "root": "",
-        "line": line,
+        "line": describe_difference,
     }
     write_page(environment(), "readers.html.j2", out / "index.html", **view)
     plain = {"format": "crosscheck-readers/1", "file": file, "readers": [row.plain for row in rows]} | stamp
     owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
-    owned.write(out / "summary.md", markdown_table(file, rows))
-    owned.write(out / "junit.xml", _junit(file, rows))
+    owned.write(out / "summary.md", render_readers_table(file, rows))
+    owned.write(out / "junit.xml", _render_junit(file, rows))
 
 
-def sentence(rows: Sequence[Loaded]) -> str:
+def describe_agreement(rows: Sequence[Loaded]) -> str:
     """Return the number of readers that make the same machine of the file as the first, in a sentence."""
     words = {
         "equal": "the same machine", "different": "another one", "cannot": "nothing: it cannot read it",
@@ -49,40 +49,42 @@ def sentence(rows: Sequence[Loaded]) -> str:
     return f"Against the reader {rows[0].reader}, {'; '.join(parts)}." if parts else f"Read by {rows[0].reader} alone."
 
 
-def markdown_table(file: str, rows: Sequence[Loaded]) -> str:
+def render_readers_table(file: str, rows: Sequence[Loaded]) -> str:
     """Return the table for a pull request or the summary of a CI step."""
-    return "\n".join(_markdown(file, rows)) + "\n"
+    return "\n".join(_list_markdown_lines(file, rows)) + "\n"
 
 
-def _markdown(file: str, rows: Sequence[Loaded]) -> Iterator[str]:
-    yield f"## {cell(Path(file).name)}, as each engine reads it"
+def _list_markdown_lines(file: str, rows: Sequence[Loaded]) -> Iterator[str]:
+    yield f"## {format_cell(Path(file).name)}, as each engine reads it"
     yield ""
-    yield cell(sentence(rows))
+    yield format_cell(describe_agreement(rows))
     yield ""
     yield "| reader | joints | mass [kg] | result | differences |"
     yield "|---|--:|--:|---|---|"
     for row in rows:
-        yield "| " + " | ".join(map(cell, (row.reader, row.joints, row.mass, row.result, row.words))) + " |"
+        yield "| " + " | ".join(map(format_cell, (row.reader, row.joints, row.mass, row.result, row.words))) + " |"
     for row in rows:
         if row.dropped:
-            yield f"\n<details><summary>what {cell(row.reader)} leaves out or takes for granted</summary>\n"
-            yield from (f"* {cell(words)}" for words in row.dropped)
+            yield f"\n<details><summary>what {format_cell(row.reader)} leaves out or takes for granted</summary>\n"
+            yield from (f"* {format_cell(words)}" for words in row.dropped)
             yield "\n</details>"
 
 
-def _junit(file: str, rows: Sequence[Loaded]) -> bytes:
+def _render_junit(file: str, rows: Sequence[Loaded]) -> bytes:
     root = ET.Element("testsuites", name="crosscheck compare --readers")
-    suite = ET.SubElement(root, "testsuite", name=_clean(file), tests=str(len(rows)))
+    suite = ET.SubElement(root, "testsuite", name=_replace_forbidden(file), tests=str(len(rows)))
     suite.set("failures", str(sum(row.result == "different" for row in rows)))
     suite.set("errors", str(sum(row.result not in ("equal", "different") for row in rows)))
     for row in rows:
         case = ET.SubElement(suite, "testcase", classname="readers", name=row.reader)
         if row.result != "equal":
-            ET.SubElement(case, "failure" if row.result == "different" else "error", message=_clean(row.words))
+            ET.SubElement(
+                case, "failure" if row.result == "different" else "error", message=_replace_forbidden(row.words)
+            )
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return text
 
 
-def _clean(words: str) -> str:
+def _replace_forbidden(words: str) -> str:
     return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)

@@ -16,14 +16,14 @@ GROUPS = (
 )
 
 
-def text(found: Comparison) -> str:
+def render_text(found: Comparison) -> str:
     """Return the comparison as plain lines."""
     lines = [f"A: {found.first}", f"B: {found.second}", found.sentence, f"joints matched: {found.matched}"]
     for name, title in GROUPS:
         group: tuple[Difference, ...] = getattr(found.judged, name)
         if group:
-            lines += [f"{title}:", *(f"  {line(d)}" for d in group)]
-    lines += [*rounding(found), repaired(found)]
+            lines += [f"{title}:", *(f"  {describe_difference(d)}" for d in group)]
+    lines += [*describe_rounding(found), describe_repair(found)]
     lines += [found.suspects] if found.suspects else []
     for place, written in found.advice:
         lines += [f"{place}:", *(f"  {w}" for w in written)]
@@ -31,7 +31,7 @@ def text(found: Comparison) -> str:
     return "\n".join(lines)
 
 
-def line(difference: Difference) -> str:
+def describe_difference(difference: Difference) -> str:
     """Return a difference with its hints and its effect [N m], [N] in a line."""
     parts = [difference.words, *difference.hints]
     if difference.effect:
@@ -41,7 +41,7 @@ def line(difference: Difference) -> str:
     return "; ".join(parts)
 
 
-def rounding(found: Comparison) -> list[str]:
+def describe_rounding(found: Comparison) -> list[str]:
     """Return the line on numbers that differ in what their printed digits leave open; none where there are none."""
     count = len(found.judged.rounding)
     if not count:
@@ -50,7 +50,7 @@ def rounding(found: Comparison) -> list[str]:
     return [f"rounding: {count} numbers differ by less than their printed digits; effect {effect} N m or N"]
 
 
-def repaired(found: Comparison) -> str:
+def describe_repair(found: Comparison) -> str:
     """Return the difference of efforts before and after repair, in words."""
     judged = found.judged
     added = [d for d in judged.causes if d.family == "feature"]
@@ -64,53 +64,55 @@ def repaired(found: Comparison) -> str:
     return f"{before}; with the differences put right, {short(judged.after)} of it is left"
 
 
-def markdown(found: Comparison) -> str:
+def render_markdown(found: Comparison) -> str:
     """Return the comparison for a pull request or the summary of a CI step."""
-    return "\n".join(_markdown(found)) + "\n"
+    return "\n".join(_list_markdown_lines(found)) + "\n"
 
 
-def _markdown(found: Comparison) -> Iterator[str]:
-    yield f"## {'✓' if found.equal else '✗'} {cell(found.sentence)}"
+def _list_markdown_lines(found: Comparison) -> Iterator[str]:
+    yield f"## {'✓' if found.equal else '✗'} {format_cell(found.sentence)}"
     yield ""
-    yield f"A: `{found.first}` · B: `{found.second}` · joints matched: {cell(found.matched)}"
+    yield f"A: `{found.first}` · B: `{found.second}` · joints matched: {format_cell(found.matched)}"
     for name, title in GROUPS:
         group: tuple[Difference, ...] = getattr(found.judged, name)
         if group:
-            yield from ("", f"### {title}", "", *_table(group))
+            yield from ("", f"### {title}", "", *_list_table_lines(group))
     yield ""
-    yield from (f"{cell(words)}\n" for words in [*rounding(found), repaired(found)])
+    yield from (f"{format_cell(words)}\n" for words in [*describe_rounding(found), describe_repair(found)])
     if found.advice:
         yield "### What to write"
         yield ""
         yield f"{found.suspects}\n" if found.suspects else ""
     for place, written in found.advice:
-        yield f"* {cell(place)}"
-        yield from (f"  * {_code(words)}" for words in written)
-    yield from (f"* {cell(words)}" for words in found.grounds)
-    yield from (f"* note: {cell(note)}" for note in found.notes)
+        yield f"* {format_cell(place)}"
+        yield from (f"  * {_format_code(words)}" for words in written)
+    yield from (f"* {format_cell(words)}" for words in found.grounds)
+    yield from (f"* note: {format_cell(note)}" for note in found.notes)
     for side, lines in found.dropped:
-        yield f"\n<details><summary>what was not compared of {cell(side)}, and what was taken for it</summary>\n"
-        yield from (f"* {cell(words)}" for words in lines)
+        yield f"\n<details><summary>what was not compared of {format_cell(side)}, and what was taken for it</summary>\n"
+        yield from (f"* {format_cell(words)}" for words in lines)
         yield "\n</details>"
 
 
-def _table(group: Iterable[Difference]) -> Iterator[str]:
+def _list_table_lines(group: Iterable[Difference]) -> Iterator[str]:
     yield "| what | where | A | B | size | effect | looks like |"
     yield "|---|---|---|---|--:|--:|---|"
     for d in group:
         effect = f"{short(d.effect)} ({short(d.share)} times its range)" if d.effect else ""
         size = f"{d.size:.6g} {d.unit}".removesuffix(" -")
         cells = [f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, size, effect, "; ".join(d.hints)]
-        yield "| " + " | ".join(map(cell, cells)) + " |"
+        yield "| " + " | ".join(map(format_cell, cells)) + " |"
 
 
-def cell(words: str) -> str:
+def format_cell(words: str) -> str:
     """Return text as text: nothing in it is Markdown or HTML."""
     for sign in "\\`*_[]|":
         words = words.replace(sign, "\\" + sign)
     return " ".join(words.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").split())
 
 
-def _code(words: str) -> str:
+def _format_code(words: str) -> str:
     before, colon, code = words.partition(": ")
-    return f"{cell(before)}: `{code.replace('`', ' ')}`" if colon and code.startswith("<") else cell(words)
+    return (
+        f"{format_cell(before)}: `{code.replace('`', ' ')}`" if colon and code.startswith("<") else format_cell(words)
+    )

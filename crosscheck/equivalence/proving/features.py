@@ -17,11 +17,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from crosscheck.equivalence.alignment.seats import Aligned
-from crosscheck.equivalence.beams.held import held
+from crosscheck.equivalence.beams.held import make_rigid_mechanism
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back
-from crosscheck.equivalence.judge import Judged, Share, share_of
-from crosscheck.equivalence.proof import named, own_efforts, without_ties
+from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states
+from crosscheck.equivalence.judge import Judged, Share, compute_effort_share
+from crosscheck.equivalence.proof import evaluate_reader_efforts, list_feature_names, remove_ties
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
@@ -60,22 +60,22 @@ class Added:
     scale: Efforts
 
 
-def with_features(
+def add_feature_differences(
     judged: Judged, sides: tuple[Description, Description], ground: Ground, ignored: Collection[str], tolerance: float
 ) -> Judged:
     """Return the judgement with the differences of features; ignored : names that are left out.
 
     tolerance : relative to the range of an effort [-]
     """
-    names = sorted({name for side in sides for name in named(side)} - set(ignored))
+    names = sorted({name for side in sides for name in list_feature_names(side)} - set(ignored))
     exact = not (judged.causes or judged.rounding)
     added: list[Added | None] = [None, None]
     if ground.common and any(side.dynamics is not None for side in sides):
-        added = [_added(side, ground, names, ignored, n) for n, side in enumerate(sides)]
+        added = [_compute_added_efforts(side, ground, names, ignored, n) for n, side in enumerate(sides)]
     causes: list[Difference] = []
     unseen: list[Difference] = []
     for name in names:
-        found = _of_name(name, sides, ground.names, added, tolerance, exact)
+        found = _find_feature_difference(name, sides, ground.names, added, tolerance, exact)
         if found is not None:
             seen = not exact or found.share is None or found.share > tolerance
             (causes if seen else unseen).append(found)
@@ -83,7 +83,7 @@ def with_features(
     one, two = added
     if one is None or two is None or causes or not exact:
         return judged
-    share, effort, joint = _share(one.whole, two.whole, one, two)
+    share, effort, joint = _compute_feature_share(one.whole, two.whole, one, two)
     if share <= tolerance or share <= judged.after:
         return judged
     return replace(
@@ -95,40 +95,46 @@ def with_features(
     )
 
 
-def _added(
+def _compute_added_efforts(
     side: Description, ground: Ground, names: Iterable[str], ignored: Collection[str], number: int
 ) -> Added | None:
     """Efforts that a side's reader adds to its mechanism; zero where that is the source, None where it cannot be asked."""
-    states = ground.states if number else _started(ground.states, ground.starts)
+    states = ground.states if number else _apply_start_poses(ground.states, ground.starts)
     if number:
-        states = mapped(states, ground.tree, ground.seats)
+        states = map_states(states, ground.tree, ground.seats)
     joints = dict(ground.names) if number else {name: name for name in ground.states.qd}
-    bare = efforts(without_ties(held(side.mechanism)), states, joints)
+    bare = evaluate_efforts(remove_ties(make_rigid_mechanism(side.mechanism)), states, joints)
     if side.dynamics is None:
         if side.unproven:
             return None
-        return _seen_by_first(Added({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
+        return _map_to_first(Added({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
     try:
-        whole = own_efforts(side, states, joints, ignored)
-        without = {name: own_efforts(side, states, joints, {*ignored, name}) for name in names if name in named(side)}
+        whole = evaluate_reader_efforts(side, states, joints, ignored)
+        without = {
+            name: evaluate_reader_efforts(side, states, joints, {*ignored, name})
+            for name in names
+            if name in list_feature_names(side)
+        }
     except InputError:
         return None
-    by_name = {name: _minus(whole, less) for name, less in without.items()}
-    return _seen_by_first(Added(_minus(whole, bare), by_name, whole), ground, number)
+    by_name = {name: _compute_effort_difference(whole, less) for name, less in without.items()}
+    return _map_to_first(Added(_compute_effort_difference(whole, bare), by_name, whole), ground, number)
 
 
-def _seen_by_first(added: Added, ground: Ground, number: int) -> Added:
+def _map_to_first(added: Added, ground: Ground, number: int) -> Added:
     """Efforts of B as efforts of A's coordinates."""
     if not number:
         return added
 
-    def back(found: Efforts) -> Efforts:
-        return mapped_back(found, ground.tree, ground.seats)
+    def map_back(found: Efforts) -> Efforts:
+        return map_efforts_back(found, ground.tree, ground.seats)
 
-    return Added(back(added.whole), {name: back(own) for name, own in added.by_name.items()}, back(added.scale))
+    return Added(
+        map_back(added.whole), {name: map_back(own) for name, own in added.by_name.items()}, map_back(added.scale)
+    )
 
 
-def _started(states: States, starts: Mapping[str, Placement]) -> States:
+def _apply_start_poses(states: States, starts: Mapping[str, Placement]) -> States:
     """States whose floating joints count from another pose."""
     poses = {
         joint: [on(starts[joint], one) for one in own] if joint in starts else own
@@ -137,7 +143,7 @@ def _started(states: States, starts: Mapping[str, Placement]) -> States:
     return replace(states, poses=poses)
 
 
-def starts_of(tree: Tree, changed: Tree) -> dict[str, Placement]:
+def find_start_poses(tree: Tree, changed: Tree) -> dict[str, Placement]:
     """Return by floating joint how its pose at zero in a changed tree stands in that of the tree [m]."""
     return {
         joint: on(inverse(tree.members[k].placement), changed.members[k].placement)
@@ -146,23 +152,23 @@ def starts_of(tree: Tree, changed: Tree) -> dict[str, Placement]:
     }
 
 
-def _minus(one: Efforts, other: Efforts) -> Efforts:
+def _compute_effort_difference(one: Efforts, other: Efforts) -> Efforts:
     return {name: one[name] - other[name] for name in one}
 
 
-def _share(one: Efforts, two: Efforts, first: Added, second: Added) -> Share:
+def _compute_feature_share(one: Efforts, two: Efforts, first: Added, second: Added) -> Share:
     scale = {k: np.maximum(np.abs(first.scale[k]), np.abs(second.scale[k])) for k in first.scale}
-    return share_of(one, two, scale)
+    return compute_effort_share(one, two, scale)
 
 
-def _of_name(
+def _find_feature_difference(
     name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[Added | None], tolerance: float,
     exact: bool,
 ) -> Difference | None:  # fmt: skip
     """The difference of the features of one name, None where there is none."""
     ours = [feature for feature in sides[0].features if feature.name == name]
     theirs = [feature for feature in sides[1].features if feature.name == name]
-    alike = _tables_agree(ours, theirs, joints)
+    alike = _has_equal_tables(ours, theirs, joints)
     felt = any(feature.felt for feature in [*ours, *theirs])
     one, two = added
     if alike and not (felt and exact):
@@ -171,13 +177,13 @@ def _of_name(
     effort: float | None = None
     if felt and one is not None and two is not None:
         none = {key: np.zeros_like(rows) for key, rows in one.scale.items()}
-        share, effort, _ = _share(one.by_name.get(name, none), two.by_name.get(name, none), one, two)
+        share, effort, _ = _compute_feature_share(one.by_name.get(name, none), two.by_name.get(name, none), one, two)
         if share <= tolerance and alike:
             return None
     elif alike:
         return None
     places = list(dict.fromkeys(feature.place for feature in ours or theirs))
-    shown = [_shown(some) for some in (ours, theirs)]
+    shown = [_describe_features(some) for some in (ours, theirs)]
     cause = name if ours and theirs else f"{name} that only {'A' if ours else 'B'} has"
     return Difference(
         FAMILY, cause, "; ".join(places[:SHOWN]), 1.0, "-", shown[0], shown[1], effect=effort, share=share
@@ -187,18 +193,18 @@ def _of_name(
 SHOWN = 4
 
 
-def _shown(features: list[Feature]) -> str:
+def _describe_features(features: list[Feature]) -> str:
     words = list(dict.fromkeys(feature.words for feature in features))
     more = f" and {len(words) - SHOWN} more" if len(words) > SHOWN else ""
     return "; ".join(words[:SHOWN]) + more if features else "none"
 
 
-def _tables_agree(ours: list[Feature], theirs: list[Feature], names: Mapping[str, str]) -> bool:
+def _has_equal_tables(ours: list[Feature], theirs: list[Feature], names: Mapping[str, str]) -> bool:
     """Compare the numbers of features, those of B with A's names of joints, in any order."""
     back = {b: a for a, b in names.items()}
-    waiting = [_row(feature, back) for feature in theirs]
+    waiting = [_make_feature_row(feature, back) for feature in theirs]
     for feature in ours:
-        row = _row(feature, {})
+        row = _make_feature_row(feature, {})
         like = next((other for other in waiting if _close(row, other)), None)
         if like is None:
             return False
@@ -209,13 +215,13 @@ def _tables_agree(ours: list[Feature], theirs: list[Feature], names: Mapping[str
 Row = tuple[tuple[str, ...], dict[str, Parameter]]
 
 
-def _row(feature: Feature, names: Mapping[str, str]) -> Row:
+def _make_feature_row(feature: Feature, names: Mapping[str, str]) -> Row:
     joints = tuple(names.get(name, name) for name in feature.joints)
-    numbers = {_renamed(key, feature.joints, names): value for key, value in feature.parameters.items()}
+    numbers = {_replace_joint_name(key, feature.joints, names): value for key, value in feature.parameters.items()}
     return joints, numbers
 
 
-def _renamed(key: str, joints: Iterable[str], names: Mapping[str, str]) -> str:
+def _replace_joint_name(key: str, joints: Iterable[str], names: Mapping[str, str]) -> str:
     for name in joints:
         if key.endswith(f"of {name}"):
             return key.removesuffix(name) + names.get(name, name)
@@ -225,10 +231,10 @@ def _renamed(key: str, joints: Iterable[str], names: Mapping[str, str]) -> str:
 def _close(one: Row, other: Row) -> bool:
     if one[0] != other[0] or set(one[1]) != set(other[1]):
         return False
-    return all(_equal(value, other[1][key]) for key, value in one[1].items())
+    return all(_is_equal_value(value, other[1][key]) for key, value in one[1].items())
 
 
-def _equal(one: Parameter, other: Parameter) -> bool:
+def _is_equal_value(one: Parameter, other: Parameter) -> bool:
     if isinstance(one, str) or isinstance(other, str):
         return one == other
     a = np.atleast_1d(np.asarray(one))
@@ -236,11 +242,11 @@ def _equal(one: Parameter, other: Parameter) -> bool:
     return a.shape == b.shape and bool(np.all(np.abs(a - b) <= CLOSE * np.maximum(np.abs(a), np.abs(b))))
 
 
-def ignored_words(sides: tuple[Description, Description], ignored: Iterable[str]) -> Iterator[str]:
+def describe_ignored(sides: tuple[Description, Description], ignored: Iterable[str]) -> Iterator[str]:
     """Yield in words what is left out of a comparison, and names that neither description has."""
     for name in ignored:
-        having = [label for label, side in zip("AB", sides, strict=True) if name in named(side)]
-        known = sorted(named(sides[0]) | named(sides[1]))
+        having = [label for label, side in zip("AB", sides, strict=True) if name in list_feature_names(side)]
+        known = sorted(list_feature_names(sides[0]) | list_feature_names(sides[1]))
         if having:
             yield f"left out: {name}, of {' and '.join(having)}"
         else:

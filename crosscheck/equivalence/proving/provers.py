@@ -23,7 +23,7 @@ OURS = ("toml", "kit", "live")  # formats in which a mechanism of ours is the so
 FIRST = ("pinocchio", "mujoco")
 
 
-def with_dynamics(description: Description) -> Description:
+def add_dynamics(description: Description) -> Description:
     """Return a description with an engine's own model of its file, or with the reason why there is none [-]."""
     if description.dynamics is not None or description.unproven:
         return description
@@ -34,7 +34,7 @@ def with_dynamics(description: Description) -> Description:
         return description
     refused: list[str] = []
     first: ReaderDynamics | None = None
-    for name, dynamics in _offering(description.format):
+    for name, dynamics in _list_offering_engines(description.format):
         try:
             found: ReaderDynamics = dynamics(description.file, description.mechanism)
         except InputError as error:
@@ -83,7 +83,7 @@ class Joined:
         return self.tied.closing(q, without)
 
 
-def _offering(kind: str) -> Iterator[tuple[str, Any]]:
+def _list_offering_engines(kind: str) -> Iterator[tuple[str, Any]]:
     """Yield engines that read a format and offer the dynamics of their model of it, those first that most use."""
     engines = {**ENGINES, **installed()}
     names = [*FIRST, *(name for name in engines if name not in FIRST and "-" not in name)]

@@ -39,7 +39,7 @@ class Ties:
     words: str = ""
 
 
-def prove_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collection[str]) -> Ties:
+def check_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collection[str]) -> Ties:
     """Hold a mechanism's closures against its reader's own equations [m], [rad]; without : names of features left out."""
     start = dynamics.start
     guess = mechanism.neutral if start is None else start
@@ -49,7 +49,7 @@ def prove_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collecti
     if not mechanism.closures:
         return Ties(HELD) if not len(theirs[0]) else Ties(LOST, f"it ties the tree by {len(theirs[0])} equations more")
     try:
-        places = _places(mechanism, guess)
+        places = _find_closed_configurations(mechanism, guess)
     except (ConvergenceError, InputError) as error:
         return Ties(UNJUDGED, f"closures: {error}")
     if not places:
@@ -57,37 +57,37 @@ def prove_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collecti
     for place in places:
         found = dynamics.closing(place, without)
         assert found is not None
-        if words := _apart(mechanism, place, *found):
+        if words := _describe_closure_gap(mechanism, place, *found):
             return Ties(LOST, words)
     return Ties(HELD)
 
 
-def _places(mechanism: Mechanism, guess: Array) -> list[Array]:
-    mesh = build(_rigid(mechanism))
+def _find_closed_configurations(mechanism: Mechanism, guess: Array) -> list[Array]:
+    mesh = build(_remove_applied_forces(mechanism))
     closed = build_start_follower(mesh).solve(guess)
     return [] if closed is None else [closed, *list_closed_nearby(mesh, closed)]
 
 
-def _rigid(mechanism: Mechanism) -> Mechanism:
+def _remove_applied_forces(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, springs=(), forces=())
 
 
-def _apart(mechanism: Mechanism, place: Array, residual: Array, jacobian: Array) -> str:
+def _describe_closure_gap(mechanism: Mechanism, place: Array, residual: Array, jacobian: Array) -> str:
     """In what the reader's equations differ at a closed place, in words; "" where they do not."""
-    mesh = build(_rigid(mechanism))
+    mesh = build(_remove_applied_forces(mechanism))
     left = float(np.abs(residual).max(initial=0.0))
     if not left <= OPEN * max(1.0, mesh.length):
         return f"where the mechanism is closed, its own equations are open by {left:.3g} m or rad"
     ours = build_start_follower(mesh).closures(place)[1]
-    one = _row_space(ours)
-    two = _row_space(jacobian * list_velocity_scales(mesh))
+    one = _compute_row_space(ours)
+    two = _compute_row_space(jacobian * list_velocity_scales(mesh))
     if len(one) != len(two):
         return f"its own equations leave {mechanism.nv - len(two)} freedoms, the mechanism's {mechanism.nv - len(one)}"
     gap = float(np.abs(one.T @ one - two.T @ two).max(initial=0.0))
     return f"its own equations leave other motions, turned by {gap:.3g}" if not gap <= TURNED else ""
 
 
-def _row_space(rows: Array) -> Array:
+def _compute_row_space(rows: Array) -> Array:
     """An orthonormal basis (rank, nv) [-] of the rows of a matrix, each of them of length one."""
     sizes = np.linalg.norm(rows, axis=1)
     rows = rows[sizes > 0.0] / sizes[sizes > 0.0, None]

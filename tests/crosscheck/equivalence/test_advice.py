@@ -10,9 +10,9 @@ from arm_texts import arm
 
 import crosscheck
 from crosscheck.equivalence.compare import compare
-from crosscheck.equivalence.hints import vector_hints
-from crosscheck.equivalence.output.advice import written
-from crosscheck.equivalence.output.text import markdown
+from crosscheck.equivalence.hints import describe_vector_change
+from crosscheck.equivalence.output.advice import describe_quantity
+from crosscheck.equivalence.output.text import render_markdown
 from crosscheck.linting.lint import lint
 
 UPPER = 'ixx="0.031" ixy="0.001" ixz="0.002" iyy="0.029" iyz="0.0005" izz="0.008"'
@@ -35,7 +35,7 @@ def lines(a: Path, b: Path) -> list[str]:
     ],
 )
 def test_what_a_slip_of_the_hand_looks_like(value: tuple[float, ...], before: tuple[float, ...], said: str) -> None:
-    assert "; ".join(vector_hints(np.array(value), np.array(before))) == said
+    assert "; ".join(describe_vector_change(np.array(value), np.array(before))) == said
 
 
 def test_digits_of_a_mass_that_were_exchanged(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_a_placeholder_is_what_to_mend(tmp_path: Path) -> None:
     assert found.suspects == "Of the numbers that differ 1 of B's look wrong by themselves: see what to write."
     said = [line for _, written in found.advice for line in written]
     assert said[0] == "mend B: upper, 0.1 kg m^2 about every axis: looks like a placeholder"
-    assert "mend B" in markdown(found)
+    assert "mend B" in render_markdown(found)
     assert compare(placeholder, arm(tmp_path)).suspects.startswith("Of the numbers that differ 1 of A's")
     ordinary = arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.5")), name="c.urdf")
     assert not any(line.startswith("mend") for line in lines(arm(tmp_path), ordinary))
@@ -90,7 +90,7 @@ def test_what_to_write_gives_the_other_file(tmp_path: Path) -> None:
     ],
 )
 def test_every_format_has_its_own_words(kind: str, cause: str, value: str, expected: str) -> None:
-    assert written(kind, cause, value) == expected
+    assert describe_quantity(kind, cause, value) == expected
 
 
 def test_what_is_written_into_a_toml_file_gives_the_other(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli import main
-from crosscheck.equivalence.beams.held import held, section_frame
+from crosscheck.equivalence.beams.held import evaluate_section_frame, make_rigid_mechanism
 from crosscheck.equivalence.result import Comparison
 from flexinv import joint_torques
 from flexinv.analysis.evaluation import build_rigid_trajectory
@@ -85,7 +85,7 @@ def test_a_case_kit_is_its_mechanism(tmp_path: Path) -> None:
 def test_a_link_that_bends_in_one_file_only(tmp_path: Path) -> None:
     """The other holds the beam's shape and masses: then that is all that differs."""
     arm = mechanism(ARM)
-    found = crosscheck.compare(arm, replace(held(arm), name="held"))
+    found = crosscheck.compare(arm, replace(make_rigid_mechanism(arm), name="held"))
     assert named(found) == [("link that bends in A only", "link forearm")]
 
 
@@ -104,10 +104,10 @@ def test_a_held_mechanism_has_the_torques_of_a_mesh_that_does_not_bend(name: str
     wrench = build_rigid_trajectory(mesh, compute_rigid_motion(mesh, q, qd, qdd)).wrench
     nodes = [(mesh.joint_node[joint.name], joint.axis) for joint in flexible.joints]
     wanted = np.column_stack([wrench[:, node, 3:] @ axis for node, axis in nodes])
-    found = joint_torques(held(flexible), q, qd, qdd)
+    found = joint_torques(make_rigid_mechanism(flexible), q, qd, qdd)
     assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
     heavier = joint_torques(
-        held(flexible.with_body(flexible.beams[0].name, Body("more", Inertia(1e-3), 1.0))), q, qd, qdd
+        make_rigid_mechanism(flexible.with_body(flexible.beams[0].name, Body("more", Inertia(1e-3), 1.0))), q, qd, qdd
     )
     assert np.abs(heavier - wanted).max() > 1e-6 * np.abs(wanted).max()
 
@@ -116,6 +116,6 @@ def test_the_frame_at_the_end_of_an_arc() -> None:
     """A quarter circle of radius 2 m about z ends at (2, 2, 0), its tangent along y."""
     section = Section(np.array([0.0]), np.ones((1, 6)), np.ones(1), np.ones((1, 3)))
     arc = Beam(np.pi, section, curvature=np.array([0.0, 0.0, 0.5]), placement=Placement(np.array([1.0, 0.0, 0.0])))
-    end = section_frame(arc, None)
+    end = evaluate_section_frame(arc, None)
     assert end.position == pytest.approx([3.0, 2.0, 0.0], abs=1e-12)
     assert end.rotation[:, 0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)

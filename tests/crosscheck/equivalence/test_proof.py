@@ -20,7 +20,7 @@ import crosscheck
 from campaigns import mjcf_attributes as attributes
 from crosscheck.cli import main
 from crosscheck.equivalence.proof import HELD, LOST, PROVEN, SOURCE, UNPROVEN, prove
-from crosscheck.equivalence.proving.provers import with_dynamics
+from crosscheck.equivalence.proving.provers import add_dynamics
 from crosscheck.equivalence.result import Comparison
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
@@ -214,7 +214,7 @@ def test_a_mechanism_of_ours_is_the_source_itself(root: Path) -> None:
 
 
 def test_a_urdf_is_held_against_pinocchio(tmp_path: Path) -> None:
-    found = prove(with_dynamics(describe(arm(tmp_path, ('<mimic joint="grip"/>', "")))))
+    found = prove(add_dynamics(describe(arm(tmp_path, ('<mimic joint="grip"/>', "")))))
     assert found.state == PROVEN
     assert found.reader.startswith("Pinocchio")
     assert "MuJoCo" not in found.reader
@@ -222,7 +222,7 @@ def test_a_urdf_is_held_against_pinocchio(tmp_path: Path) -> None:
 
 def test_a_joint_that_mimics_another_is_held_against_mujoco(tmp_path: Path) -> None:
     """Pinocchio's parser leaves it independent: its model has no equation for it."""
-    found = with_dynamics(describe(arm(tmp_path)))
+    found = add_dynamics(describe(arm(tmp_path)))
     assert (prove(found).state, prove(found).reason) == (PROVEN, "")
     assert "its closures against MuJoCo" in prove(found).reader
     (closure,) = found.mechanism.closures
@@ -234,7 +234,7 @@ def test_a_joint_that_mimics_another_is_held_against_mujoco(tmp_path: Path) -> N
 def test_a_urdf_that_pinocchio_refuses_is_held_against_mujoco(tmp_path: Path) -> None:
     """Pinocchio's parser takes a joint of six axes at the root only."""
     edits = ('<joint name="elbow" type="revolute">', '<joint name="elbow" type="floating">')
-    found = with_dynamics(describe(arm(tmp_path, edits)))
+    found = add_dynamics(describe(arm(tmp_path, edits)))
     assert found.dynamics is None or prove(found).state in (PROVEN, LOST)
     assert (found.dynamics is None) == bool(found.unproven)
 
@@ -266,7 +266,7 @@ def test_a_difference_is_one_without_proof_too(tmp_path: Path) -> None:
 
 def test_a_reader_without_dynamics_is_not_proven(tmp_path: Path) -> None:
     found = replace(describe(arm(tmp_path)), reader="some reader")
-    assert prove(with_dynamics(found)).state == UNPROVEN
+    assert prove(add_dynamics(found)).state == UNPROVEN
 
 
 # --- what is left out, and what every output says --------------------------------------------------------------------

@@ -10,8 +10,8 @@ import pytest
 
 import crosscheck
 from crosscheck.equivalence import readers
-from crosscheck.equivalence.output.readers import sentence
-from crosscheck.equivalence.readers import by_readers
+from crosscheck.equivalence.output.readers import describe_agreement
+from crosscheck.equivalence.readers import compare_readers
 from crosscheck.equivalence.sources import describe
 
 CASES = Path(__file__).parents[2] / "data" / "cases"
@@ -24,7 +24,7 @@ LOOP = "c35_tree_loop.xml"
 )
 def test_an_mjcf_is_what_its_own_compiler_makes_of_it(name: str, joints: str, result: str) -> None:
     """What Pinocchio refuses (include), loses (replicate) or reads itself (the loop) is said in its own row."""
-    rows = by_readers(str(CASES / name), "mujoco,pinocchio")
+    rows = compare_readers(str(CASES / name), "mujoco,pinocchio")
     assert (rows[0].reader, rows[0].joints, rows[0].result) == ("mujoco", joints, "equal")
     assert [(row.reader, row.result) for row in rows][1:] == [("pinocchio", result)]
 
@@ -36,7 +36,7 @@ def test_a_reader_that_breaks_is_its_row_alone(monkeypatch: pytest.MonkeyPatch) 
         return describe(source, base)
 
     monkeypatch.setattr(readers, "describe", broken)
-    rows = by_readers(str(CASES / LOOP), "mujoco,pinocchio")
+    rows = compare_readers(str(CASES / LOOP), "mujoco,pinocchio")
     assert [row.result for row in rows] == ["equal", "cannot"]
     assert rows[1].words.endswith("the reader pinocchio fails: KeyError: 3")
 
@@ -48,7 +48,7 @@ def test_where_the_reference_refuses_the_next_reader_takes_its_place(monkeypatch
         return describe(source, base)
 
     monkeypatch.setattr(readers, "describe", broken)
-    rows = by_readers(str(CASES / LOOP))
+    rows = compare_readers(str(CASES / LOOP))
     assert [(row.reader, row.result) for row in rows if row.reader in ("mujoco", "pinocchio")] == [
         ("pinocchio", "equal"), ("mujoco", "cannot"),
     ]  # fmt: skip
@@ -59,9 +59,9 @@ def test_where_nobody_reads_it_every_row_says_why(monkeypatch: pytest.MonkeyPatc
         raise RuntimeError("no")
 
     monkeypatch.setattr(readers, "describe", broken)
-    rows = by_readers(str(CASES / LOOP), "mujoco,pinocchio")
+    rows = compare_readers(str(CASES / LOOP), "mujoco,pinocchio")
     assert [row.result for row in rows] == ["cannot", "cannot"]
-    assert sentence(rows) == "No reader reads it: mujoco, pinocchio."
+    assert describe_agreement(rows) == "No reader reads it: mujoco, pinocchio."
 
 
 CONNECT = '<connect name="loop" body1="coupler" body2="rocker" anchor="0.2 0 0"/>'

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED
 from crosscheck.equivalence.sources import describe
-from crosscheck.equivalence.tree import sum_of
+from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.rigid import moved
 from flexinv.model.mechanism import Inertia, Placement
 
@@ -116,7 +116,7 @@ def capped(folder: Path, name: str, com: tuple[float, float, float], merged: boo
     tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
     lower = Inertia(2.0, np.array(com), tensor)
     seat = Placement(np.array([float(x) for x in PLACE.split()]))
-    parts = [text_of("lower", sum_of([lower, moved(seat, cap)]) if merged else lower)]
+    parts = [text_of("lower", join_bodies([lower, moved(seat, cap)]) if merged else lower)]
     if not merged:
         parts += [text_of("cap", cap), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
         parts += [f'<origin xyz="{PLACE}"/></joint>']
@@ -196,7 +196,7 @@ def test_a_body_is_named_alone_whatever_names_and_order_the_bodies_have(tmp_path
         ("order", {"lower": LOWER_LINK, "plate": heavy, "cap": CAP}),
         ("names", {"lower": LOWER_LINK, "x": CAP, "y": heavy}),
         ("exchanged", {"lower": LOWER_LINK, "plate": CAP, "x": heavy}),
-        ("merged", {"lower": sum_of([LOWER_LINK, CAP]), "x": heavy}),
+        ("merged", {"lower": join_bodies([LOWER_LINK, CAP]), "x": heavy}),
     ):
         b = welded(tmp_path, f"{name}.urdf", bodies)
         ((cause, place, size),) = ((d.cause, d.place, d.size) for d in compare(a, b).differences)

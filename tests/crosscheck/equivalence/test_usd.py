@@ -143,7 +143,7 @@ def test_without_a_reader_it_is_said_what_to_install(tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match="python -m pip install usd-core"):
         describe(both(tmp_path)[1])
     (tmp_path / "arm.sdf").write_text("<sdf version='1.9'/>")
-    monkeypatch.setattr(sources, "_engines", dict)
+    monkeypatch.setattr(sources, "_collect_engines", dict)
     with pytest.raises(InputError, match=r"pip install --no-deps drake"):
         describe(tmp_path / "arm.sdf")
 
