@@ -14,17 +14,17 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import Judged
-from crosscheck.identification.causes.least_seen import by_name
-from crosscheck.identification.causes.name_causes import Remains, what_remains
-from crosscheck.identification.combinations import told_directions
-from crosscheck.identification.excitation import Proposal, proposed_motion
+from crosscheck.identification.causes.least_seen import describe_least_sizes
+from crosscheck.identification.causes.name_causes import Remains, find_remaining_causes
+from crosscheck.identification.combinations import count_narrowed_directions
+from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
-from crosscheck.identification.identify import Identified, blocks, identify, machine_of, read_of
-from crosscheck.identification.logs.header import time_of, time_unit
-from crosscheck.identification.logs.log import column_names, read_log
+from crosscheck.identification.identify import Identified, identify, judge_blocks, read_machine, read_of
+from crosscheck.identification.logs.header import find_time_column, find_time_unit
+from crosscheck.identification.logs.log import list_column_names, read_log
 from crosscheck.identification.page import write_page
-from crosscheck.identification.propose import proposed
+from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
 from flexinv.errors import FlexinvError, InputError
@@ -99,10 +99,10 @@ def command(
             causes = _causes(console, found, source, logs, hold_out) if asked else []
             if count is not None:
                 log = read_of(found.machine, _located(source, logs[:1])[0])
-                _table(console, f"{count} blocks in turn", blocks(machine_of(source), log, count))
+                _table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
             if seconds is not None:
                 log = read_of(found.machine, _located(source, logs[:1])[0])
-                _motion(console, proposed_motion(found.machine, found.fit, log, seconds), folder)
+                _motion(console, find_exciting_motion(found.machine, found.fit, log, seconds), folder)
             results = write_page(found, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
@@ -116,9 +116,9 @@ def _propose(console: Console, source: Path, log: str) -> None:
         if file.exists():
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
         path = _located(source, (log,))[0]
-        time = time_of(column_names(path))
-        unit = time_unit(time, read_log(path.partition("@")[0], time).spacing)
-        text = proposed(load_mechanism(source), read_log(path, time, unit[0]), time, unit)
+        time = find_time_column(list_column_names(path))
+        unit = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
+        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit[0]), time, unit)
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
@@ -146,7 +146,7 @@ def _located(folder: Path, logs: tuple[str, ...]) -> list[str]:
 def _say(console: Console, found: Identified) -> None:
     told = [row for row in found.parameters if row.identifiable]
     console.print(
-        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow {told_directions(found.fit)} "
+        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow {count_narrowed_directions(found.fit)} "
         "independent combinations of them; intervals hold 90 %",
         highlight=False,
         soft_wrap=True,
@@ -168,14 +168,14 @@ def _causes(
 ) -> list[tuple[str, Remains]]:
     out = []
     for log in _located(source, hold_out) or _located(source, logs[:1]):
-        rest = what_remains(found, read_of(found.machine, log), not hold_out)
+        rest = find_remaining_causes(found, read_of(found.machine, log), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)
         console.print(
             "what is smaller than this would hide in that log (– : nothing that was tried would be seen):", style="dim"
         )
-        for words in by_name(rest.least):
+        for words in describe_least_sizes(rest.least):
             console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
         out.append((Path(log).name, rest))
     return out

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import STEP, Fit, Problem
-from crosscheck.identification.readings import Machine, Run, friction, readings
+from crosscheck.identification.readings import Machine, Run, compute_friction, compute_readings
 
 Array = NDArray[np.float64]
 NOMINAL = 0.9
@@ -68,14 +68,14 @@ class Scatter:
 
     def at(self, rate: Array) -> Array:
         """Return s [unit of the channel] at rates (samples,) [rad/s], [m/s]."""
-        return np.asarray(np.sqrt(_shapes(rate, self.turn) @ [self.steady, self.near]))
+        return np.asarray(np.sqrt(_compute_rate_shapes(rate, self.turn) @ [self.steady, self.near]))
 
 
-def _shapes(rate: Array, turn: float) -> Array:
+def _compute_rate_shapes(rate: Array, turn: float) -> Array:
     return np.column_stack([np.ones_like(rate), 1.0 / (1.0 + (rate / turn) ** 2)])
 
 
-def scatter(rate: Array, held: Array, unsure: Array, agree: float, slowest: float) -> Scatter | None:
+def fit_scatter(rate: Array, held: Array, unsure: Array, agree: float, slowest: float) -> Scatter | None:
     """Return the scatter of the largest likelihood of residuals held (samples,) [unit of the channel], None if one s does.
 
     rate : (samples,) [rad/s], [m/s]; unsure : their standard deviations by the parameters; agree : samples that count as one [-]
@@ -85,24 +85,26 @@ def scatter(rate: Array, held: Array, unsure: Array, agree: float, slowest: floa
     if top == 0.0:
         return None
     turns = slowest * 2.0 ** np.arange(TURNS)
-    laws = [(*_likeliest(_shapes(rate, turn) * top, held, unsure), float(turn)) for turn in turns]
+    laws = [
+        (*_find_likeliest_scatter(_compute_rate_shapes(rate, turn) * top, held, unsure), float(turn)) for turn in turns
+    ]
     cost, (steady, near), turn = min(laws, key=lambda law: law[0])
-    alone = _likeliest(np.full((len(held), 1), top), held, unsure)[0]
+    alone = _find_likeliest_scatter(np.full((len(held), 1), top), held, unsure)[0]
     if (alone - cost) / agree < 2.0 * MORE:
         return None
     return Scatter(float(top * steady), float(top * near), turn)
 
 
-def _likeliest(shapes: Array, held: Array, unsure: Array) -> tuple[float, Array]:
+def _find_likeliest_scatter(shapes: Array, held: Array, unsure: Array) -> tuple[float, Array]:
     """Twice the least negative logarithm of the likelihood [-], and the parts of the shapes (samples, parts)."""
 
-    def cost(x: Array) -> tuple[float, Array]:
+    def compute_cost(x: Array) -> tuple[float, Array]:
         parts = shapes * np.exp(x)
         variance = unsure**2 + parts.sum(axis=1)
         return float(np.sum(np.log(variance) + held**2 / variance)), (1.0 / variance - held**2 / variance**2) @ parts
 
     count = shapes.shape[1]
-    found = minimize(cost, np.zeros(count), jac=True, bounds=[(np.log(LEAST), np.log(MOST))] * count)
+    found = minimize(compute_cost, np.zeros(count), jac=True, bounds=[(np.log(LEAST), np.log(MOST))] * count)
     return float(found.fun), np.exp(found.x)
 
 
@@ -115,20 +117,22 @@ class Margins:
 
 
 def predict(machine: Machine, found: Fit, margin: Margins, run: Run) -> Prediction:
-    """Return readings with 90 % bands [units of the channels] of a run; margin : of `margins`."""
-    value = readings(machine, run, machine.space.values(found.z))
-    own = _of_parameters(machine, found, run, value)
-    left = np.column_stack([s.at(v) for s, v in zip(margin.scatters, _rates(machine, run).T, strict=True)])
-    rest = np.sqrt(left**2 + _of_runs(machine, found, run) ** 2)
+    """Return readings with 90 % bands [units of the channels] of a run; margin : of `compute_margins`."""
+    value = compute_readings(machine, run, machine.space.values(found.z))
+    own = _compute_parameter_scatter(machine, found, run, value)
+    left = np.column_stack(
+        [s.at(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
+    )
+    rest = np.sqrt(left**2 + _compute_run_scatter(machine, found, run) ** 2)
     half = margin.factor * np.sqrt(own**2 + rest**2)
     return Prediction(run.name, run.time, value, value - half, value + half, own, rest, run.sliding)
 
 
-def margins(task: Problem, found: Fit) -> Margins:
+def compute_margins(task: Problem, found: Fit) -> Margins:
     """Return the scatter of each channel, and q [-] with which `HOLD` of the residuals of blocks left out lie inside."""
     machine = task.machine
-    rates = task.pick([_rates(machine, run) for run in task.runs])
-    extra = task.pick([_of_runs(machine, found, run) for run in task.runs])
+    rates = task.pick([_compute_channel_rates(machine, run) for run in task.runs])
+    extra = task.pick([_compute_run_scatter(machine, found, run) for run in task.runs])
     out = []
     factor = []
     for c, (channel, rate, more) in enumerate(zip(machine.channels, rates, extra, strict=True)):
@@ -136,7 +140,7 @@ def margins(task: Problem, found: Fit) -> Margins:
         unsure = found.unsure[c]
         slowest = machine.settings.still_rad_per_s
         known = channel.sense == "effort" and slowest > 0.0
-        law = scatter(rate, held, unsure, float(found.agree[c]), slowest) if known else None
+        law = fit_scatter(rate, held, unsure, float(found.agree[c]), slowest) if known else None
         out.append(law or Scatter(float(found.spread[c] ** 2)))
         sd = np.sqrt(unsure**2 + out[-1].at(rate) ** 2 + more**2)
         widest = WIDEST * found.block[c] / float(np.quantile(sd, USUAL))
@@ -144,7 +148,7 @@ def margins(task: Problem, found: Fit) -> Margins:
     return Margins(np.array(factor), tuple(out))
 
 
-def _rates(machine: Machine, run: Run) -> Array:
+def _compute_channel_rates(machine: Machine, run: Run) -> Array:
     """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts, of one that stands the least; else 0."""
     rate = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
@@ -156,18 +160,18 @@ def _rates(machine: Machine, run: Run) -> Array:
     return rate
 
 
-def _of_parameters(machine: Machine, found: Fit, run: Run, value: Array) -> Array:
+def _compute_parameter_scatter(machine: Machine, found: Fit, run: Run, value: Array) -> Array:
     slopes = []
     for k in range(len(found.z)):  # one prediction each; those of sensors and friction solve nothing anew
         ahead = found.z.copy()
         ahead[k] += STEP
-        slopes.append((readings(machine, run, machine.space.values(ahead)) - value) / STEP)
+        slopes.append((compute_readings(machine, run, machine.space.values(ahead)) - value) / STEP)
     j = np.stack(slopes, axis=-1)
     variance = np.einsum("tcp,pq,tcq->tc", j, found.covariance, j, optimize=True)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
+def _compute_run_scatter(machine: Machine, found: Fit, run: Run) -> Array:
     """Scatter of friction between runs, and what a joint holds while it stands, (samples, channels)."""
     values = machine.space.values(found.z)
     spacing = float(run.time[1] - run.time[0])
@@ -177,9 +181,9 @@ def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
             columns.append(np.zeros(len(run.time)))
             continue
         v = run.motion.qd[:, run.motion.names.index(channel.place)]
-        took = np.abs(friction(machine, channel.place, v, values)) / channel.ratio
+        took = np.abs(compute_friction(machine, channel.place, v, values)) / channel.ratio
         still = machine.settings.still_rad_per_s
-        dry = float(np.abs(friction(machine, channel.place, np.array([still]), values))[0]) / channel.ratio
+        dry = float(np.abs(compute_friction(machine, channel.place, np.array([still]), values))[0]) / channel.ratio
         stands = low_pass((np.abs(v) <= still).astype(float), spacing, machine.settings.bandwidth_Hz)
         columns.append(machine.settings.between_runs * took + np.clip(stands, 0.0, 1.0) * dry / NORMAL)
     return np.column_stack(columns)
@@ -204,7 +208,7 @@ class Judged:
     rms: float
 
 
-def explained(measured: Array, told: Array) -> float:
+def compute_explained_share(measured: Array, told: Array) -> float:
     """Return ``1 - sum(e^2) / sum((y - mean y)^2)`` [-]; the mean of e counts.  measured, told : (samples,) [any unit]"""
     return float(1.0 - np.sum((measured - told) ** 2) / np.sum((measured - measured.mean()) ** 2))
 
@@ -228,16 +232,16 @@ def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_
         inside = (y[u] >= told.low[u, c]) & (y[u] <= told.high[u, c])
         width = float(np.mean(told.high[u, c] - told.low[u, c])) / rms
         shares = (
-            explained(y[u], told.value[u, c]),
+            compute_explained_share(y[u], told.value[u, c]),
             1.0 - float(np.var(e) / np.var(y[u])),
-            explained(y[known], told.value[known, c]),
+            compute_explained_share(y[known], told.value[known, c]),
             float(inside.mean()),
         )
         out.append(Judged(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
     return out
 
 
-def judged(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[Judged]:
+def judge_predictions(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[Judged]:
     """Judge predictions of several runs, and all of them together where there are more [-]."""
     out = [row for run, told in some for row in judge(machine, run, told)]
     if len(some) < 2:

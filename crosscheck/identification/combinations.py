@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
 from crosscheck.identification.parameters import MASS, Key, Space
-from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, about_com, moved
+from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
 
 Array = NDArray[np.float64]
 STEP = 1e-6  # of the derivatives of mass, centre and inertia by the coordinates of a link
@@ -47,21 +47,21 @@ class Together:
     @property
     def words(self) -> str:
         """The same in a sentence [-]."""
-        others = " and ".join(_named(key) for key in self.others)
+        others = " and ".join(_describe_parameter(key) for key in self.others)
         return (
-            f"{_named(self.key)} cannot be told apart from {others}: all but {self.left:.1g} of what it changes in these logs "
+            f"{_describe_parameter(self.key)} cannot be told apart from {others}: all but {self.left:.1g} of what it changes in these logs "
             f"could be theirs; were they known, it would be known to ±{self.alone:.2g} {self.unit}"
         )
 
 
-def told_directions(found: Fit) -> int:
+def count_narrowed_directions(found: Fit) -> int:
     """Return the number of independent combinations that the logs narrow to `fit.TOLD` of their priors [-]."""
     return int((np.linalg.eigvalsh(found.covariance) < TOLD**2).sum())
 
 
-def combinations(space: Space, found: Fit) -> list[Together]:
+def list_combinations(space: Space, found: Fit) -> list[Together]:
     """Return the parameters [unit of each] that are told only together with others, at most `MOST` others each."""
-    keys, units, slope = _physical(space, found.z)
+    keys, units, slope = _convert_to_physical(space, found.z)
     width = np.linalg.norm(slope, axis=1)
     back = np.linalg.inv(slope / width[:, None])
     information = back.T @ (np.linalg.inv(found.covariance) - np.eye(len(found.z))) @ back
@@ -70,14 +70,14 @@ def combinations(space: Space, found: Fit) -> list[Together]:
     for k, key in enumerate(keys):
         if told[k] or information[k, k] < SHOWN:
             continue
-        others, left = _pursued(information, k)
+        others, left = _find_pursuit_columns(information, k)
         if others and left < 1.0 / (1.0 + information[k, k]) ** 0.5:
             alone = 1.645 * width[k] / np.sqrt(1.0 + information[k, k])
             out.append(Together(key, units[k], tuple(keys[j] for j in others), float(alone), left))
     return out
 
 
-def _pursued(information: Array, k: int) -> tuple[list[int], float]:
+def _find_pursuit_columns(information: Array, k: int) -> tuple[list[int], float]:
     """Return the columns that take most of column k of a Gram matrix, and the part that is left [-]."""
     others: list[int] = []
     whole = float(information[k, k])
@@ -88,7 +88,7 @@ def _pursued(information: Array, k: int) -> tuple[list[int], float]:
         for j in range(len(information)):
             if j == k or j in others or information[j, j] <= 0.0:
                 continue
-            now = _rest(information, k, [*others, j])
+            now = _compute_column_rest(information, k, [*others, j])
             if now < least:
                 best = j
                 least = now
@@ -99,14 +99,14 @@ def _pursued(information: Array, k: int) -> tuple[list[int], float]:
     return others, max(0.0, rest / whole)
 
 
-def _rest(information: Array, k: int, others: list[int]) -> float:
+def _compute_column_rest(information: Array, k: int, others: list[int]) -> float:
     """Return the part of column k beside the others, which keep their priors (the 1) [-]."""
     block = information[np.ix_(others, others)] + np.eye(len(others))
     beside = information[k, others]
     return float(information[k, k] - beside @ np.linalg.solve(block, beside))
 
 
-def _physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
+def _convert_to_physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
     """Return the parameters in physical quantities: what and where, units, derivatives by z (parameters, parameters)."""
     at = {p.key: k for k, p in enumerate(space.parameters)}
     keys: list[Key] = [p.key for p in space.parameters]
@@ -119,7 +119,8 @@ def _physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
         errors = np.array([space.parameters[k].error for k in here])
         x = errors * z[here]
         columns = [
-            (about_com(moved(factor, x + e)) - about_com(moved(factor, x - e))) / (2 * STEP)
+            (convert_to_com(move_mass_properties(factor, x + e)) - convert_to_com(move_mass_properties(factor, x - e)))
+            / (2 * STEP)
             for e in STEP * np.eye(len(NAMES))
         ]
         slope[np.ix_(here, here)] = np.column_stack(columns) * errors
@@ -129,5 +130,5 @@ def _physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
     return keys, units, slope
 
 
-def _named(key: Key) -> str:
+def _describe_parameter(key: Key) -> str:
     return f"{key[0]} of {key[1]}"

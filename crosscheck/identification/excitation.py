@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, jacobian, problem
+from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, Run, motion_of
-from crosscheck.identification.response import Measured, response
+from crosscheck.identification.readings import Machine, Run, compute_measured_motion
+from crosscheck.identification.response import Measured, build_response
 
 Array = NDArray[np.float64]
 HARMONICS = 5
@@ -38,21 +38,21 @@ class Proposal:
     words: list[str]
 
 
-def proposed_motion(machine: Machine, found: Fit, log: Log, seconds: float = 10.0) -> Proposal:
+def find_exciting_motion(machine: Machine, found: Fit, log: Log, seconds: float = 10.0) -> Proposal:
     """Return the best of some dozen bounded Fourier series of that duration [s], with what it would tell [-].
 
     log : its ranges and rates bound the motion where the mechanism states no limits [rad], [m]
     """
     random = np.random.default_rng(0)  # the same logs propose the same motion
-    seen = motion_of(machine, log)
-    bounds = [_bounds(machine, seen, k) for k in range(len(seen.names))]
+    seen = compute_measured_motion(machine, log)
+    bounds = [_find_motion_bounds(machine, seen, k) for k in range(len(seen.names))]
     shape = (len(seen.names), 2, HARMONICS)
     fine = np.arange(0.0, seconds, log.spacing)
     best = random.normal(size=shape)
-    least, after = _score(machine, found, best, seconds, bounds)
+    least, after = _compute_motion_score(machine, found, best, seconds, bounds)
     for k in range(CANDIDATES + REFINED):
         tried = random.normal(size=shape) if k < CANDIDATES else best + SHRINK * random.normal(size=shape)
-        score, variance = _score(machine, found, tried, seconds, bounds)
+        score, variance = _compute_motion_score(machine, found, tried, seconds, bounds)
         if score < least:
             best = tried
             least = score
@@ -64,13 +64,13 @@ def proposed_motion(machine: Machine, found: Fit, log: Log, seconds: float = 10.
              for k in news]  # fmt: skip
     left = [names[k] for k in range(len(names)) if np.sqrt(after[k]) >= TOLD]
     words += [f"no motion that was tried tells {', '.join(left)}"] if left else []
-    return Proposal(fine, seen.names, _series(best, fine, seconds, bounds)[0], words)
+    return Proposal(fine, seen.names, _evaluate_fourier_series(best, fine, seconds, bounds)[0], words)
 
 
 Bounds = tuple[float, float, float]  # middle, half range, largest rate
 
 
-def _bounds(machine: Machine, seen: Measured, k: int) -> Bounds:
+def _find_motion_bounds(machine: Machine, seen: Measured, k: int) -> Bounds:
     limits = machine.mechanism.joint_of[seen.names[k]].limits
     low = seen.q[:, k].min()
     high = seen.q[:, k].max()
@@ -81,7 +81,9 @@ def _bounds(machine: Machine, seen: Measured, k: int) -> Bounds:
     return float(low + high) / 2.0, ALLOWED * float(high - low) / 2.0, ALLOWED * float(rate)
 
 
-def _series(coefficients: Array, time: Array, seconds: float, bounds: list[Bounds]) -> tuple[Array, Array, Array]:
+def _evaluate_fourier_series(
+    coefficients: Array, time: Array, seconds: float, bounds: list[Bounds]
+) -> tuple[Array, Array, Array]:
     """Angles, rates and accelerations (samples, joints) of coefficients (joints, 2, harmonics), inside the bounds."""
     ramp = np.clip(np.minimum(time, seconds - time) / (RAMP * seconds), 0.0, 1.0)
     window = ramp**4 * (35.0 - 84.0 * ramp + 70.0 * ramp**2 - 20.0 * ramp**3)
@@ -97,20 +99,22 @@ def _series(coefficients: Array, time: Array, seconds: float, bounds: list[Bound
     return middle + q * size, qd * size, np.gradient(qd, spacing, axis=0) * size
 
 
-def _score(
+def _compute_motion_score(
     machine: Machine, found: Fit, coefficients: Array, seconds: float, bounds: list[Bounds]
 ) -> tuple[float, Array]:
     """Sum of log variances after the motion, and the variances (parameters,)."""
     time = np.arange(0.0, seconds, 1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz))
-    motion = Measured(time, tuple(machine.settings.joints), *_series(coefficients, time, seconds, bounds))
-    tell = response(machine.mechanism, machine.space, machine.settings, motion)
+    motion = Measured(
+        time, tuple(machine.settings.joints), *_evaluate_fourier_series(coefficients, time, seconds, bounds)
+    )
+    tell = build_response(machine.mechanism, machine.space, machine.settings, motion)
     moving = np.column_stack([
         np.ones(len(time), dtype=bool) if c.sense != "effort"
         else np.abs(motion.qd[:, motion.names.index(c.place)]) > machine.settings.still_rad_per_s
         for c in machine.channels
     ])  # fmt: skip
     run = Run("proposed", time, motion, tell, None, moving, moving)
-    slopes = jacobian(problem(machine, (run,)), found.z)
+    slopes = compute_jacobian(build_problem(machine, (run,)), found.z)
     precision = np.linalg.inv(found.covariance)
     for j, spread, agree in zip(slopes, found.spread, found.agree, strict=True):
         precision = precision + j.T @ j / (spread**2 * agree)

@@ -22,17 +22,19 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
     values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
     """
-    return low_pass_all(np.asarray(values, dtype=np.float64)[:, None], spacing, bandwidth)[:, 0]
+    return apply_low_pass_all(np.asarray(values, dtype=np.float64)[:, None], spacing, bandwidth)[:, 0]
 
 
-def low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
+def apply_low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
     """Return several signals (samples, signals) [any unit] without what is faster than the bandwidth [Hz], as `low_pass`."""
     asked = [(column.tobytes(), spacing, bandwidth) for column in np.asarray(values, dtype=np.float64).T]
     found = {key: _KEPT[key] for key in asked if key in _KEPT}
     new = [key for key in dict.fromkeys(asked) if key not in found]
     if new:
         found |= zip(
-            new, _forth_and_back(np.array([np.frombuffer(key[0]) for key in new]), spacing, bandwidth), strict=True
+            new,
+            _apply_zero_phase_filter(np.array([np.frombuffer(key[0]) for key in new]), spacing, bandwidth),
+            strict=True,
         )
     for key in dict.fromkeys(asked):  # those asked for last are the last to go
         _KEPT.pop(key, None)
@@ -42,9 +44,9 @@ def low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
     return np.column_stack([found[key] for key in asked])
 
 
-def _forth_and_back(x: Array, spacing: float, bandwidth: float) -> Array:
+def _apply_zero_phase_filter(x: Array, spacing: float, bandwidth: float) -> Array:
     """Signals (signals, samples)."""
-    sections, rest = _sections(spacing, bandwidth)
+    sections, rest = _build_filter_sections(spacing, bandwidth)
     count = x.shape[1]
     pad = min(count - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
     ahead = 2.0 * x[:, :1] - x[:, pad:0:-1]
@@ -57,25 +59,25 @@ def _forth_and_back(x: Array, spacing: float, bandwidth: float) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _sections(spacing: float, bandwidth: float) -> tuple[Array, Array]:
+def _build_filter_sections(spacing: float, bandwidth: float) -> tuple[Array, Array]:
     """Second-order sections, and their states in which the filter stands still on 1."""
     sections = np.asarray(butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos"))
     return sections, np.asarray(sosfilt_zi(sections))
 
 
-def lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
+def apply_lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
     """Return a signal after the second-order low-pass of a sensor, which stood still on its first value before.
 
     ``y'' + 2 damping w y' + w^2 y = w^2 x``, w = 2 pi frequency; exact for x that is linear between samples
 
     values : (samples,) [any unit]; spacing : [s]; frequency : [Hz]; damping : [-]
     """
-    b, a, rest = _sampled(spacing, frequency, damping)
+    b, a, rest = _build_sampled_filter(spacing, frequency, damping)
     return np.asarray(lfilter(b, a, values, zi=rest * values[0])[0])
 
 
 @lru_cache(maxsize=8)
-def _sampled(spacing: float, frequency: float, damping: float) -> tuple[Array, Array, Array]:
+def _build_sampled_filter(spacing: float, frequency: float, damping: float) -> tuple[Array, Array, Array]:
     """Numerator, denominator, and the state in which the filter stands still on 1."""
     w = 2.0 * np.pi * frequency
     numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * damping * w, w * w]), spacing, "foh")

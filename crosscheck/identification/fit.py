@@ -3,7 +3,7 @@
     z^ = argmin  sum_c sum_t (r_ct / s_c)^2 / n_c + |z|^2,   cov z = kappa (J^T J + 1)^-1
 
 z : coordinates that are standard normal before the log; r_ct : residual of channel c; s_c, n_c : standard deviation and samples
-that agree of its noise, `noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when one
+that agree of its noise, `compute_noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when one
 block of time after the other is left out than the formula says (median of what is told).
 """
 
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from crosscheck.identification.noise import Noise, noise
+from crosscheck.identification.noise import Noise, compute_noise
 from crosscheck.identification.parameters import KINDS
-from crosscheck.identification.readings import Machine, Run, readings
+from crosscheck.identification.readings import Machine, Run, compute_readings
 from flexinv.errors import InputError
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ class Problem:
     def predict(self, z: Array) -> list[Array]:
         """Return the readings (samples, channels) [units of the channels] of each run at z (parameters,) [-]."""
         values = self.machine.space.values(z)
-        return [readings(self.machine, run, values) for run in self.runs]
+        return [compute_readings(self.machine, run, values) for run in self.runs]
 
     def pick(self, arrays: list[Array]) -> list[Array]:
         """Return of each channel the samples that count, of all runs one after the other, (counted,) [any unit]."""
@@ -82,7 +82,9 @@ class Problem:
         return out
 
 
-def problem(machine: Machine, runs: tuple[Run, ...], chosen: tuple[NDArray[np.bool_], ...] | None = None) -> Problem:
+def build_problem(
+    machine: Machine, runs: tuple[Run, ...], chosen: tuple[NDArray[np.bool_], ...] | None = None
+) -> Problem:
     """Return runs [s] with the samples that count, by default those of the window in which the joints slide."""
     counted = tuple(run.counted for run in runs) if chosen is None else chosen
     every = tuple(
@@ -106,26 +108,26 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     count = len(task.machine.space.parameters)
     z = np.zeros(count) if start is None else start.copy()
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
-    measured = task.pick([_of(run) for run in task.runs])
-    z = _scanned(task, measured, z) if start is None else z
-    told = noise(_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
+    measured = task.pick([_read_measured(run) for run in task.runs])
+    z = _find_start_by_scan(task, measured, z) if start is None else z
+    told = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
     for _ in range(ROUNDS):
-        z, slopes = _minimum(task, measured, told.weight, z, mean, root)
+        z, slopes = _find_minimum(task, measured, told.weight, z, mean, root)
         last = told.weight
-        told = noise(_residuals(task, measured, z), slopes, root)
+        told = compute_noise(_compute_residuals(task, measured, z), slopes, root)
         if np.abs(told.weight / last - 1.0).max() < STEADY:
             break
-    return _posterior(task, z, slopes, told, root)
+    return _compute_posterior(task, z, slopes, told, root)
 
 
-def _scanned(task: Problem, measured: list[Array], z: Array) -> Array:
+def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array:
     """A start beyond valleys: natural frequencies that pass one of the motion's make the cost of stiffnesses rough."""
 
-    def left(x: Array) -> float:
+    def compute_cost(x: Array) -> float:
         told = task.pick(task.predict(x))
         return float(sum(np.log(np.mean((m - p) ** 2)) for m, p in zip(measured, told, strict=True)))
 
-    least = left(z)
+    least = compute_cost(z)
     for k, parameter in enumerate(task.machine.space.parameters):
         if not KINDS[parameter.kind].solved:
             continue
@@ -133,24 +135,24 @@ def _scanned(task: Problem, measured: list[Array], z: Array) -> Array:
         for step in SCAN:
             tried = center.copy()
             tried[k] += step
-            cost = left(tried)
+            cost = compute_cost(tried)
             if cost < least:
                 z = tried
                 least = cost
     return z
 
 
-def _residuals(task: Problem, measured: list[Array], z: Array) -> list[Array]:
+def _compute_residuals(task: Problem, measured: list[Array], z: Array) -> list[Array]:
     return [m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)]
 
 
-def _of(run: Run) -> Array:
+def _read_measured(run: Run) -> Array:
     if run.measured is None:
         raise InputError(f"{run.name}: it was read without its efforts, and nothing can be fitted to it")
     return run.measured
 
 
-def jacobian(task: Problem, z: Array) -> list[Array]:
+def compute_jacobian(task: Problem, z: Array) -> list[Array]:
     """Return the derivatives of what `Problem.pick` gives by z, (counted, parameters) [units of the channels] per channel."""
     level = task.pick(task.predict(z))
     columns = []
@@ -161,33 +163,35 @@ def jacobian(task: Problem, z: Array) -> list[Array]:
     return [np.column_stack([c[channel] for c in columns]) for channel in range(len(level))]
 
 
-def _minimum(
+def _find_minimum(
     task: Problem, measured: list[Array], weight: Array, z: Array, mean: Array, root: Array
 ) -> tuple[Array, list[Array]]:
     """The parameters of least cost, and the slopes there."""
     last: list[tuple[Array, list[Array]]] = []
 
-    def residual(x: Array) -> Array:
-        parts = [-w * r for w, r in zip(weight, _residuals(task, measured, x), strict=True)]
+    def compute_residual(x: Array) -> Array:
+        parts = [-w * r for w, r in zip(weight, _compute_residuals(task, measured, x), strict=True)]
         return np.concatenate([*parts, root @ (x - mean)])
 
-    def scaled(x: Array) -> Array:
-        last[:] = [(x.copy(), jacobian(task, x))]
+    def compute_scaled_jacobian(x: Array) -> Array:
+        last[:] = [(x.copy(), compute_jacobian(task, x))]
         return np.vstack([*(w * j for w, j in zip(weight, last[0][1], strict=True)), root])
 
-    found = least_squares(residual, z, scaled, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS)
+    found = least_squares(
+        compute_residual, z, compute_scaled_jacobian, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS
+    )
     x = np.asarray(found.x)
-    return x, last[0][1] if np.array_equal(last[0][0], x) else jacobian(task, x)
+    return x, last[0][1] if np.array_equal(last[0][0], x) else compute_jacobian(task, x)
 
 
-def _posterior(task: Problem, z: Array, slopes: list[Array], told: Noise, root: Array) -> Fit:
-    residual = _residuals(task, task.pick([_of(r) for r in task.runs]), z)
+def _compute_posterior(task: Problem, z: Array, slopes: list[Array], told: Noise, root: Array) -> Fit:
+    residual = _compute_residuals(task, task.pick([_read_measured(r) for r in task.runs]), z)
     scaled = [w * j for w, j in zip(told.weight, slopes, strict=True)]
     errors = [w * r for w, r in zip(told.weight, residual, strict=True)]
     hessian = sum((j.T @ j for j in scaled), root.T @ root)
-    label = task.pick([_blocks(task, run) for run in task.runs])
+    label = task.pick([_list_block_numbers(task, run) for run in task.runs])
     base = np.linalg.inv(hessian)
-    left_out, held, unsure = _leave_out(scaled, errors, label, hessian)
+    left_out, held, unsure = _solve_without_blocks(scaled, errors, label, hessian)
     scatter = (len(left_out) - 1) * np.var(left_out, axis=0)
     ratio = scatter / np.diag(base)
     told_of = np.sqrt(np.diag(base)) < HALF * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
@@ -195,10 +199,10 @@ def _posterior(task: Problem, z: Array, slopes: list[Array], told: Noise, root: 
     own = [h / w for h, w in zip(held, told.weight, strict=True)]
     sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, told.weight, strict=True)]
     block = np.array([np.sqrt(np.mean(h**2)) for h in own])
-    return Fit(z, _widened(base, kappa, root), told.spread, told.agree, kappa, block, tuple(own), tuple(sides))
+    return Fit(z, _scale_covariance(base, kappa, root), told.spread, told.agree, kappa, block, tuple(own), tuple(sides))
 
 
-def _widened(base: Array, kappa: float, root: Array) -> Array:
+def _scale_covariance(base: Array, kappa: float, root: Array) -> Array:
     """The covariance times kappa, in no direction wider than before the log: kappa and 1 where both are diagonal."""
     values, vectors = np.linalg.eigh(root @ base @ root.T)
     inner = vectors * np.minimum(1.0, kappa * values) @ vectors.T
@@ -206,13 +210,13 @@ def _widened(base: Array, kappa: float, root: Array) -> Array:
     return np.asarray(back @ inner @ back.T)
 
 
-def _blocks(task: Problem, run: Run) -> Array:
+def _list_block_numbers(task: Problem, run: Run) -> Array:
     """(samples, channels) number of the block of time that a sample belongs to."""
     number = np.floor((run.time - run.time[0]) / task.machine.settings.block_s) + 1e6 * task.runs.index(run)
     return np.repeat(number[:, None], len(task.machine.channels), axis=1)
 
 
-def _leave_out(
+def _solve_without_blocks(
     scaled: list[Array], errors: list[Array], label: list[Array], hessian: Array
 ) -> tuple[Array, list[Array], list[Array]]:
     """z without each block, less z (blocks, parameters); residuals of each block under the others' parameters, with variances.

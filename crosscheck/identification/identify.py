@@ -10,15 +10,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Margins, Prediction, judge, judged, margins, predict
-from crosscheck.identification.combinations import combinations
-from crosscheck.identification.fit import Fit, Problem, fit, problem
-from crosscheck.identification.logs.doubts import doubts, failures
+from crosscheck.identification.bands import (
+    Judged,
+    Margins,
+    Prediction,
+    compute_margins,
+    judge,
+    judge_predictions,
+    predict,
+)
+from crosscheck.identification.combinations import list_combinations
+from crosscheck.identification.fit import Fit, Problem, build_problem, fit
+from crosscheck.identification.logs.doubts import describe_log_doubts, describe_log_failures
 from crosscheck.identification.logs.log import Log, read_log
-from crosscheck.identification.parameters import space
+from crosscheck.identification.parameters import build_space
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
-from crosscheck.identification.table import Row, rows, untold
+from crosscheck.identification.table import Row, describe_unidentified, list_parameter_rows
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
@@ -53,7 +61,7 @@ class Identified:
         return predict(self.machine, self.fit, self.margin, make_run(self.machine, log, efforts=False))
 
 
-def machine_of(mechanism: Mechanism | str | Path, settings: IdentifyTable | None = None) -> Machine:
+def read_machine(mechanism: Mechanism | str | Path, settings: IdentifyTable | None = None) -> Machine:
     """Return a mechanism with its identify.toml [units of the parameters].
 
     mechanism : the folder that holds mechanism.toml and identify.toml, or a mechanism with its ``settings``
@@ -65,13 +73,13 @@ def machine_of(mechanism: Mechanism | str | Path, settings: IdentifyTable | None
                 f"identify: mechanism '{mechanism.name}' without settings, expected the folder that holds its identify.toml; "
                 "write crosscheck.identify('models/NAME', ...) or settings=read_settings(path, mechanism)"
             )
-        return Machine(mechanism, settings, space(mechanism, settings))
+        return Machine(mechanism, settings, build_space(mechanism, settings))
     folder = Path(
         path_of("mechanism", mechanism, "a folder that has a mechanism.toml and an identify.toml, or a Mechanism")
     )
     read = load_mechanism(folder)
     table = read_settings(folder.parent if folder.suffix == ".toml" else folder, read) if settings is None else settings
-    return Machine(read, table, space(read, table))
+    return Machine(read, table, build_space(read, table))
 
 
 def identify(
@@ -90,25 +98,25 @@ def identify(
             refuse(name, value, "a list of files, each a path or a Log", "logs=['run.csv']")
     if not logs:
         raise InputError("identify: no log, expected one at least; write logs=['run.csv']")
-    machine = machine_of(mechanism, settings)
+    machine = read_machine(mechanism, settings)
     given = [read_of(machine, log) for log in logs]
     held = [read_of(machine, log) for log in hold_out]
-    words = doubts(machine, given, held)
+    words = describe_log_doubts(machine, given, held)
     runs = tuple(make_run(machine, log) for log in given)
-    task = problem(machine, runs)
+    task = build_problem(machine, runs)
     found = fit(task)
-    q = margins(task, found)
-    table = rows(machine.space, found)
-    words += [*untold(table), *(one.words for one in combinations(machine.space, found))]
+    q = compute_margins(task, found)
+    table = list_parameter_rows(machine.space, found)
+    words += [*describe_unidentified(table), *(one.words for one in list_combinations(machine.space, found))]
 
-    def told_of(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:
+    def list_predictions(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:
         return [(run, predict(machine, found, q, run)) for run in some]
 
-    shown = told_of(runs)
-    others = told_of([make_run(machine, log) for log in held])
-    seen = judged(machine, shown)
-    unseen = judged(machine, others)
-    words = failures(machine, [*given, *held], [*seen, *unseen]) + words
+    shown = list_predictions(runs)
+    others = list_predictions([make_run(machine, log) for log in held])
+    seen = judge_predictions(machine, shown)
+    unseen = judge_predictions(machine, others)
+    words = describe_log_failures(machine, [*given, *held], [*seen, *unseen]) + words
     return Identified(machine, task, found, q, table, seen, unseen, shown, others, words)
 
 
@@ -117,7 +125,7 @@ def read_of(machine: Machine, log: Log | str | Path) -> Log:
     return log if isinstance(log, Log) else read_log(log, machine.settings.time, machine.settings.time_unit)
 
 
-def blocks(machine: Machine, log: Log, count: int) -> list[Judged]:
+def judge_blocks(machine: Machine, log: Log, count: int) -> list[Judged]:
     """Judge each of ``count`` equal blocks of the window [-] by a fit to the others, in turn, and pool them."""
     run = make_run(machine, log)
     first, last = machine.settings.window_s or (float(log.time[0]), float(log.time[-1]))
@@ -126,9 +134,9 @@ def blocks(machine: Machine, log: Log, count: int) -> list[Judged]:
     told = {name: np.full(run.sliding.shape, np.nan) for name in ("value", "low", "high", "parameters", "residual")}
     for start, end in pairwise(edges):
         inside = ((run.time >= start) & (run.time < end))[:, None]
-        task = problem(machine, (run,), (run.counted & ~inside,))
+        task = build_problem(machine, (run,), (run.counted & ~inside,))
         found = fit(task)
-        parts.append(predict(machine, found, margins(task, found), run))
+        parts.append(predict(machine, found, compute_margins(task, found), run))
         for name, values in told.items():
             values[inside[:, 0]] = getattr(parts[-1], name)[inside[:, 0]]
     whole = Prediction(run.name, run.time, **told, sliding=run.sliding)

@@ -37,39 +37,42 @@ class Noise:
         return 1.0 / (self.spread * np.sqrt(self.agree))
 
 
-def noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Array) -> Noise:
+def compute_noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Array) -> Noise:
     """Return the noise behind residuals [units of the channels].
 
     residuals : (counted,) per channel; slopes : (counted, parameters) by the parameters that were fitted to them
     root : square root of the precision of the priors (parameters, parameters)
     """
-    seen = [autocovariance(r) for r in residuals]
-    behind = [_alike(own) for own in seen]
+    seen = [compute_autocovariance(r) for r in residuals]
+    behind = [_take_positive_lags(own) for own in seen]
     lasting = np.array([r.mean() for r in residuals])
-    told = _noise(behind, lasting)
+    told = _build_noise(behind, lasting)
     spectra = [_Slopes.of(j) for j in slopes]
     for _ in range(ROUNDS):
         before = told
-        behind = [_alike(own + more) for own, more in zip(seen, _taken(behind, told, spectra, root), strict=True)]
-        told = _noise(behind, lasting)
+        behind = [
+            _take_positive_lags(own + more)
+            for own, more in zip(seen, _compute_absorbed_part(behind, told, spectra, root), strict=True)
+        ]
+        told = _build_noise(behind, lasting)
         if np.abs(told.weight / before.weight - 1.0).max() < STEADY:
             break
     return told
 
 
-def autocovariance(residual: Array) -> Array:
+def compute_autocovariance(residual: Array) -> Array:
     """Return ``sum_t r_t r_(t+l) / N`` of each lag l (samples,) [unit^2], r less its mean: a constant is no noise."""
     own = (residual - residual.mean())[:, None]
-    return _correlated(own, own) / len(own)
+    return _compute_correlation(own, own) / len(own)
 
 
-def agreeing(residual: Array) -> float:
+def count_agreeing_samples(residual: Array) -> float:
     """Return the number of neighbouring samples (samples,) that count as one [-]: 1 + 2 sum rho_l up to the first rho_l <= 0."""
-    own = _alike(autocovariance(residual))
+    own = _take_positive_lags(compute_autocovariance(residual))
     return _count(own) if own[0] > 0.0 else 1.0
 
 
-def _noise(behind: Sequence[Array], lasting: Array) -> Noise:
+def _build_noise(behind: Sequence[Array], lasting: Array) -> Noise:
     """Return the noise of samples and of logs: one that lasts through a log tells nothing of samples that agree."""
     spread = np.sqrt(np.array([own[0] for own in behind]) + lasting**2)
     return Noise(spread, np.array([_count(own) if own[0] > 0.0 else 1.0 for own in behind]))
@@ -79,7 +82,7 @@ def _count(alike: Array) -> float:
     return float(max(1.0, 2.0 * alike.sum() / alike[0] - 1.0))
 
 
-def _alike(own: Array) -> Array:
+def _take_positive_lags(own: Array) -> Array:
     """Lags up to the first that is not positive (lags,) [unit^2]."""
     return own[: max(1, int(np.argmax(own <= 0.0)) if (own <= 0.0).any() else len(own))]
 
@@ -98,7 +101,7 @@ class _Slopes:
     @classmethod
     def of(cls, slopes: Array) -> _Slopes:
         size = next_fast_len(2 * len(slopes), real=True)
-        return cls(slopes, size, _parts(np.fft.rfft(slopes, size, axis=0)))
+        return cls(slopes, size, _split_spectrum(np.fft.rfft(slopes, size, axis=0)))
 
     def spread(self, alike: Array) -> Array:
         """The covariance of the noise times slopes: its lags on both sides of each sample (counted, parameters) [unit^2]."""
@@ -111,7 +114,7 @@ class _Slopes:
         return np.asarray(all_of[: len(self.slopes)])
 
 
-def _taken(behind: Sequence[Array], told: Noise, slopes: Sequence[_Slopes], root: Array) -> list[Array]:
+def _compute_absorbed_part(behind: Sequence[Array], told: Noise, slopes: Sequence[_Slopes], root: Array) -> list[Array]:
     """Return the part of the autocovariance that the parameters take away, (samples,) per channel [unit^2]."""
     square = told.weight**2
     spread = [j.spread(own) for own, j in zip(behind, slopes, strict=True)]
@@ -122,18 +125,18 @@ def _taken(behind: Sequence[Array], told: Noise, slopes: Sequence[_Slopes], root
     out = []
     for w, j, s in zip(square, slopes, spread, strict=True):
         # The sums of both orders of a product are each other's complex conjugates: of their spectra only the real part is left.
-        both = 2.0 * w * np.einsum("fp,fp->f", j.spectrum @ covariance, _parts(np.fft.rfft(s, j.size, axis=0)))
+        both = 2.0 * w * np.einsum("fp,fp->f", j.spectrum @ covariance, _split_spectrum(np.fft.rfft(s, j.size, axis=0)))
         own = np.einsum("fp,fp->f", j.spectrum @ (covariance @ driven @ covariance), j.spectrum)
         out.append(np.fft.irfft(np.sum(np.split(both - own, 2), axis=0), j.size)[: len(s)] / len(s))
     return out
 
 
-def _parts(spectrum: NDArray[np.complex128]) -> Array:
+def _split_spectrum(spectrum: NDArray[np.complex128]) -> Array:
     """Real parts of a spectrum (frequencies, parameters), and the imaginary ones below them."""
     return np.vstack([spectrum.real, spectrum.imag])
 
 
-def _correlated(a: Array, b: Array) -> Array:
+def _compute_correlation(a: Array, b: Array) -> Array:
     """``sum_t a_t . b_(t+l)`` of each lag l (samples,)."""
     size = next_fast_len(2 * len(a), real=True)
     power = (np.fft.rfft(a, size, axis=0).conj() * np.fft.rfft(b, size, axis=0)).sum(axis=1)

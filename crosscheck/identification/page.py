@@ -13,7 +13,7 @@ from crosscheck.identification.bands import Judged, Prediction
 from crosscheck.identification.causes.name_causes import Remains
 from crosscheck.identification.identify import Identified
 from crosscheck.identification.readings import Machine, Run
-from crosscheck.identification.settings import LimitTable, matching
+from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
 from crosscheck.report import render
 from crosscheck.report.words import short
@@ -56,14 +56,14 @@ def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command
 
     causes : name of a log and what it shows beside the model
     """
-    study = study_of(found, causes)
+    study = build_study_row(found, causes)
     results = Results(now(), command, finished=True, machine=machine(), versions=versions(), studies=(study,))
     write(results, out / "results.json")
     render(results, out)
     return results
 
 
-def study_of(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyRow:
+def build_study_row(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyRow:
     """Return all that the page shows [unit of each]."""
     name = found.machine.mechanism.name
     told = sum(row.identifiable for row in found.parameters)
@@ -71,22 +71,28 @@ def study_of(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyR
     bandwidth = found.machine.settings.bandwidth_Hz
     text = TEXT.format(count=told, all=len(found.parameters), bandwidth=bandwidth, scatter=scatter)
     text = text.replace("\n", " ") + ("" if found.machine.settings.limits else UNJUDGED)
-    figures = [*_bands(found), *_spectra(found)]
-    tables = [_causes(causes), _untold(found.words), _parameters(found.parameters), _least(causes), _scatter(found)]
+    figures = [*_list_band_figures(found), *_list_spectrum_figures(found)]
+    tables = [
+        _build_cause_table(causes),
+        _build_doubt_table(found.words),
+        _build_parameter_table(found.parameters),
+        _build_least_table(causes),
+        _build_scatter_table(found),
+    ]
     return StudyRow(
         f"identify {name}",
         f"{name}, identified",
         text,
         COLUMNS,
-        tuple(_rows(found)),
+        tuple(_list_channel_rows(found)),
         figures=tuple(figures),
         tables=tuple(tables),
     )
 
 
-def verdict(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
+def judge_channel(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
     """Return verdict and message of a judged channel by the limits that are stated for it [-]."""
-    own = [limit for limit in limits if matching(limit.channel, [row.channel])]
+    own = [limit for limit in limits if list_matching_names(limit.channel, [row.channel])]
     if not own:
         return "skipped", "no limit is stated"
     broken = []
@@ -102,19 +108,19 @@ def verdict(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
     return ("deviation", "; ".join(broken)) if broken else ("within", "")
 
 
-def _rows(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_channel_rows(found: Identified) -> Iterator[dict[str, Any]]:
     limits = found.machine.settings.limits
     for part, some in (("held out", found.judged), ("identified from", found.seen)):
         judges = part == "held out" or not found.judged
         for row in some:
-            word, message = verdict(limits, row) if judges else ("skipped", "other logs judge")
+            word, message = judge_channel(limits, row) if judges else ("skipped", "other logs judge")
             yield vars(row) | {"part": part, "verdict": word, "message": message}
 
 
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _bands(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_band_figures(found: Identified) -> Iterator[dict[str, Any]]:
     """One figure per sensor: of the first log held out, or the first one."""
     run, told = (found.held or found.shown)[0]
     every = max(1, len(run.time) // POINTS)
@@ -122,7 +128,7 @@ def _bands(found: Identified) -> Iterator[dict[str, Any]]:
     for c, channel in enumerate(found.machine.channels):
         lines = {} if run.measured is None else {"measured": run.measured[:, c]}
         lines |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
-        curves = {n: {"x": time, "y": _digits(v[::every])} for n, v in lines.items()}
+        curves = {n: {"x": time, "y": _drop_digits(v[::every])} for n, v in lines.items()}
         held = "held out" if found.held else "which identified"
         yield {
             "title": f"{channel.name}: {run.name}, {held}",
@@ -132,7 +138,7 @@ def _bands(found: Identified) -> Iterator[dict[str, Any]]:
         }
 
 
-def _spectra(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_spectrum_figures(found: Identified) -> Iterator[dict[str, Any]]:
     """Amplitude spectra of what remains, each over the RMS of what was measured."""
     run, told = (found.held or found.shown)[0]
     if run.measured is None:
@@ -148,7 +154,7 @@ def _spectra(found: Identified) -> Iterator[dict[str, Any]]:
         amplitude = 2.0 * np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) / max(1.0, 0.5 * run.counted[:, c].sum())
         curves[channel.name] = {
             "x": frequency[kept][::every].round(4).tolist(),
-            "y": _digits(amplitude[kept][::every] / (np.std(whole[run.counted[:, c]]) + 1e-300)),
+            "y": _drop_digits(amplitude[kept][::every] / (np.std(whole[run.counted[:, c]]) + 1e-300)),
         }
     yield {
         "title": f"What remains, by frequency: {run.name}",
@@ -158,14 +164,14 @@ def _spectra(found: Identified) -> Iterator[dict[str, Any]]:
     }
 
 
-def _digits(values: Array) -> list[float]:
+def _drop_digits(values: Array) -> list[float]:
     return [float(f"{x:.5g}") for x in values]
 
 
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def _causes(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+def _build_cause_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     rows = []
     for log, rest in causes:
         rows += [
@@ -181,7 +187,7 @@ def _causes(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     return {"title": "Causes of what remains", "columns": columns, "rows": rows}
 
 
-def _least(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+def _build_least_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     rows = [
         {"log": log, "name": one.name, "place": one.place, "size": one.size if np.isfinite(one.size) else None, "unit": one.unit}
         for log, rest in causes
@@ -198,7 +204,7 @@ def _least(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     }
 
 
-def _parameters(table: Sequence[Row]) -> dict[str, Any]:
+def _build_parameter_table(table: Sequence[Row]) -> dict[str, Any]:
     columns = [
         ("parameter", "parameter", ""), ("place", "place", ""), ("value", "value", "unit"), ("interval", "90 % interval", ""),
         ("before", "before", "unit"), ("known", "90 % interval before", ""), ("ratio", "width over width before", "-"),
@@ -221,7 +227,7 @@ def _parameters(table: Sequence[Row]) -> dict[str, Any]:
     return {"title": "Parameters before and after", "columns": columns, "rows": rows}
 
 
-def _untold(words: Sequence[str]) -> dict[str, Any]:
+def _build_doubt_table(words: Sequence[str]) -> dict[str, Any]:
     return {
         "title": "What cannot be told, and what is doubtful",
         "columns": [("words", "in words", "")],
@@ -229,12 +235,12 @@ def _untold(words: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _scatter(found: Identified) -> dict[str, Any]:
+def _build_scatter_table(found: Identified) -> dict[str, Any]:
     """Mean and RMS error of every sensor in every log: how much runs differ beside what scatters inside of one."""
     rows = []
     for part, some in (("identified from", found.shown), ("held out", found.held)):
         for run, told in some:
-            rows += list(_errors(found.machine, part, run, told))
+            rows += list(_list_sensor_errors(found.machine, part, run, told))
     columns = [
         ("log", "log", ""), ("part", "log is", ""), ("channel", "sensor", ""), ("mean", "mean error", "unit"),
         ("rms", "RMS error", "unit"), ("unit", "unit", ""),
@@ -242,7 +248,7 @@ def _scatter(found: Identified) -> dict[str, Any]:
     return {"title": "From run to run", "columns": columns, "rows": rows}
 
 
-def _errors(machine: Machine, part: str, run: Run, told: Prediction) -> Iterator[dict[str, Any]]:
+def _list_sensor_errors(machine: Machine, part: str, run: Run, told: Prediction) -> Iterator[dict[str, Any]]:
     if run.measured is None:
         return
     for c, channel in enumerate(machine.channels):

@@ -11,9 +11,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.points import point_sensors
-from crosscheck.identification.pseudo_inertia import NAMES, believable, pseudo_inertia, upper_factor, widths
-from crosscheck.identification.settings import IdentifyTable, matching
+from crosscheck.identification.points import list_point_sensors
+from crosscheck.identification.pseudo_inertia import (
+    NAMES,
+    compute_prior_errors,
+    compute_pseudo_inertia,
+    compute_upper_factor,
+    make_plausible,
+)
+from crosscheck.identification.settings import IdentifyTable, list_matching_names
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
@@ -55,44 +61,46 @@ class Kind:
     solved: bool = False
 
 
-def _kind(name: str, unit: str, positive: bool, places: str, class_: str, slides: str = "", **more: object) -> Kind:
+def _make_kind(
+    name: str, unit: str, positive: bool, places: str, class_: str, slides: str = "", **more: object
+) -> Kind:
     return Kind(name, (unit, slides or unit), positive, places, class_, **more)  # type: ignore[arg-type]
 
 
 KINDS = {
     k.name: k
     for k in (
-        _kind(MASS, "-", False, "link", "mass properties"),
-        _kind("rotor inertia", "kg m^2", True, "joint", "drives", "kg", known=lambda j: j.rotor_inertia),
-        _kind("viscous friction", "N m s/rad", True, "joint", "friction", "N s/m", known=lambda j: j.damping),
-        _kind("coulomb friction", "N m", True, "joint", "friction", "N", known=lambda j: j.friction),
-        _kind("transition rate", "rad/s", True, "joint", "friction", "m/s"),
-        _kind("stribeck share", "-", False, "joint", "friction"),
-        _kind("stribeck rate", "rad/s", True, "joint", "friction", "m/s"),
-        _kind("friction asymmetry", "N m", False, "joint", "friction", "N"),
-        _kind("effort offset", "N m", False, "joint", "sensors", "N"),
+        _make_kind(MASS, "-", False, "link", "mass properties"),
+        _make_kind("rotor inertia", "kg m^2", True, "joint", "drives", "kg", known=lambda j: j.rotor_inertia),
+        _make_kind("viscous friction", "N m s/rad", True, "joint", "friction", "N s/m", known=lambda j: j.damping),
+        _make_kind("coulomb friction", "N m", True, "joint", "friction", "N", known=lambda j: j.friction),
+        _make_kind("transition rate", "rad/s", True, "joint", "friction", "m/s"),
+        _make_kind("stribeck share", "-", False, "joint", "friction"),
+        _make_kind("stribeck rate", "rad/s", True, "joint", "friction", "m/s"),
+        _make_kind("friction asymmetry", "N m", False, "joint", "friction", "N"),
+        _make_kind("effort offset", "N m", False, "joint", "sensors", "N"),
         *(
-            _kind(f"{sense} {name}", unit, positive, "joint" if sense == "effort" else sense, "sensors")
+            _make_kind(f"{sense} {name}", unit, positive, "joint" if sense == "effort" else sense, "sensors")
             for sense in ("effort", "gauge", *ZEROS)
             for name, unit, positive in (("gain", "-", True), ("delay", "s", False), ("lag", "s", True))
         ),
-        _kind("gauge zero", "rad", False, "gauge", "sensors"),
-        _kind("gauge slope", "rad/rad", False, "gauge", "sensors"),
-        *(_kind(f"{sense} zero", unit, False, sense, "sensors") for sense, unit in ZEROS.items()),
-        _kind(
+        _make_kind("gauge zero", "rad", False, "gauge", "sensors"),
+        _make_kind("gauge slope", "rad/rad", False, "gauge", "sensors"),
+        *(_make_kind(f"{sense} zero", unit, False, sense, "sensors") for sense, unit in ZEROS.items()),
+        _make_kind(
             "joint stiffness", "N m/rad", True, "any joint", "drives", "N/m", known=lambda j: j.stiffness, solved=True
         ),
-        _kind(
+        _make_kind(
             "joint damping", "N m s/rad", True, "any joint", "drives", "N s/m", known=lambda j: j.damping, solved=True
         ),
-        _kind("place x", "m", True, "any joint", "beams", solved=True),
-        _kind("beam stiffness", "-", True, "beam", "beams", solved=True),
-        _kind("torsion stiffness", "-", True, "beam", "beams", solved=True),
-        _kind("beam damping", "s", True, "beam", "beams", solved=True),
-        _kind("beam length", "m", True, "beam", "beams", solved=True),
-        _kind("spring force", "-", True, "spring", "drives"),
-        _kind("gravity tilt x", "rad", False, "world", "sensors"),
-        _kind("gravity tilt y", "rad", False, "world", "sensors"),
+        _make_kind("place x", "m", True, "any joint", "beams", solved=True),
+        _make_kind("beam stiffness", "-", True, "beam", "beams", solved=True),
+        _make_kind("torsion stiffness", "-", True, "beam", "beams", solved=True),
+        _make_kind("beam damping", "s", True, "beam", "beams", solved=True),
+        _make_kind("beam length", "m", True, "beam", "beams", solved=True),
+        _make_kind("spring force", "-", True, "spring", "drives"),
+        _make_kind("gravity tilt x", "rad", False, "world", "sensors"),
+        _make_kind("gravity tilt y", "rad", False, "world", "sensors"),
     )
 }
 
@@ -141,7 +149,7 @@ class Space:
         return [f"{p.kind} of {p.place}" for p in self.parameters]
 
 
-def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
+def build_space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
     """Return the free parameters with what is known before [units of the parameters].
 
     Raises InputError: unknown kind, no such place, free twice, nothing known of what is positive.
@@ -149,9 +157,9 @@ def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
     parameters: dict[Key, Parameter] = {}
     factors: dict[str, Array] = {}
     for free in settings.free:
-        kind = _kind_of(free.parameter)
-        names = places(mechanism, settings, kind)
-        chosen = matching(free.place, names)
+        kind = _find_kind(free.parameter)
+        names = list_places(mechanism, settings, kind)
+        chosen = list_matching_names(free.place, names)
         if not chosen:
             expected = f"one of {', '.join(names)}" if names else f"a mechanism that has a place for it ({kind.places})"
             raise InputError(
@@ -162,24 +170,24 @@ def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
             made: list[Parameter]
             if kind.name == MASS:
                 link = mechanism.link_of[place]
-                ten = believable(compute_link_parameters(link), settings.least_radius_m)
-                factors[place] = upper_factor(pseudo_inertia(ten))
-                errors = widths(factors[place], free.relative or free.error or 0.0)
+                ten = make_plausible(compute_link_parameters(link), settings.least_radius_m)
+                factors[place] = compute_upper_factor(compute_pseudo_inertia(ten))
+                errors = compute_prior_errors(factors[place], free.relative or free.error or 0.0)
                 made = [Parameter(MASS, f"{place}.{n}", "-", 0.0, e, False) for n, e in zip(NAMES, errors, strict=True)]
             else:
-                made = [_one(mechanism, settings, kind, place, free.value, free.relative, free.error)]
+                made = [_make_parameter(mechanism, settings, kind, place, free.value, free.relative, free.error)]
             parameters |= {p.key: p for p in made}
     return Space(tuple(parameters.values()), factors)
 
 
-def _kind_of(name: str) -> Kind:
+def _find_kind(name: str) -> Kind:
     if name in KINDS:
         return KINDS[name]
     hint = ELSEWHERE.get(name, f'write parameter = "{find_nearest_word(name, list(KINDS)) or MASS}"')
     raise InputError(f"identify.toml, [[free]]: parameter {name!r}, expected one of {', '.join(KINDS)}; {hint}")
 
 
-def places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[str]:
+def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[str]:
     """Return the places at which a kind of parameter may be free [-]."""
     return {
         "joint": [j.name for j in mechanism.joints if j.name in settings.joints],
@@ -190,12 +198,12 @@ def places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[st
         "beam": [link.name for link in mechanism.beams],
         "spring": [s.name for s in mechanism.springs],
         "gauge": list(settings.gauges),
-        **{kind: [one.place for one in point_sensors(settings) if one.kind == kind] for kind in ZEROS},
+        **{kind: [one.place for one in list_point_sensors(settings) if one.kind == kind] for kind in ZEROS},
         "world": ["world"],
     }[kind.places]
 
 
-def _one(
+def _make_parameter(
     mechanism: Mechanism,
     settings: IdentifyTable,
     kind: Kind,
@@ -207,7 +215,7 @@ def _one(
     joint = mechanism.joint_of.get(place)
     slides = joint is not None and joint.kind == "prismatic"
     unit = kind.unit[slides]
-    known = before(mechanism, settings, kind, place) if value is None else value
+    known = find_prior_value(mechanism, settings, kind, place) if value is None else value
     if kind.positive and known <= 0.0:
         raise InputError(
             f"identify.toml, [[free]] {kind.name} of {place}: nothing is known of it before (the mechanism says 0), expected "
@@ -221,7 +229,7 @@ def _one(
     )
 
 
-def before(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str) -> float:
+def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str) -> float:
     """Return the value of a parameter in the mechanism [unit of the parameter]."""
     joint = mechanism.joint_of.get(place)
     if kind.name in ("transition rate", "stribeck rate"):
@@ -241,10 +249,10 @@ def before(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str
     return kind.known(joint) if joint is not None else 0.0
 
 
-def with_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
+def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
     """Return the mechanism with those values [units of the parameters] that time integration has to know."""
 
-    def joint_with(joint: Joint) -> Joint:
+    def apply_joint_values(joint: Joint) -> Joint:
         changes: dict[str, object] = {}
         for kind, name in (("joint stiffness", "stiffness"), ("joint damping", "damping")):
             if (kind, joint.name) in values:
@@ -269,4 +277,4 @@ def with_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
             beam = replace(beam, length=length, section=replace(section, stiffness=stiff, damping=damping))
             link = replace(link, beam=beam)
         links.append(link)
-    return replace(mechanism, joints=tuple(joint_with(j) for j in mechanism.joints), links=tuple(links))
+    return replace(mechanism, joints=tuple(apply_joint_values(j) for j in mechanism.joints), links=tuple(links))

@@ -41,7 +41,7 @@ class PointSensor:
         return f"{self.name}.{'xyz'[self.axis]}"
 
 
-def point_sensors(settings: IdentifyTable) -> tuple[PointSensor, ...]:
+def list_point_sensors(settings: IdentifyTable) -> tuple[PointSensor, ...]:
     """Return the axes of markers, then of accelerometers, in the order of identify.toml [-]."""
     return tuple(
         PointSensor(kind, name, "xyz".index(axis), column)
@@ -51,14 +51,18 @@ def point_sensors(settings: IdentifyTable) -> tuple[PointSensor, ...]:
     )
 
 
-def with_points(mechanism: Mechanism, settings: IdentifyTable) -> Mechanism:
+def add_sensor_bodies(mechanism: Mechanism, settings: IdentifyTable) -> Mechanism:
     """Return the mechanism with a body without mass [kg] at each sensor: the mesh has a node there."""
 
-    def carrying(link: Link) -> Link:
-        own = tuple(_body(kind, name, table) for kind, name, table in _tables(settings) if table.link == link.name)
+    def add_to_link(link: Link) -> Link:
+        own = tuple(
+            _make_sensor_body(kind, name, table)
+            for kind, name, table in _list_sensor_tables(settings)
+            if table.link == link.name
+        )
         return replace(link, bodies=(*link.bodies, *own)) if own else link
 
-    return replace(mechanism, links=tuple(carrying(link) for link in mechanism.links))
+    return replace(mechanism, links=tuple(add_to_link(link) for link in mechanism.links))
 
 
 @dataclass(frozen=True)
@@ -75,43 +79,43 @@ class PointMotion:
     felt: NDArray[np.bool_]
 
     @classmethod
-    def nowhere(cls, samples: int) -> PointMotion:
+    def make_empty(cls, samples: int) -> PointMotion:
         """Return the motion of no sensors, of so many samples [-]."""
         return cls(np.zeros((samples, 0)), np.zeros((samples, 0)), np.zeros((samples, 0, 3)), np.zeros(0, dtype=bool))
 
-    def readings(self, gravity: Array) -> Array:
+    def compute_readings(self, gravity: Array) -> Array:
         """Return the readings of the sensors (samples, sensors) [m], [m/s^2] under gravity (3,) [m/s^2]."""
         return np.where(self.felt, self.a - self.axis @ gravity, self.x)
 
 
-def point_motion(settings: IdentifyTable, mesh: Mesh, nodes: NodalMotion) -> PointMotion:
-    """Return the motion of the sensors of a mechanism that `with_points` has given nodes for them [m], [m/s^2]."""
-    sensors = point_sensors(settings)
+def build_point_motion(settings: IdentifyTable, mesh: Mesh, nodes: NodalMotion) -> PointMotion:
+    """Return the motion of the sensors of a mechanism that `add_sensor_bodies` has given nodes for them [m], [m/s^2]."""
+    sensors = list_point_sensors(settings)
     samples = len(nodes.x)
     x, a = np.zeros((2, samples, len(sensors)))
     axis = np.zeros((samples, len(sensors), 3))
     for k, sensor in enumerate(sensors):
         table = getattr(settings, TABLES[sensor.kind])[sensor.name]
-        node = mesh.body_node[table.link, _name(sensor.kind, sensor.name)]
-        axis[:, k] = nodes.rotation[:, node] @ _placement(table).rotation[:, sensor.axis]
+        node = mesh.body_node[table.link, _make_sensor_name(sensor.kind, sensor.name)]
+        axis[:, k] = nodes.rotation[:, node] @ _read_sensor_placement(table).rotation[:, sensor.axis]
         x[:, k] = nodes.x[:, node, sensor.axis]
         a[:, k] = np.einsum("ti,ti->t", axis[:, k], nodes.a[:, node])
     return PointMotion(x, a, axis, np.array([sensor.kind == "accelerometer" for sensor in sensors], dtype=bool))
 
 
-def _tables(settings: IdentifyTable) -> Iterator[tuple[Kind, str, MarkerTable | AccelerometerTable]]:
+def _list_sensor_tables(settings: IdentifyTable) -> Iterator[tuple[Kind, str, MarkerTable | AccelerometerTable]]:
     for kind, tables in TABLES.items():
         for name, table in getattr(settings, tables).items():
             yield kind, name, table
 
 
-def _body(kind: Kind, name: str, table: MarkerTable | AccelerometerTable) -> Body:
-    return Body(_name(kind, name), Inertia(0.0, _placement(table).position), table.station)
+def _make_sensor_body(kind: Kind, name: str, table: MarkerTable | AccelerometerTable) -> Body:
+    return Body(_make_sensor_name(kind, name), Inertia(0.0, _read_sensor_placement(table).position), table.station)
 
 
-def _placement(table: MarkerTable | AccelerometerTable) -> Placement:
+def _read_sensor_placement(table: MarkerTable | AccelerometerTable) -> Placement:
     return read_placement(table, Location(Path(FILE)))
 
 
-def _name(kind: Kind, name: str) -> str:
+def _make_sensor_name(kind: Kind, name: str) -> str:
     return f"{kind} {name}"

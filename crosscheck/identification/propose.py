@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.logs.header import Column, Found, columns_of
+from crosscheck.identification.logs.header import Column, Found, match_joint_columns
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.errors import InputError
@@ -32,13 +32,15 @@ LIMITS = """
 # coverage = [0.8, 0.97]"""
 
 
-def proposed(mechanism: Mechanism, log: Log, time: str = "time_s", unit: tuple[str, str] = ("s", "")) -> str:
+def format_identify_toml(
+    mechanism: Mechanism, log: Log, time: str = "time_s", unit: tuple[str, str] = ("s", "")
+) -> str:
     """Return the text of a first identify.toml [unit of each key]; time, unit : column of times, its unit and a doubt about it.
 
     Raises InputError where no column is an angle of a joint.
     """
     joints = [j for j in mechanism.joints if j.nv == 1 and j.actuated] or [j for j in mechanism.joints if j.nv == 1]
-    columns = columns_of(joints, log.columns)
+    columns = match_joint_columns(joints, log.columns)
     found = {j.name: own for j in joints if "angle" in (own := columns.get(j.name, {}))}
     if not found:
         raise InputError(
@@ -46,46 +48,51 @@ def proposed(mechanism: Mechanism, log: Log, time: str = "time_s", unit: tuple[s
             f"{', '.join(list(log.columns)[:40])}; write {joints[0].name if joints else 'q1'}_rad or _deg into the header"
         )
     lost = [j.name for j in joints if j.name not in found]
-    head = _head(log, found, time, unit)
-    return "\n".join([*head, *_joints(mechanism, found, lost), *_free(mechanism, log, found), LIMITS]) + "\n"
+    head = _format_head(log, found, time, unit)
+    return (
+        "\n".join(
+            [*head, *_format_joint_tables(mechanism, found, lost), *_format_free_tables(mechanism, log, found), LIMITS]
+        )
+        + "\n"
+    )
 
 
-def _head(log: Log, found: Found, time: str, unit: tuple[str, str]) -> Iterator[str]:
-    rate = max(rate for rate, _ in _quickest(log, found).values())
+def _format_head(log: Log, found: Found, time: str, unit: tuple[str, str]) -> Iterator[str]:
+    rate = max(rate for rate, _ in _find_peak_rates(log, found).values())
     yield f"format = {FORMAT}"
     yield f"source = {json.dumps(f'proposed for {log.name} by crosscheck identify --propose: read every line')}"
     if time != "time_s":
         yield f"time = {json.dumps(time)}"
     if unit[0] != "s" or unit[1]:
         yield f'time_unit = "{unit[0]}"' + (f"   # {unit[1]}" if unit[1] else "")
-    yield f"bandwidth_Hz = {_bandwidth(log):.3g}      # above it nothing is compared"
+    yield f"bandwidth_Hz = {_choose_bandwidth(log):.3g}      # above it nothing is compared"
     yield f"still_rad_per_s = {QUICK * rate:.2g}   # slower than this a joint stands"
     yield f"block_s = {max(0.5, (log.time[-1] - log.time[0]) / 8.0):.3g}"
 
 
-def _bandwidth(log: Log) -> float:
+def _choose_bandwidth(log: Log) -> float:
     return min(10.0, 0.1 / log.spacing)
 
 
-def _quickest(log: Log, found: Found) -> dict[str, tuple[float, float]]:
+def _find_peak_rates(log: Log, found: Found) -> dict[str, tuple[float, float]]:
     """Largest rates [rad/s], [m/s] and accelerations [1/s of these], but for the quickest hundredth of the samples."""
     out = {}
     for name, own in found.items():
-        angle = low_pass(log.column(own["angle"].name), log.spacing, _bandwidth(log)) * ANGLES[own["angle"].unit]
+        angle = low_pass(log.column(own["angle"].name), log.spacing, _choose_bandwidth(log)) * ANGLES[own["angle"].unit]
         rate = np.gradient(angle, log.spacing)
         both = [float(np.quantile(np.abs(x), 0.99)) for x in (rate, np.gradient(rate, log.spacing))]
         out[name] = (max(both[0], 1e-9), max(both[1], 1e-9))
     return out
 
 
-def _joints(mechanism: Mechanism, found: Found, lost: list[str]) -> Iterator[str]:
+def _format_joint_tables(mechanism: Mechanism, found: Found, lost: list[str]) -> Iterator[str]:
     for name, own in found.items():
         drive = mechanism.joint_of[name].drive
-        yield f"\n[joints.{_key(name)}]"
+        yield f"\n[joints.{_format_key(name)}]"
         for kind, column in own.items():
             words = f'column = {json.dumps(column.name)}, unit = "{column.unit}"'
             doubts = [column.why] if column.why else []
-            if kind == "effort" and _at_motor(column) and drive is not None and drive.ratio != 1.0:
+            if kind == "effort" and _is_at_motor(column) and drive is not None and drive.ratio != 1.0:
                 words += ', side = "motor"'
             if kind == "effort" and column.unit == "A" and (drive is None or not drive.torque_constant):
                 words += ", constant_Nm_per_A = 1.0"
@@ -95,13 +102,13 @@ def _joints(mechanism: Mechanism, found: Found, lost: list[str]) -> Iterator[str
         yield f"\n# no column was found for the angle of: {', '.join(lost)}"
 
 
-def _at_motor(column: Column) -> bool:
+def _is_at_motor(column: Column) -> bool:
     return "motor" in column.name.lower()
 
 
-def _free(mechanism: Mechanism, log: Log, found: Found) -> Iterator[str]:
-    yield from _masses(mechanism)
-    quickest = _quickest(log, found)
+def _format_free_tables(mechanism: Mechanism, log: Log, found: Found) -> Iterator[str]:
+    yield from _format_mass_tables(mechanism)
+    quickest = _find_peak_rates(log, found)
     for name, own in found.items():
         if "effort" not in own:
             continue
@@ -109,7 +116,7 @@ def _free(mechanism: Mechanism, log: Log, found: Found) -> Iterator[str]:
         column = own["effort"]
         rate, acceleration = quickest[name]
         spread = float(np.std(log.column(column.name))) * EFFORTS[column.unit]
-        small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _at_motor(column) else 1.0)
+        small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _is_at_motor(column) else 1.0)
         known = {
             "viscous friction": (joint.damping, small / rate),
             "coulomb friction": (joint.friction, small),
@@ -118,37 +125,43 @@ def _free(mechanism: Mechanism, log: Log, found: Found) -> Iterator[str]:
         for kind, (value, first) in known.items():
             width = KNOWN if kind != "rotor inertia" else 0.1
             start = f"value = {max(first, 1e-9):.3g}   # the mechanism has none: a small part of the effort\n"
-            yield from _table(kind, [name], f"relative = {width}" if value > 0.0 else f"{start}relative = {UNKNOWN}")
-        yield from _table("effort offset", [name], f"error = {max(0.1 * spread, 1e-9):.3g}")
+            yield from _format_free_table(
+                kind, [name], f"relative = {width}" if value > 0.0 else f"{start}relative = {UNKNOWN}"
+            )
+        yield from _format_free_table("effort offset", [name], f"error = {max(0.1 * spread, 1e-9):.3g}")
     if mechanism.beams:
-        yield from _table("beam stiffness", ["*"], "relative = 0.2")
+        yield from _format_free_table("beam stiffness", ["*"], "relative = 0.2")
     if mechanism.springs:
-        yield from _table("spring force", ["*"], "relative = 0.1")
+        yield from _format_free_table("spring force", ["*"], "relative = 0.1")
 
 
-def _masses(mechanism: Mechanism) -> Iterator[str]:
+def _format_mass_tables(mechanism: Mechanism) -> Iterator[str]:
     """Mass properties of the links that move; wider at the ends, which may carry what the mechanism does not know."""
     carried = {j.child: j for j in mechanism.joints}
     masses = {
         link.name: mass
         for link in mechanism.links
-        if link.beam is None and (mass := sum(b.inertia.mass for b in link.bodies)) > 0 and _moves(link.name, carried)
+        if link.beam is None
+        and (mass := sum(b.inertia.mass for b in link.bodies)) > 0
+        and _is_moving_link(link.name, carried)
     }
     if not masses:
         return
     all_of_them = len(masses) == sum(link.beam is None for link in mechanism.links)
     places = ["*"] if all_of_them else list(masses)
-    yield from _table("mass properties", places, f"relative = {DRAWN}", "of drawings; what was weighed is known better")
-    for name in _ends(mechanism, masses, carried):
+    yield from _format_free_table(
+        "mass properties", places, f"relative = {DRAWN}", "of drawings; what was weighed is known better"
+    )
+    for name in _list_end_links(mechanism, masses, carried):
         wide = min(WIDEST, float(np.log1p(LOAD * sum(masses.values()) / masses[name])))
         if wide > DRAWN:
             why = (
                 "at an end: room for a tool or payload that the mechanism does not know; remove it where there is none"
             )
-            yield from _table("mass properties", [name], f"relative = {wide:.2g}", why)
+            yield from _format_free_table("mass properties", [name], f"relative = {wide:.2g}", why)
 
 
-def _moves(link: str, carried: Mapping[str, Joint]) -> bool:
+def _is_moving_link(link: str, carried: Mapping[str, Joint]) -> bool:
     while link in carried:
         if carried[link].nv:
             return True
@@ -156,7 +169,7 @@ def _moves(link: str, carried: Mapping[str, Joint]) -> bool:
     return False
 
 
-def _ends(mechanism: Mechanism, masses: Mapping[str, float], carried: Mapping[str, Joint]) -> Iterator[str]:
+def _list_end_links(mechanism: Mechanism, masses: Mapping[str, float], carried: Mapping[str, Joint]) -> Iterator[str]:
     """Of each body that carries none that moves on it, and that no closure holds, the last link with a mass."""
     body = {}
     for link in carried:
@@ -170,12 +183,12 @@ def _ends(mechanism: Mechanism, masses: Mapping[str, float], carried: Mapping[st
     yield from last.values()
 
 
-def _table(kind: str, places: list[str], lines: str, why: str = "") -> Iterator[str]:
+def _format_free_table(kind: str, places: list[str], lines: str, why: str = "") -> Iterator[str]:
     yield "\n[[free]]" + (f"   # {why}" if why else "")
     yield f'parameter = "{kind}"'
     yield f"place = {json.dumps(places)}"
     yield lines
 
 
-def _key(name: str) -> str:
+def _format_key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name)

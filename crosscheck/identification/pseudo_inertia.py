@@ -21,7 +21,7 @@ QUANTITIES = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iy
 UNITS = ("kg", "m", "m", "m", *("kg m^2",) * 6)
 
 
-def pseudo_inertia(ten: Array) -> Array:
+def compute_pseudo_inertia(ten: Array) -> Array:
     """Return P (4, 4) [kg m^2], [kg m], [kg] of m, h, I (10,) about the frame's origin."""
     tensor = np.zeros((3, 3))
     tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
@@ -32,45 +32,45 @@ def pseudo_inertia(ten: Array) -> Array:
     return out
 
 
-def ten_parameters(pseudo: Array) -> Array:
+def compute_ten_parameters(pseudo: Array) -> Array:
     """Return m [kg], h [kg m], I [kg m^2] (..., 10) of pseudo-inertias (..., 4, 4)."""
     spread = pseudo[..., :3, :3]
     tensor = np.trace(spread, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - spread
     return np.concatenate([pseudo[..., 3:, 3], pseudo[..., :3, 3], tensor[..., ROWS, COLUMNS]], axis=-1)
 
 
-def upper_factor(pseudo: Array) -> Array:
+def compute_upper_factor(pseudo: Array) -> Array:
     """Return the upper triangular L (4, 4) [any unit] with P = L L^T."""
     flip = pseudo[::-1, ::-1]
     return np.asarray(np.linalg.cholesky(flip)[::-1, ::-1])
 
 
-def believable(ten: Array, radius: float) -> Array:
+def make_plausible(ten: Array, radius: float) -> Array:
     """Return mass properties (10,) [kg], [kg m], [kg m^2] whose mass is nowhere closer together than a radius of gyration [m].
 
     A point mass has no inertia of its own, and no logarithm: S about the centre of mass is raised to m radius^2 / 3 per axis.
     """
-    pseudo = pseudo_inertia(ten)
+    pseudo = compute_pseudo_inertia(ten)
     mass = pseudo[3, 3]
     h = pseudo[:3, 3]
     spread = pseudo[:3, :3] - np.outer(h, h) / mass
     values, vectors = np.linalg.eigh(spread)
     raised = vectors @ np.diag(np.maximum(values, mass * radius**2 / 3.0)) @ vectors.T
     pseudo[:3, :3] = raised + np.outer(h, h) / mass
-    return ten_parameters(pseudo)
+    return compute_ten_parameters(pseudo)
 
 
-def moved(factor: Array, x: Array) -> Array:
+def move_mass_properties(factor: Array, x: Array) -> Array:
     """Return mass properties (..., 10) [kg], [kg m], [kg m^2] for x (..., 10) [-] as ``NAMES``; factor : L (4, 4)."""
     u = np.zeros((*x.shape[:-1], 4, 4))
     u[..., [0, 1, 2], [0, 1, 2]] = np.exp(x[..., 1:4])
     u[..., [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]] = x[..., 4:]
     u[..., 3, 3] = 1.0
     half = factor @ u * np.exp(x[..., 0])[..., None, None]
-    return ten_parameters(half @ np.swapaxes(half, -1, -2))
+    return compute_ten_parameters(half @ np.swapaxes(half, -1, -2))
 
 
-def widths(factor: Array, relative: float) -> Array:
+def compute_prior_errors(factor: Array, relative: float) -> Array:
     """Return standard errors (10,) [-] of x for a relative error of the mass: of radii the same, of the centre a third.
 
     The centre of mass is believed to a third of ``relative`` times its distance from the frame and the radius of gyration.
@@ -83,7 +83,7 @@ def widths(factor: Array, relative: float) -> Array:
     return np.concatenate([[relative / 2.0], [relative] * 6, shift])
 
 
-def about_com(ten: Array) -> Array:
+def convert_to_com(ten: Array) -> Array:
     """Return mass [kg], centre of mass [m] and inertia about it [kg m^2], (..., 10), of m, h, I (..., 10) about the origin."""
     mass = ten[..., :1]
     c = ten[..., 1:4] / ten[..., :1]

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from crosscheck.identification.filters import lag, low_pass, low_pass_all
+from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.parameters import KINDS, Key, Space, before
-from crosscheck.identification.points import PointSensor, point_sensors
-from crosscheck.identification.response import Measured, Response, response
+from crosscheck.identification.parameters import KINDS, Key, Space, find_prior_value
+from crosscheck.identification.points import PointSensor, list_point_sensors
+from crosscheck.identification.response import Measured, Response, build_response
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, LENGTHS, RATES, IdentifyTable, RateTable
-from crosscheck.identification.wide_response import WideResponse, wide_response
+from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
 
@@ -94,21 +94,25 @@ class Machine:
             slides = joint.kind == "prismatic"
             ratio = joint.drive.ratio if joint.drive is not None and table.effort.side == "motor" else 1.0
             unit = "N" if slides and ratio == 1.0 else "N m"
-            out.append(Channel(f"torque/{name}", unit, name, "effort", ratio, self._factor(name), table.effort.column))
+            out.append(
+                Channel(
+                    f"torque/{name}", unit, name, "effort", ratio, self._find_effort_factor(name), table.effort.column
+                )
+            )
         for name, gauge in self.settings.gauges.items():
             out.append(Channel(f"gauge/{name}", "rad", name, "gauge", 1.0, ANGLES[gauge.unit], gauge.column))
-        for one in point_sensors(self.settings):
+        for one in list_point_sensors(self.settings):
             name = f"{one.kind}/{one.place}"
             unit = POINT_UNITS[one.kind]
-            out.append(Channel(name, unit, one.place, one.kind, 1.0, self._point_factor(one), one.column))
+            out.append(Channel(name, unit, one.place, one.kind, 1.0, self._find_point_factor(one), one.column))
         return tuple(out)
 
-    def _point_factor(self, one: PointSensor) -> float:
+    def _find_point_factor(self, one: PointSensor) -> float:
         if one.kind == "marker":
             return LENGTHS[self.settings.markers[one.name].unit]
         return ACCELERATIONS[self.settings.accelerometers[one.name].unit]
 
-    def _factor(self, name: str) -> float:
+    def _find_effort_factor(self, name: str) -> float:
         effort = self.settings.joints[name].effort
         joint = self.mechanism.joint_of[name]
         assert effort is not None
@@ -125,7 +129,7 @@ class Machine:
         return drive.torque_constant * (1.0 if effort.side == "motor" else drive.ratio)
 
 
-def motion_of(machine: Machine, log: Log) -> Measured:
+def compute_measured_motion(machine: Machine, log: Log) -> Measured:
     """Return the motion of the measured joints [rad], [m], low-passed without delay and differentiated by splines.
 
     Raises InputError: a column missing, constant numbers where every joint stands, angles in degrees that are said to be radians.
@@ -145,9 +149,11 @@ def motion_of(machine: Machine, log: Log) -> Measured:
         _check_angle(machine, log, name, raw)
         columns.append(low_pass(raw, log.spacing, bandwidth))
         if table.rate is not None:
-            rates[k] = low_pass(_rate(log, name, table.rate, raw), log.spacing, bandwidth)
+            rates[k] = low_pass(_read_rate(log, name, table.rate, raw), log.spacing, bandwidth)
     grid = time.tobytes()
-    q, qd, qdd = (np.column_stack(parts) for parts in zip(*(_splined(grid, c.tobytes()) for c in columns), strict=True))
+    q, qd, qdd = (
+        np.column_stack(parts) for parts in zip(*(_fit_splines(grid, c.tobytes()) for c in columns), strict=True)
+    )
     for k, rate in rates.items():
         qd[:, k] = rate
         qdd[:, k] = CubicSpline(time, rate)(time, 1)
@@ -155,14 +161,14 @@ def motion_of(machine: Machine, log: Log) -> Measured:
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most angles as they were
-def _splined(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
+def _fit_splines(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
     """A spline through samples at times of a grid [s], and its first and second derivatives there (samples,) each."""
     time = np.frombuffer(grid)
     spline = CubicSpline(time, np.frombuffer(values))
     return spline(time), spline(time, 1), spline(time, 2)
 
 
-def _rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
+def _read_rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
     """The rate [rad/s], [m/s] of a joint that a column states; it has to be the slope of the angle (samples,)."""
     rate = log.column(table.column) * (RATES[table.unit] / table.over)
     slope = np.gradient(angle, log.spacing)
@@ -191,7 +197,7 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
     once : its response is asked for at one set of values
     """
     settings = machine.settings
-    motion = motion_of(machine, log)
+    motion = compute_measured_motion(machine, log)
     sliding = np.column_stack(
         [
             np.ones(len(log.time), dtype=bool)
@@ -200,27 +206,27 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
             for c in machine.channels
         ]
     )
-    window = _window(settings, log)
+    window = _find_window_samples(settings, log)
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
-    measured = measured_of(machine, log) if efforts else None
-    told = response(machine.mechanism, machine.space, settings, motion, once)
-    wide = wide_of(machine, log) if efforts else ()
+    measured = read_measured_channels(machine, log) if efforts else None
+    told = build_response(machine.mechanism, machine.space, settings, motion, once)
+    wide = compute_wide_responses(machine, log) if efforts else ()
     return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None], wide)
 
 
-def _window(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:
+def _find_window_samples(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:
     if settings.window_s is None:
         return np.ones(len(log.time), dtype=bool)
     return np.asarray((log.time >= settings.window_s[0] - 1e-9) & (log.time <= settings.window_s[1] + 1e-9))
 
 
-def wide_of(machine: Machine, log: Log, only: int | None = None) -> tuple[WideResponse | None, ...]:
+def compute_wide_responses(machine: Machine, log: Log, only: int | None = None) -> tuple[WideResponse | None, ...]:
     """Return the response of every effort to its joint's acceleration above the bandwidth [units of the channels].
 
     only : of this channel, and None for the others
     """
-    window = _window(machine.settings, log)
+    window = _find_window_samples(machine.settings, log)
     out: list[WideResponse | None] = []
     for c, channel in enumerate(machine.channels):
         asked = channel.sense == "effort" and only in (None, c)
@@ -230,11 +236,11 @@ def wide_of(machine: Machine, log: Log, only: int | None = None) -> tuple[WideRe
             continue
         angle = log.column(table.column)[window] * (ANGLES[table.unit] / table.over)
         effort = log.column(channel.column)[window] * channel.factor
-        out.append(wide_response(angle, effort, log.spacing, machine.settings.bandwidth_Hz))
+        out.append(compute_wide_response(angle, effort, log.spacing, machine.settings.bandwidth_Hz))
     return tuple(out)
 
 
-def measured_of(machine: Machine, log: Log) -> Array:
+def read_measured_channels(machine: Machine, log: Log) -> Array:
     """Return the efforts and gauges of a log (samples, channels) [units of the channels], low-passed.  Raises InputError."""
     columns = []
     for channel in machine.channels:
@@ -248,59 +254,65 @@ def measured_of(machine: Machine, log: Log) -> Array:
     return np.column_stack(columns)
 
 
-def readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
+def compute_readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
     """Return the expected readings (samples, channels) [units of the channels]."""
-    raw = sensed(machine, run.motion, run.response, values)
+    raw = compute_raw_signals(machine, run.motion, run.response, values)
     spacing = float(run.motion.time[1] - run.motion.time[0])
     passed = [k for k, channel in enumerate(machine.channels) if channel.sense != "gauge"]
     if passed:
-        raw[:, passed] = low_pass_all(raw[:, passed], spacing, machine.settings.bandwidth_Hz)
+        raw[:, passed] = apply_low_pass_all(raw[:, passed], spacing, machine.settings.bandwidth_Hz)
     return raw
 
 
-def sensed(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
+def compute_raw_signals(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
     """Return the raw signals of the sensors, before any low-pass of ours (samples, channels) [units of the channels]."""
     effort, moment, points = respond(values)
     spacing = float(motion.time[1] - motion.time[0])
-    places = [(one.kind, one.place) for one in point_sensors(machine.settings)]
+    places = [(one.kind, one.place) for one in list_point_sensors(machine.settings)]
     columns = []
     for channel in machine.channels:
         if channel.sense == "effort":
             at = motion.names.index(channel.place)
-            own = effort[:, at] + drive_effort(machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values)
-            offset = _get(machine, values, "effort offset", channel.place)
-            columns.append(_through(machine, channel, own / channel.ratio + offset, values, spacing))
+            own = effort[:, at] + compute_drive_effort(
+                machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values
+            )
+            offset = _resolve_value(machine, values, "effort offset", channel.place)
+            columns.append(_apply_sensor(machine, channel, own / channel.ratio + offset, values, spacing))
         elif channel.sense == "gauge":
-            columns.append(_gauge(machine, motion, channel, moment, values, spacing))
+            columns.append(_compute_gauge_signal(machine, motion, channel, moment, values, spacing))
         else:
             signal = points[:, places.index((channel.sense, channel.place))]
-            zero = _get(machine, values, f"{channel.sense} zero", channel.place)
-            columns.append(_through(machine, channel, signal, values, spacing) + zero)
+            zero = _resolve_value(machine, values, f"{channel.sense} zero", channel.place)
+            columns.append(_apply_sensor(machine, channel, signal, values, spacing) + zero)
     return np.column_stack(columns)
 
 
-def _through(machine: Machine, channel: Channel, signal: Array, values: Mapping[Key, float], spacing: float) -> Array:
+def _apply_sensor(
+    machine: Machine, channel: Channel, signal: Array, values: Mapping[Key, float], spacing: float
+) -> Array:
     """A signal (samples,) [any unit] through what every sensor may have: lag, delay, gain."""
     lag_s, delay, gain = (
-        _get(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
+        _resolve_value(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
     )
-    return gain * delayed(lagged(signal, spacing, lag_s), spacing, delay)
+    return gain * apply_delay(apply_first_order_lag(signal, spacing, lag_s), spacing, delay)
 
 
-def drive_effort(machine: Machine, joint: str, rate: Array, acceleration: Array, values: Mapping[Key, float]) -> Array:
+def compute_drive_effort(
+    machine: Machine, joint: str, rate: Array, acceleration: Array, values: Mapping[Key, float]
+) -> Array:
     """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at its rates and accelerations (samples,)."""
     numbers = tuple(
-        _get(machine, values, kind, joint)
+        _resolve_value(machine, values, kind, joint)
         for kind in (
             *("rotor inertia", "viscous friction", "coulomb friction", "transition rate"),
             *("stribeck share", "stribeck rate", "friction asymmetry"),
         )
     )
-    return _drive_effort(rate.tobytes(), acceleration.tobytes(), numbers)
+    return _compute_drive_effort(rate.tobytes(), acceleration.tobytes(), numbers)
 
 
 @lru_cache(maxsize=64)  # a difference quotient by one parameter leaves most joints as they were
-def _drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float, ...]) -> Array:
+def _compute_drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float, ...]) -> Array:
     """The effort of a rotor and of friction (samples,) by its seven numbers."""
     v = np.frombuffer(rate)
     a = np.frombuffer(acceleration)
@@ -312,30 +324,35 @@ def _drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float, ...]) 
     return out
 
 
-def friction(machine: Machine, joint: str, v: Array, values: Mapping[Key, float]) -> Array:
+def compute_friction(machine: Machine, joint: str, v: Array, values: Mapping[Key, float]) -> Array:
     """Return the friction of a joint (samples,) [N m], [N] at rates v (samples,) [rad/s], [m/s]."""
-    return drive_effort(machine, joint, v, np.zeros_like(v), values)
+    return compute_drive_effort(machine, joint, v, np.zeros_like(v), values)
 
 
-def _get(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
+def _resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
     if (kind, place) in values:
         return values[kind, place]
-    return before(machine.mechanism, machine.settings, KINDS[kind], place)
+    return find_prior_value(machine.mechanism, machine.settings, KINDS[kind], place)
 
 
-def _gauge(
+def _compute_gauge_signal(
     machine: Machine, motion: Measured, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
 ) -> Array:
     table = machine.settings.gauges[channel.place]
-    bent = flexibility(machine, channel.place) * moment[:, list(machine.settings.gauges).index(channel.place)]
-    told = _through(machine, channel, bent, values, spacing) + _get(machine, values, "gauge zero", channel.place)
+    bent = (
+        compute_gauge_flexibility(machine, channel.place)
+        * moment[:, list(machine.settings.gauges).index(channel.place)]
+    )
+    told = _apply_sensor(machine, channel, bent, values, spacing) + _resolve_value(
+        machine, values, "gauge zero", channel.place
+    )
     if table.slope_joint:
         at = motion.names.index(table.slope_joint)
-        told = told + _get(machine, values, "gauge slope", channel.place) * motion.q[:, at]
-    return lag(told, spacing, table.lag_Hz, table.lag_damping) if table.lag_Hz else told
+        told = told + _resolve_value(machine, values, "gauge slope", channel.place) * motion.q[:, at]
+    return apply_lag(told, spacing, table.lag_Hz, table.lag_damping) if table.lag_Hz else told
 
 
-def flexibility(machine: Machine, gauge: str) -> float:
+def compute_gauge_flexibility(machine: Machine, gauge: str) -> float:
     """Return ``L / (3 EI)`` of a gauge's beam [rad/(N m)], as its table or the mechanism states it."""
     table = machine.settings.gauges[gauge]
     if table.flexibility_rad_per_Nm is not None:
@@ -349,38 +366,38 @@ def flexibility(machine: Machine, gauge: str) -> float:
     return float(link.beam.length / (3.0 * link.beam.section.stiffness[0, 5]))
 
 
-def delayed(values: Array, spacing: float, delay: float) -> Array:
+def apply_delay(values: Array, spacing: float, delay: float) -> Array:
     """Return a signal (samples,) [any unit] a delay [s] later, below 0 earlier; its ends stay as they are."""
     if not delay:
         return values
     time = spacing * np.arange(len(values))
-    spline = _spline(np.asarray(values, dtype=np.float64).tobytes(), spacing)
+    spline = _build_spline(np.asarray(values, dtype=np.float64).tobytes(), spacing)
     return np.asarray(spline(np.clip(time - delay, 0.0, time[-1])))
 
 
 @lru_cache(maxsize=64)  # many delays of a signal are tried
-def _spline(values: bytes, spacing: float) -> CubicSpline:
+def _build_spline(values: bytes, spacing: float) -> CubicSpline:
     signal = np.frombuffer(values)
     return CubicSpline(spacing * np.arange(len(signal)), signal)
 
 
-def lagged(values: Array, spacing: float, constant: float) -> Array:
+def apply_first_order_lag(values: Array, spacing: float, constant: float) -> Array:
     """Return a signal (samples,) [any unit] behind a first-order lag [s] that stood still before; exact for linear pieces."""
     if constant <= 0.0:
         return values
-    b, a = _first_order(spacing, constant)
+    b, a = _build_first_order_filter(spacing, constant)
     return np.asarray(lfilter(b, a, values, zi=[values[0] * (1.0 - b[0])])[0])
 
 
-def unlagged(values: Array, spacing: float, constant: float) -> Array:
-    """Return the signal (samples,) [any unit] of which `lagged` makes ``values``."""
+def remove_first_order_lag(values: Array, spacing: float, constant: float) -> Array:
+    """Return the signal (samples,) [any unit] of which `apply_first_order_lag` makes ``values``."""
     if constant <= 0.0:
         return values
-    b, a = _first_order(spacing, constant)
+    b, a = _build_first_order_filter(spacing, constant)
     return np.asarray(lfilter(np.array(a) / b[0], [1.0, b[1] / b[0]], values, zi=[values[0] * (1.0 - 1.0 / b[0])])[0])
 
 
-def _first_order(spacing: float, constant: float) -> tuple[list[float], list[float]]:
+def _build_first_order_filter(spacing: float, constant: float) -> tuple[list[float], list[float]]:
     """Numerator and denominator of a first-order lag [s] of what is linear between samples [s]."""
     r = spacing / constant
     e = float(np.exp(-r))

@@ -14,9 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.parameters import KINDS, MASS, Key, Space, with_values
-from crosscheck.identification.points import PointMotion, point_motion, point_sensors, with_points
-from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, moved
+from crosscheck.identification.parameters import KINDS, MASS, Key, Space, apply_values
+from crosscheck.identification.points import PointMotion, add_sensor_bodies, build_point_motion, list_point_sensors
+from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, move_mass_properties
 from crosscheck.identification.settings import IdentifyTable
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
@@ -54,38 +54,40 @@ class Measured:
 
 
 @make_owner_cache(most=4)
-def bare(mechanism: Mechanism, names: tuple[str, ...]) -> Mechanism:
+def remove_rotors_and_friction(mechanism: Mechanism, names: tuple[str, ...]) -> Mechanism:
     """Return the mechanism without rotors and friction [kg m^2], [N m] of measured joints, which are laws of their own."""
 
-    def stripped(joint: Joint) -> Joint:
+    def remove_drive(joint: Joint) -> Joint:
         if joint.name not in names:
             return joint
         return replace(joint, rotor_inertia=0.0, damping=0.0, friction=0.0, drive=None)
 
-    return replace(mechanism, joints=tuple(stripped(j) for j in mechanism.joints))
+    return replace(mechanism, joints=tuple(remove_drive(j) for j in mechanism.joints))
 
 
-def ten_of(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> Array:
+def compute_link_inertias(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> Array:
     """Return m, h, I (links, 10) [kg], [kg m], [kg m^2] of all rigid links; zeros for beams."""
     out = np.zeros((len(mechanism.links), PARAMETERS))
     for k, link in enumerate(mechanism.links):
         if link.name in space.factors:
             x = np.array([values.get((MASS, f"{link.name}.{n}"), 0.0) for n in NAMES])
-            out[k] = _moved(space.factors[link.name].tobytes(), x.tobytes()) + space.more.get(link.name, 0.0)
+            out[k] = _move_mass_properties(space.factors[link.name].tobytes(), x.tobytes()) + space.more.get(
+                link.name, 0.0
+            )
         elif link.beam is None:
             out[k] = compute_link_parameters(link)
     return out
 
 
 @lru_cache(maxsize=256)  # a difference quotient by one parameter leaves most links as they were
-def _moved(factor: bytes, x: bytes) -> Array:
-    return moved(np.frombuffer(factor).reshape(4, 4), np.frombuffer(x))
+def _move_mass_properties(factor: bytes, x: bytes) -> Array:
+    return move_mass_properties(np.frombuffer(factor).reshape(4, 4), np.frombuffer(x))
 
 
-def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
+def replace_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
     """Return the mechanism whose links carry one body each with m, h, I (10,) [kg], [kg m], [kg m^2]."""
 
-    def body(name: str, ten: Array) -> tuple[Body, ...]:
+    def make_bodies(name: str, ten: Array) -> tuple[Body, ...]:
         mass = ten[0]
         com = ten[1:4] / ten[0]
         tensor = np.zeros((3, 3))
@@ -93,22 +95,24 @@ def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
         tensor -= mass * (com @ com * np.eye(3) - np.outer(com, com))
         return (Body(name, Inertia.stated(float(mass), com, tensor)),)
 
-    links = tuple(replace(k, bodies=body(k.name, masses[k.name])) if k.name in masses else k for k in mechanism.links)
+    links = tuple(
+        replace(k, bodies=make_bodies(k.name, masses[k.name])) if k.name in masses else k for k in mechanism.links
+    )
     return replace(mechanism, links=links)
 
 
-def tilted(gravity: Array, x: float, y: float) -> Array:
+def turn_gravity(gravity: Array, x: float, y: float) -> Array:
     """Return gravity (3,) [m/s^2] turned by small angles x, y [rad] about the world's axes."""
     return np.array(
         [gravity[0] + y * gravity[2], gravity[1] - x * gravity[2], gravity[2] + x * gravity[1] - y * gravity[0]]
     )
 
 
-def _gravity(gravity: Array, values: Mapping[Key, float]) -> Array:
-    return tilted(gravity, *(values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"))
+def _compute_tilted_gravity(gravity: Array, values: Mapping[Key, float]) -> Array:
+    return turn_gravity(gravity, *(values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"))
 
 
-def response(
+def build_response(
     mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool = False
 ) -> Response:
     """Return the function from values to efforts (samples, joints) [N m], [N], root moments (samples, gauges) [N m] and the
@@ -117,87 +121,92 @@ def response(
     once : one set of values is asked for, so that no regressor pays: torques are computed as they are
     Raises InputError: a joint of a rigid tree that no column moves.
     """
-    alone = bare(mechanism, motion.names)
+    alone = remove_rotors_and_friction(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
     if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
-        return _of_tree(alone, space, settings, motion, once)
-    return _by_solve(alone, space, settings, motion, once)
+        return _build_tree_response(alone, space, settings, motion, once)
+    return _build_solver_response(alone, space, settings, motion, once)
 
 
-def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool) -> Response:
+def _build_tree_response(
+    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool
+) -> Response:
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
             f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
             "identify.toml, or make it a fixed joint"
         )
-    q, qd, qdd = _states(mechanism, motion)
+    q, qd, qdd = _build_states(mechanism, motion)
     rows = [mechanism.v_slices[name].start for name in motion.names]
 
-    points = PointMotion.nowhere(len(q))
-    if point_sensors(settings):
-        mesh = build(with_points(mechanism, settings))
-        points = point_motion(settings, mesh, compute_rigid_motion(mesh, q, qd, qdd))
+    points = PointMotion.make_empty(len(q))
+    if list_point_sensors(settings):
+        mesh = build(add_sensor_bodies(mechanism, settings))
+        points = build_point_motion(settings, mesh, compute_rigid_motion(mesh, q, qd, qdd))
     gravity = np.asarray(mechanism.gravity)
-    torques = _as_they_are if once else _by_regressor
+    torques = _build_direct_response if once else _build_regressor_response
     effort = torques(mechanism, space, (q, qd, qdd), rows)
 
     def evaluate(values: Mapping[Key, float]) -> Told:
-        return effort(values), np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
+        return effort(values), np.zeros((len(q), 0)), points.compute_readings(_compute_tilted_gravity(gravity, values))
 
     return evaluate
 
 
-def _as_they_are(
+def _build_direct_response(
     mechanism: Mechanism, space: Space, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, each from the motion anew."""
 
-    def effort(values: Mapping[Key, float]) -> Array:
-        ten = ten_of(space, mechanism, values)
+    def compute_effort(values: Mapping[Key, float]) -> Array:
+        ten = compute_link_inertias(space, mechanism, values)
         forces = tuple(values.get(("spring force", s.name), 1.0) for s in mechanism.springs)
-        tilts = _gravity(np.asarray(mechanism.gravity), values)
-        changed = _changed(mechanism, tuple(space.factors), ten.tobytes(), tilts.tobytes(), forces)
+        tilts = _compute_tilted_gravity(np.asarray(mechanism.gravity), values)
+        changed = _apply_changes(mechanism, tuple(space.factors), ten.tobytes(), tilts.tobytes(), forces)
         return joint_torques(changed, *state)[:, rows]
 
-    return effort
+    return compute_effort
 
 
 @make_owner_cache(most=4)
-def _changed(
+def _apply_changes(
     mechanism: Mechanism, free: tuple[str, ...], masses: bytes, gravity: bytes, forces: tuple[float, ...]
 ) -> Mechanism:
     """The mechanism with the masses of links that are free, gravity and springs of so many times the force."""
     ten = np.frombuffer(masses).reshape(-1, PARAMETERS)
     own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in free}
-    springs = tuple(_scaled(s, factor) for s, factor in zip(mechanism.springs, forces, strict=True))
-    return replace(with_masses(mechanism, own), gravity=np.frombuffer(gravity), springs=springs)
+    springs = tuple(_scale_spring(s, factor) for s, factor in zip(mechanism.springs, forces, strict=True))
+    return replace(replace_masses(mechanism, own), gravity=np.frombuffer(gravity), springs=springs)
 
 
-def _scaled(spring: Spring, factor: float) -> Spring:
+def _scale_spring(spring: Spring, factor: float) -> Spring:
     return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scale_forces(factor))
 
 
-def _by_regressor(
+def _build_regressor_response(
     mechanism: Mechanism, space: Space, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
     q, qd, qdd = state
 
-    def matrix(gravity: Array) -> Array:
+    def compute_regressor(gravity: Array) -> Array:
         return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
 
     gravity = np.asarray(mechanism.gravity)
     known = {p.key for p in space.parameters}
     level = torque_regressor(mechanism, q, qd, qdd).matrix[:, rows]
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
-    slopes = [(matrix(tilted(gravity, *(TILT * np.eye(2)["xy".index(k[-1])]))) - level) / TILT for k in free_tilts]
-    alone, forced, sprung = _parts(mechanism)
+    slopes = [
+        (compute_regressor(turn_gravity(gravity, *(TILT * np.eye(2)["xy".index(k[-1])]))) - level) / TILT
+        for k in free_tilts
+    ]
+    alone, forced, sprung = _split_mechanism(mechanism)
     free = joint_torques(alone, q, qd, qdd, passive=False)
     held = joint_torques(forced, q, qd, qdd)[:, rows] - free[:, rows]
     pulls = {name: (joint_torques(one, q, qd, qdd, passive=False) - free)[:, rows] for name, one in sprung.items()}
 
     @lru_cache(maxsize=4)  # friction and sensors leave it as it was
-    def by_numbers(masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
+    def compute_from_numbers(masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
         pi = np.frombuffer(masses)
         out = level @ pi + held
         for tilt, slope in zip(tilts, slopes, strict=True):
@@ -207,23 +216,23 @@ def _by_regressor(
             out = out + force * pull
         return np.asarray(out)
 
-    def effort(values: Mapping[Key, float]) -> Array:
+    def compute_effort(values: Mapping[Key, float]) -> Array:
         tilts = tuple(values[kind, "world"] for kind in free_tilts)
         forces = tuple(values.get(("spring force", name), 1.0) for name in pulls)
-        return by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces)
+        return compute_from_numbers(compute_link_inertias(space, mechanism, values).tobytes(), tilts, forces)
 
-    return effort
+    return compute_effort
 
 
 @make_owner_cache()
-def _parts(mechanism: Mechanism) -> tuple[Mechanism, Mechanism, dict[str, Mechanism]]:
+def _split_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Mechanism, dict[str, Mechanism]]:
     """The mechanism without springs between points and given forces, with the forces, and with each of the springs."""
     alone = replace(mechanism, springs=(), forces=())
     sprung = {s.name: replace(mechanism, springs=(s,), forces=()) for s in mechanism.springs}
     return alone, replace(mechanism, springs=()), sprung
 
 
-def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array]:
+def _build_states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array]:
     q = np.tile(mechanism.neutral, (len(motion.time), 1))
     qd, qdd = np.zeros((2, len(motion.time), mechanism.nv))
     for k, name in enumerate(motion.names):
@@ -236,7 +245,9 @@ def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array
     return q, qd, qdd
 
 
-def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool) -> Response:
+def _build_solver_response(
+    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool
+) -> Response:
     coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
     given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
     step = float(motion.time[1] - motion.time[0]) / settings.every
@@ -248,47 +259,49 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     linear = mechanism.is_rigid and bool(masses) and not swings and not once
     start = {name: table.value for name, table in settings.start.items()}
 
-    def changed_by(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:
-        changed = with_points(with_masses(with_values(coarse, values), ten), settings)
-        springs = tuple(_scaled(s, values.get(("spring force", s.name), 1.0)) for s in changed.springs)
-        return replace(changed, gravity=_gravity(np.asarray(changed.gravity), values), springs=springs)
+    def make_changed_mechanism(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:
+        changed = add_sensor_bodies(replace_masses(apply_values(coarse, values), ten), settings)
+        springs = tuple(_scale_spring(s, values.get(("spring force", s.name), 1.0)) for s in changed.springs)
+        return replace(changed, gravity=_compute_tilted_gravity(np.asarray(changed.gravity), values), springs=springs)
 
     rows = [coarse.v_slices[name].start for name in motion.names]
 
-    def marched(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
-        changed = changed_by(values, ten)
+    def solve_in_time(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
+        changed = make_changed_mechanism(values, ten)
         solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
         moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
-        points = point_motion(settings, solution.mesh, solution.nodes).readings(np.asarray(changed.gravity))
+        points = build_point_motion(settings, solution.mesh, solution.nodes).compute_readings(
+            np.asarray(changed.gravity)
+        )
         told = solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
         return told, (solution.q, solution.qd, solution.qdd)
 
-    def efforts(values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
+    def compute_efforts(values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
         try:
-            return joint_torques(changed_by(values, ten), *state)[:, rows]
+            return joint_torques(make_changed_mechanism(values, ten), *state)[:, rows]
         except InputError:  # forces over time, closures that act for a while
-            return marched(values, ten)[0][0]
+            return solve_in_time(values, ten)[0][0]
 
-    def remembered(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> Told:
+    def find_or_solve(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> Told:
         at = tuple(values[k] for k in keys)
         if at not in kept:
             if len(kept) >= KEPT:
                 kept.pop(next(iter(kept)))
-            kept[at] = marched(values, ten)[0]
+            kept[at] = solve_in_time(values, ten)[0]
         return kept[at]
 
     if not linear:
 
-        def nonlinear(values: Mapping[Key, float]) -> Told:
-            ten = ten_of(space, mechanism, values)
+        def compute_nonlinear(values: Mapping[Key, float]) -> Told:
+            ten = compute_link_inertias(space, mechanism, values)
             own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.factors}
-            return remembered(values, solved + masses, own)
+            return find_or_solve(values, solved + masses, own)
 
-        return nonlinear
-    return _linear_in_masses(mechanism, space, solved, marched, efforts)
+        return compute_nonlinear
+    return _build_linear_response(mechanism, space, solved, solve_in_time, compute_efforts)
 
 
-def _linear_in_masses(
+def _build_linear_response(
     mechanism: Mechanism,
     space: Space,
     solved: list[Key],
@@ -300,10 +313,10 @@ def _linear_in_masses(
     The loops are followed once, as masses do not move them.
     """
     known = {link.name: compute_link_parameters(link) for link in mechanism.links if link.name in space.factors}
-    known = {name: moved(space.factors[name], np.zeros(PARAMETERS)) for name in known}
+    known = {name: move_mass_properties(space.factors[name], np.zeros(PARAMETERS)) for name in known}
     kept: dict[tuple[float, ...], Told] = {}
 
-    def columns(values: Mapping[Key, float]) -> Told:
+    def compute_columns(values: Mapping[Key, float]) -> Told:
         (level, _, points), state = marched(values, known)
         base = efforts(values, known, state)
         out = []
@@ -318,9 +331,9 @@ def _linear_in_masses(
     def evaluate(values: Mapping[Key, float]) -> Told:
         at = tuple(values[k] for k in solved)
         if at not in kept:
-            kept[at] = columns(values)
+            kept[at] = compute_columns(values)
         level, matrix, points = kept[at]
-        ten = ten_of(space, mechanism, values)
+        ten = compute_link_inertias(space, mechanism, values)
         number = {link.name: k for k, link in enumerate(mechanism.links)}
         change = np.concatenate([ten[number[name]] - known[name] for name in known])
         return level + matrix @ change, np.zeros((len(level), 0)), points

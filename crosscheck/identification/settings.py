@@ -274,6 +274,6 @@ def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, 
         raise where.wrong("columns", "no column", "one of x, y and z or more", 'columns = { x = "NAME" }')
 
 
-def matching(patterns: list[str], names: list[str]) -> list[str]:
+def list_matching_names(patterns: list[str], names: list[str]) -> list[str]:
     """Return the names that one of the patterns means, in their order [-]."""
     return [name for name in names if any(fnmatch(name, pattern) for pattern in patterns)]

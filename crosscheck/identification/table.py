@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
 from crosscheck.identification.parameters import MASS, Space
-from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, about_com, moved
+from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
 
 Array = NDArray[np.float64]
 DRAWS = 1000  # quantiles of 5 and 95 % of so many draws scatter by 2 % of the interval
@@ -36,7 +36,7 @@ class Row:
     identifiable: bool
 
 
-def untold(table: list[Row]) -> list[str]:
+def describe_unidentified(table: list[Row]) -> list[str]:
     """Return in words which parameters the logs cannot tell [-]: places of which the same is said together."""
     places: dict[tuple[str, ...], list[str]] = {}
     for place in dict.fromkeys(row.place for row in table if not row.identifiable):
@@ -49,7 +49,7 @@ def untold(table: list[Row]) -> list[str]:
     ]
 
 
-def rows(space: Space, found: Fit) -> list[Row]:
+def list_parameter_rows(space: Space, found: Fit) -> list[Row]:
     """Return all parameters [unit of each] with 90 % intervals."""
     random = np.random.default_rng(0)  # the same log gives the same file
     count = len(found.z)
@@ -66,20 +66,26 @@ def rows(space: Space, found: Fit) -> list[Row]:
         value = np.array([one.value(float(x)) for x in after[:, k]])
         known = np.array([one.value(float(x)) for x in before[:, k]])
         told = bool(np.sqrt(found.covariance[k, k]) < TOLD)
-        out.append(_row((one.kind, one.place, one.unit), one.value(float(found.z[k])), value, one.known, known, told))
+        out.append(
+            _make_row((one.kind, one.place, one.unit), one.value(float(found.z[k])), value, one.known, known, told)
+        )
     for name, factor in space.factors.items():
         errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])
         at = [keys.index((MASS, f"{name}.{n}")) for n in NAMES]
-        value, known = (about_com(moved(factor, errors * drawn[:, at])) for drawn in (after, before))
-        here = about_com(moved(factor, errors * found.z[at]))
-        there = about_com(moved(factor, np.zeros(len(NAMES))))
+        value, known = (
+            convert_to_com(move_mass_properties(factor, errors * drawn[:, at])) for drawn in (after, before)
+        )
+        here = convert_to_com(move_mass_properties(factor, errors * found.z[at]))
+        there = convert_to_com(move_mass_properties(factor, np.zeros(len(NAMES))))
         for k, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
             told = bool(np.std(value[:, k]) < TOLD * np.std(known[:, k]))
-            out.append(_row((quantity, name, unit), float(here[k]), value[:, k], float(there[k]), known[:, k], told))
+            out.append(
+                _make_row((quantity, name, unit), float(here[k]), value[:, k], float(there[k]), known[:, k], told)
+            )
     return out
 
 
-def _row(what: tuple[str, str, str], value: float, drawn: Array, before: float, known: Array, told: bool) -> Row:
+def _make_row(what: tuple[str, str, str], value: float, drawn: Array, before: float, known: Array, told: bool) -> Row:
     low, high = np.quantile(drawn, INSIDE)
     first, last = np.quantile(known, INSIDE)
     return Row(*what, value, float(low), float(high), before, float(first), float(last), told)

@@ -55,16 +55,16 @@ class WideResponse:
         return np.asarray((1.0 - seen) / (seen * self.segments))
 
 
-def wide_response(angle: Array, effort: Array, spacing: float, bandwidth: float) -> WideResponse | None:
+def compute_wide_response(angle: Array, effort: Array, spacing: float, bandwidth: float) -> WideResponse | None:
     """Return the response of an effort to its joint's acceleration above a bandwidth [Hz]; None where there is no room for one.
 
     angle, effort : (samples,) raw [rad], [m]; [any unit]; spacing : [s]
     """
-    return _response(angle.tobytes(), effort.tobytes(), spacing, bandwidth)
+    return _compute_response(angle.tobytes(), effort.tobytes(), spacing, bandwidth)
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
-def _response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) -> WideResponse | None:
+def _compute_response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) -> WideResponse | None:
     angle = np.frombuffer(columns)
     effort = np.frombuffer(efforts)
     least, most = (round(periods / (bandwidth * spacing)) for periods in PERIODS)
@@ -73,8 +73,8 @@ def _response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) 
     if segments < LEAST or bandwidth > 0.5 * HIGHEST / spacing:
         return None
     bend = np.diff(angle, 2) / spacing**2
-    a = _segments(bend.tobytes(), count)
-    e = _segments(effort[1:-1].tobytes(), count)
+    a = _compute_segment_spectra(bend.tobytes(), count)
+    e = _compute_segment_spectra(effort[1:-1].tobytes(), count)
     frequency = np.fft.rfftfreq(count, spacing)
     own, other, both = (np.mean(s, axis=0) for s in (np.abs(a) ** 2, np.abs(e) ** 2, a.conj() * e))
     kept = (frequency >= bandwidth) & (frequency <= HIGHEST / spacing) & (own > 0.0)
@@ -85,22 +85,24 @@ def _response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) 
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
-def _segments(values: bytes, count: int) -> NDArray[np.complex128]:
+def _compute_segment_spectra(values: bytes, count: int) -> NDArray[np.complex128]:
     """Spectra (segments, frequencies) of segments of so many samples, each without its mean."""
     parts = np.lib.stride_tricks.sliding_window_view(np.frombuffer(values), count)[:: count // 2]
     return np.asarray(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * hann(count, sym=False)))
 
 
-def together(some: Sequence[WideResponse]) -> WideResponse:
+def join_responses(some: Sequence[WideResponse]) -> WideResponse:
     """Return the response of several logs, at the frequencies of the first one [Hz]."""
     first = some[0]
 
-    def added(values: list[NDArray[np.complex128]]) -> NDArray[np.complex128]:
+    def compute_weighted_mean(values: list[NDArray[np.complex128]]) -> NDArray[np.complex128]:
         parts = [np.interp(first.frequency, s.frequency, v) * s.segments for s, v in zip(some, values, strict=True)]
         return np.asarray(np.sum(parts, axis=0) / sum(s.segments for s in some))
 
-    own, other = (added([getattr(s, name) for s in some]).real for name in ("acceleration", "effort"))
-    return WideResponse(first.frequency, own, other, added([s.both for s in some]), sum(s.segments for s in some))
+    own, other = (compute_weighted_mean([getattr(s, name) for s in some]).real for name in ("acceleration", "effort"))
+    return WideResponse(
+        first.frequency, own, other, compute_weighted_mean([s.both for s in some]), sum(s.segments for s in some)
+    )
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,10 @@ class Expected:
     known: bool
 
 
-def expected(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
+def build_expectation(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
     """Return the expectation of H: that of logs before, or in phase with the acceleration, as that of a rotor inertia is [-]."""
     if before:
-        own = together(before)
+        own = join_responses(before)
         ratio = np.interp(seen.frequency, own.frequency, own.ratio)
         variance = np.interp(seen.frequency, own.frequency, own.variance)
         variance[np.interp(seen.frequency, own.frequency, own.coherence) < SEEN] = np.inf
@@ -126,14 +128,14 @@ def expected(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
     )
 
 
-def difference(seen: WideResponse, told: Expected, weights: Array) -> Array:
+def compute_response_error(seen: WideResponse, told: Expected, weights: Array) -> Array:
     """Return the error of H, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,) [-]."""
     ratio = seen.ratio if told.known else seen.ratio / np.abs(seen.ratio)
     rest = (ratio / told.ratio - 1.0) * weights
     return np.column_stack([rest.real, rest.imag]).ravel()
 
 
-def weights(seen: WideResponse, told: Expected) -> Array:
+def compute_weights(seen: WideResponse, told: Expected) -> Array:
     """Return one over the standard error of each difference (frequencies,) [-]; 0 where nothing is seen."""
     variance = 0.5 * (seen.variance + told.variance)
     return np.asarray(np.where(seen.coherence < SEEN, 0.0, 1.0 / np.sqrt(variance)))

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.identification.bands import Judged
-from crosscheck.identification.identify import blocks, identify, machine_of, read_of
-from crosscheck.identification.page import COLUMNS, verdict
+from crosscheck.identification.identify import identify, judge_blocks, read_machine, read_of
+from crosscheck.identification.page import COLUMNS, judge_channel
 from crosscheck.identification.settings import FILE
 from flexinv.errors import InputError
 
@@ -30,11 +30,11 @@ def study(models: str) -> dict[str, Any]:
 
 def _rows(folder: Path) -> Iterator[dict[str, Any]]:
     try:
-        settings = machine_of(folder).settings
+        settings = read_machine(folder).settings
         if settings.night is None:
             return
         for row in judged(folder):
-            word, message = verdict([*settings.limits, *settings.night.limits], row)
+            word, message = judge_channel([*settings.limits, *settings.night.limits], row)
             yield vars(row) | {"mechanism": folder.name, "verdict": word, "message": message}
     except InputError as error:
         yield {"mechanism": folder.name, "verdict": "error", "message": str(error)}
@@ -42,11 +42,11 @@ def _rows(folder: Path) -> Iterator[dict[str, Any]]:
 
 def judged(folder: Path) -> list[Judged]:
     """Return the judged channels of a mechanism's [night], of logs that did not identify [-].  Raises InputError."""
-    machine = machine_of(folder)
+    machine = read_machine(folder)
     night = machine.settings.night
     assert night is not None
     logs = [str(folder / log) for log in night.log]
     if night.blocks is not None:
-        return blocks(machine, read_of(machine, logs[0]), night.blocks)
+        return judge_blocks(machine, read_of(machine, logs[0]), night.blocks)
     found = identify(folder, logs, [str(folder / log) for log in night.hold_out])
     return [row for row in found.judged if row.log != "together"] if len(night.hold_out) == 1 else found.judged

@@ -19,15 +19,15 @@ from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from crosscheck.identification.bands import judge, margins, predict
-from crosscheck.identification.fit import fit, problem
-from crosscheck.identification.identify import machine_of
+from crosscheck.identification.bands import compute_margins, judge, predict
+from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, MASS
-from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, about_com, moved
-from crosscheck.identification.readings import Machine, make_run, sensed
-from crosscheck.identification.response import Measured, response
-from crosscheck.identification.table import rows
+from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
+from crosscheck.identification.readings import Machine, compute_raw_signals, make_run
+from crosscheck.identification.response import Measured, build_response
+from crosscheck.identification.table import list_parameter_rows
 
 Array = NDArray[np.float64]
 CLASSES = ("rigid", "rigid", "drives", "beams", "loop")
@@ -164,8 +164,8 @@ def logged(
     sizes : spread of each effort that the noise is a part of; written where it is empty, so that the next log has the same noise
     """
     sizes = {} if sizes is None else sizes
-    tell = response(machine.mechanism, machine.space, machine.settings, motion, once=True)
-    told = sensed(machine, motion, tell, machine.space.values(z))
+    tell = build_response(machine.mechanism, machine.space, machine.settings, motion, once=True)
+    told = compute_raw_signals(machine, motion, tell, machine.space.values(z))
     columns = {
         t.angle.column: motion.q[:, k] + ENCODER * random.normal(size=len(motion.time))
         for k, t in enumerate(machine.settings.joints.values())
@@ -191,24 +191,24 @@ def trial(kind: str, seed: int, off: bool = False) -> tuple[list[Told], list[flo
         base.mkdir()
         for name, text in zip(("mechanism.toml", "identify.toml"), text_of(kind, random), strict=True):
             (base / name).write_text(text, encoding="utf-8")
-        machine = machine_of(base)
+        machine = read_machine(base)
     z = np.clip(random.normal(size=len(machine.space.parameters)), -2.5, 2.5)
     if off:
         z[random.integers(len(z))] = 2.0 * random.choice([-1.0, 1.0])
     sizes: dict[str, float] = {}
     logs = [logged(machine, moving(machine, random, kind), z, random, sizes) for _ in range(2)]
     runs = [make_run(machine, log) for log in logs]
-    task = problem(machine, (runs[0],))
+    task = build_problem(machine, (runs[0],))
     found = fit(task)
-    told = predict(machine, found, margins(task, found), runs[1])
+    told = predict(machine, found, compute_margins(task, found), runs[1])
     return list(_told(machine, found, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
 
 
 def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[Told]:
     truth = machine.space.values(z)
-    table = {(r.parameter, r.place): r for r in rows(machine.space, found)}  # type: ignore[arg-type]
+    table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}  # type: ignore[arg-type]
     for link, factor in machine.space.factors.items():
-        own = about_com(moved(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
+        own = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
         truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, own, strict=True)}
     for (kind, place), row in table.items():
         if row.identifiable:

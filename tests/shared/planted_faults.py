@@ -18,12 +18,18 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import crosscheck
 from crosscheck.identification.causes.cause import Named
-from crosscheck.identification.causes.dictionary import dictionary
-from crosscheck.identification.causes.name_causes import name_causes
-from crosscheck.identification.causes.rounds import carried
+from crosscheck.identification.causes.dictionary import list_possible_causes
+from crosscheck.identification.causes.name_causes import find_causes
+from crosscheck.identification.causes.rounds import update_space
 from crosscheck.identification.identify import Identified, read_of
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, delayed, lagged, make_run, sensed
+from crosscheck.identification.readings import (
+    Machine,
+    apply_delay,
+    apply_first_order_lag,
+    compute_raw_signals,
+    make_run,
+)
 
 Array = NDArray[np.float64]
 MODELS = Path(__file__).parents[2] / "models"
@@ -52,21 +58,21 @@ def planted(found: Identified, log: Log) -> Iterator[Planted]:
         values, kind = log.columns[channel.column], channel.sense
         delay = SAMPLES * log.spacing
         spoiled = {
-            (f"delay of the {kind}", delay): delayed(values, log.spacing, delay),
-            (f"first-order lag of the {kind}", LAG): lagged(values, log.spacing, LAG),
+            (f"delay of the {kind}", delay): apply_delay(values, log.spacing, delay),
+            (f"first-order lag of the {kind}", LAG): apply_first_order_lag(values, log.spacing, LAG),
             (f"wrong sign of the {kind}", -1.0): -values,
         }
         if kind == "effort":
             spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
         for (name, size), column in spoiled.items():
             yield Planted(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
-    for cause in dictionary(found.machine):  # no tilt where the mechanism states no gravity
+    for cause in list_possible_causes(found.machine):  # no tilt where the mechanism states no gravity
         mass = sum(b.inertia.mass for link in found.machine.mechanism.links for b in link.bodies if link.beam is None)
         sizes = {"tilt of gravity": TILT, "payload beside what is known": float(f"{PAYLOAD * mass:.1g}")}
         size = sizes.get(cause.name, 0.0)
         if size:
             mechanism = cause.undone(log, found.machine.mechanism, size)[1]
-            other = replace(found.machine, mechanism=mechanism, space=carried(found.machine, mechanism))
+            other = replace(found.machine, mechanism=mechanism, space=update_space(found.machine, mechanism))
             yield Planted(cause.name, cause.place, size, _of_another(found, other, log))
 
 
@@ -75,7 +81,9 @@ def _of_another(found: Identified, other: Machine, log: Log) -> Log:
     values, columns = found.machine.space.values(found.fit.z), dict(log.columns)
     run = make_run(found.machine, log, efforts=False)
     changed = make_run(other, log, efforts=False)
-    more = sensed(other, run.motion, changed.response, values) - sensed(found.machine, run.motion, run.response, values)
+    more = compute_raw_signals(other, run.motion, changed.response, values) - compute_raw_signals(
+        found.machine, run.motion, run.response, values
+    )
     for channel, change in zip(found.machine.channels, more.T, strict=True):
         columns[channel.column] = columns[channel.column] + change / channel.factor
     return replace(log, columns=columns)
@@ -98,14 +106,14 @@ def main(name: str, only: str, itself: bool) -> None:
     path = MODELS / name / LOGS[name]
     found = crosscheck.identify(MODELS / name, [path])
     log = read_of(found.machine, path)
-    untouched = name_causes(found, log, itself)
+    untouched = find_causes(found, log, itself)
     click.echo("untouched: " + "; ".join(one.words for one in untouched))
     known = {(one.name, one.place) for one in untouched}
     counts = []
     for one in planted(found, log):
         if only in f"{one.name} of {one.place}":
             told = crosscheck.identify(MODELS / name, [one.log]) if itself else found
-            good, words = verdict(one, name_causes(told, one.log, itself), known)
+            good, words = verdict(one, find_causes(told, one.log, itself), known)
             counts.append(good)
             click.echo(f"{'ok  ' if good else 'MISS'} {one.name} of {one.place}, {one.size:.4g}: {words}")
     click.echo(f"{sum(counts)} of {len(counts)} named first with their size")

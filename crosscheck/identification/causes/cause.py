@@ -59,13 +59,13 @@ class Named:
         return f"{self.name} of {self.place}: {number} ({self.evidence})"
 
 
-def column_changed(log: Log, name: str, change: Callable[[Array], Array]) -> Log:
+def apply_to_column(log: Log, name: str, change: Callable[[Array], Array]) -> Log:
     """Return a log with another column of that name [any unit]; it stays as it is where it has no such column."""
     if name not in log.columns:
         return log
     return replace(log, columns={**log.columns, name: change(log.columns[name])})
 
 
-def columns_swapped(log: Log, one: str, other: str) -> Log:
+def apply_column_swap(log: Log, one: str, other: str) -> Log:
     """Return a log in which two columns have each other's name [any unit]."""
     return replace(log, columns={**log.columns, one: log.columns[other], other: log.columns[one]})

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.causes.cause import Cause, Undo, column_changed
+from crosscheck.identification.causes.cause import Cause, Undo, apply_to_column
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, delayed, lagged, unlagged
+from crosscheck.identification.readings import Machine, apply_delay, apply_first_order_lag, remove_first_order_lag
 from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism
 
@@ -20,77 +20,79 @@ LATE = tuple(0.002 * k for k in range(-10, 11) if k)
 SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 
 
-def dictionary(machine: Machine) -> Iterator[Cause]:
+def list_possible_causes(machine: Machine) -> Iterator[Cause]:
     """Yield all causes with one number that are possible here: phi = 0 is no fault [unit of each]."""
     for channel in machine.channels:
         kind = channel.sense
-        yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, _shifted(channel.column), False, LATE, True)
+        yield Cause(
+            f"delay of the {kind}", channel.place, "s", 1e-3, _make_delay_undo(channel.column), False, LATE, True
+        )
         what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
-        yield Cause(what, channel.place, "-", 1e-3, _scaled(channel.column), False, scales=channel.column)
-        lag = _unlagged(channel.column)
+        yield Cause(what, channel.place, "-", 1e-3, _make_gain_undo(channel.column), False, scales=channel.column)
+        lag = _make_lag_undo(channel.column)
         yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)
     for name, table in machine.settings.joints.items():
-        yield Cause("delay of the angle", name, "s", 1e-3, _shifted(table.angle.column), True, LATE, True)
-        yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _scaled(table.angle.column))
+        yield Cause("delay of the angle", name, "s", 1e-3, _make_delay_undo(table.angle.column), True, LATE, True)
+        yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _make_gain_undo(table.angle.column))
     efforts = tuple(channel.column for channel in machine.channels if channel.sense == "effort")
     if len(efforts) > 1:
-        yield Cause("delay of the efforts", "all joints", "s", 1e-3, _shifted(*efforts), False, LATE, True)
+        yield Cause("delay of the efforts", "all joints", "s", 1e-3, _make_delay_undo(*efforts), False, LATE, True)
     if np.linalg.norm(machine.mechanism.gravity):
         for axis in range(2):
-            yield Cause("tilt of gravity", f"the world's {'xy'[axis]} axis", "rad", 1e-3, _tilt(axis))
+            yield Cause("tilt of gravity", f"the world's {'xy'[axis]} axis", "rad", 1e-3, _make_tilt_undo(axis))
     parents = {joint.parent for joint in machine.mechanism.joints}
     for link in machine.mechanism.links:
         if link.beam is None and link.bodies and (len(link.bodies) > 1 or link.name not in parents):
             place = (
                 f"{link.name}/{link.bodies[-1].name}" if len(link.bodies) > 1 else f"{link.name}, at its centre of mass"
             )
-            yield Cause("payload beside what is known", place, "kg", 0.1, _payload(link.name))
+            yield Cause("payload beside what is known", place, "kg", 0.1, _make_payload_undo(link.name))
 
 
-def _shifted(*columns: str) -> Undo:
-    def shifted(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+def _make_delay_undo(*columns: str) -> Undo:
+    def remove_delay(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
         spacing = log.spacing
         for column in columns:
-            log = column_changed(log, column, lambda v: delayed(v, spacing, -phi))
+            log = apply_to_column(log, column, lambda v: apply_delay(v, spacing, -phi))
         return log, mechanism
 
-    return shifted
+    return remove_delay
 
 
-def _scaled(column: str) -> Undo:
-    return lambda log, m, phi: (column_changed(log, column, lambda v: v / (1.0 + phi)), m)
+def _make_gain_undo(column: str) -> Undo:
+    return lambda log, m, phi: (apply_to_column(log, column, lambda v: v / (1.0 + phi)), m)
 
 
-def _unlagged(column: str) -> Undo:
+def _make_lag_undo(column: str) -> Undo:
     """The input of a first-order lag; below 0 what the lag makes of the signal, so that small sizes meet."""
 
-    def undone(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
-        change = unlagged if phi > 0.0 else lagged
-        return column_changed(log, column, lambda v: change(v, log.spacing, abs(phi))), mechanism
+    def remove_lag(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        change = remove_first_order_lag if phi > 0.0 else apply_first_order_lag
+        return apply_to_column(log, column, lambda v: change(v, log.spacing, abs(phi))), mechanism
 
-    return undone
+    return remove_lag
 
 
-def _tilt(axis: int) -> Undo:
-    def tilted(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+def _make_tilt_undo(axis: int) -> Undo:
+    def turn_gravity(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
         g = np.asarray(mechanism.gravity)
         turn = np.eye(3)[axis]
         return log, replace(mechanism, gravity=g * np.cos(phi) + np.cross(turn, g) * np.sin(phi))
 
-    return tilted
+    return turn_gravity
 
 
-def _at_tip(link: Link) -> bool:
+def _is_at_tip(link: Link) -> bool:
     return len(link.bodies) == 1 and bool(np.any(link.tip))
 
 
-def _payload(link: str) -> Undo:
+def _make_payload_undo(link: str) -> Undo:
     """One more mass at the last body of a link, or at the tip of a single one; below 0 less of it."""
 
-    def loaded(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+    def add_payload(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
         own = mechanism.link_of[link]
-        more = Body("more", Inertia.stated(phi, own.tip if _at_tip(own) else own.bodies[-1].inertia.com))
+        more = Body("more", Inertia.stated(phi, own.tip if _is_at_tip(own) else own.bodies[-1].inertia.com))
         links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
         return log, replace(mechanism, links=links)
 
-    return loaded
+    return add_payload

@@ -17,7 +17,7 @@ from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import Fit
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.noise import agreeing
+from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import ANGLES
 
@@ -30,7 +30,7 @@ HYSTERESIS = "hysteresis between motor and link angle"
 SCALE = "scale of link over motor angle (gear), relative error"
 
 
-def two_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
+def compare_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
     """Return by what motor and link angles disagree [unit of each], joint by joint, the most evident first."""
     tables = {n: t.link_angle for n, t in machine.settings.joints.items() if t.link_angle is not None}
     tables = {n: t for n, t in tables.items() if t.column in log.columns}
@@ -41,11 +41,11 @@ def two_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
     out: list[Named] = []
     for name, table in tables.items():
         link = log.column(table.column) * (ANGLES[table.unit] / table.over)
-        out += _of_joint(machine, run, name, link, effort[:, run.motion.names.index(name)])
+        out += _compare_joint_encoders(machine, run, name, link, effort[:, run.motion.names.index(name)])
     return sorted(out, key=lambda one: -one.drop)
 
 
-def _of_joint(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[Named]:
+def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[Named]:
     at = run.motion.names.index(name)
     spacing = float(run.time[1] - run.time[0])
     q = run.motion.q[:, at]
@@ -62,7 +62,9 @@ def _of_joint(machine: Machine, run: Run, name: str, link: Array, effort: Array)
     }
     columns = [c for c, channel in enumerate(machine.channels) if channel.place == name and channel.sense == "effort"]
     counted = run.counted[:, columns[0]] if columns else run.counted.any(axis=1)
-    for kind, size, error, drop, left in _stepwise(own[counted], {k: v[1][counted] for k, v in terms.items()}):
+    for kind, size, error, drop, left in _find_entering_terms(
+        own[counted], {k: v[1][counted] for k, v in terms.items()}
+    ):
         unit = terms[kind][0]
         if kind == TWIST:
             unit, size, error = ("N/m" if slides else "N m/rad"), 1.0 / size, error / size**2
@@ -70,32 +72,32 @@ def _of_joint(machine: Machine, run: Run, name: str, link: Array, effort: Array)
         yield Named(kind, name, unit, size, error, drop, words)
 
 
-def _stepwise(own: Array, terms: dict[str, Array]) -> Iterator[tuple[str, float, float, float, float]]:
+def _find_entering_terms(own: Array, terms: dict[str, Array]) -> Iterator[tuple[str, float, float, float, float]]:
     """Kind, size, its error, drop, and the part of the scatter that is left, of each term that enters."""
     chosen: list[str] = []
     drops: list[tuple[float, float]] = []
-    left = _left(own, [])[0]
+    left = _solve_regression(own, [])[0]
     while len(chosen) < len(terms):
-        tried = {k: _left(own, [*(terms[c] for c in chosen), terms[k]]) for k in terms if k not in chosen}
+        tried = {k: _solve_regression(own, [*(terms[c] for c in chosen), terms[k]]) for k in terms if k not in chosen}
         kind = min(tried, key=lambda k: float(np.sum(tried[k][0] ** 2)))
         rest, size, _ = tried[kind]
-        drop = len(own) / agreeing(rest) * np.log(np.sum(left**2) / np.sum(rest**2))
+        drop = len(own) / count_agreeing_samples(rest) * np.log(np.sum(left**2) / np.sum(rest**2))
         if drop < EVIDENCE or (kind in (TWIST, BACKLASH, HYSTERESIS) and size[-1] <= 0.0):
             break
         drops.append((float(drop), float(np.sqrt(np.sum(rest**2) / np.sum(left**2)))))
         chosen.append(kind)
         left = rest
     if chosen:
-        _, size, error = _left(own, [terms[c] for c in chosen])
+        _, size, error = _solve_regression(own, [terms[c] for c in chosen])
         yield from zip(chosen, size.tolist(), error.tolist(), *zip(*drops, strict=True), strict=True)
 
 
-def _left(own: Array, columns: list[Array]) -> tuple[Array, Array, Array]:
+def _solve_regression(own: Array, columns: list[Array]) -> tuple[Array, Array, Array]:
     """Rest of a regression on a constant and columns, their sizes and standard errors."""
     matrix = np.column_stack([*columns, np.ones(len(own))])
     scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
     size = np.linalg.lstsq(matrix / scale, own, rcond=None)[0] / scale
     rest = own - matrix @ size
     base = np.linalg.pinv((matrix / scale).T @ (matrix / scale))
-    error = np.sqrt(np.diag(base) * np.mean(rest**2) * agreeing(rest)) / scale
+    error = np.sqrt(np.diag(base) * np.mean(rest**2) * count_agreeing_samples(rest)) / scale
     return rest, size[:-1], error[:-1]

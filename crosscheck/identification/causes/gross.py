@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.causes.cause import Undo, column_changed, columns_swapped
+from crosscheck.identification.causes.cause import Undo, apply_column_swap, apply_to_column
 from crosscheck.identification.readings import Channel, Machine
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES
 
@@ -43,30 +43,32 @@ class Gross:
     moves: bool
 
 
-def hypotheses(machine: Machine) -> Iterator[Gross]:
+def list_gross_faults(machine: Machine) -> Iterator[Gross]:
     """Yield the gross faults that are possible here [unit of each]."""
     for channel in machine.channels:
-        yield from _of_channel(machine, channel)
+        yield from _list_channel_faults(machine, channel)
     for name, table in machine.settings.joints.items():
         column = table.angle.column
         wrong = {"rad": DEGREE, "deg": 1.0 / DEGREE, "m": 1e-3, "mm": 1e3}[table.angle.unit]
-        yield Gross("wrong sign of the angle", name, "-", -1.0, _times(column, -1.0), (name,), True)
+        yield Gross("wrong sign of the angle", name, "-", -1.0, _make_factor_undo(column, -1.0), (name,), True)
         factor = ANGLES[table.angle.unit]
         size = f"the column is not in {table.angle.unit}"
-        yield Gross(f"wrong unit of the angle, {size}", name, "-", 1.0 / wrong, _times(column, wrong), (name,), True)
+        yield Gross(
+            f"wrong unit of the angle, {size}", name, "-", 1.0 / wrong, _make_factor_undo(column, wrong), (name,), True
+        )
         drive = machine.mechanism.joint_of[name].drive
         if drive is not None and abs(drive.ratio) != 1.0 and factor:
             known = drive.ratio if table.angle.over == 1.0 else 1.0 / table.angle.over
             what = "wrong gear before the angle"
-            yield Gross(what, name, "-", known, _times(column, 1.0 / known), (name,), True)
-    yield from _swaps(machine)
+            yield Gross(what, name, "-", known, _make_factor_undo(column, 1.0 / known), (name,), True)
+    yield from _list_swap_faults(machine)
 
 
-def _of_channel(machine: Machine, channel: Channel) -> Iterator[Gross]:
+def _list_channel_faults(machine: Machine, channel: Channel) -> Iterator[Gross]:
     kind = channel.sense
     place = channel.place
     column = channel.column
-    yield Gross(f"wrong sign of the {kind}", place, "-", -1.0, _times(column, -1.0), (place,), False)
+    yield Gross(f"wrong sign of the {kind}", place, "-", -1.0, _make_factor_undo(column, -1.0), (place,), False)
     factors = {1e3: "wrong unit", 1e-3: "wrong unit"}
     if kind in UNITS:
         factors = {1.0 / UNITS[kind]: "wrong unit", UNITS[kind]: "wrong unit"}
@@ -78,10 +80,12 @@ def _of_channel(machine: Machine, channel: Channel) -> Iterator[Gross]:
         if constant:
             factors |= {1.0 / constant: "current in the place of torque, or torque of current"}
     for factor, what in factors.items():
-        yield Gross(f"{what} of the {kind}", place, "-", factor, _times(column, 1.0 / factor), (place,), False)
+        yield Gross(
+            f"{what} of the {kind}", place, "-", factor, _make_factor_undo(column, 1.0 / factor), (place,), False
+        )
 
 
-def _swaps(machine: Machine) -> Iterator[Gross]:
+def _list_swap_faults(machine: Machine) -> Iterator[Gross]:
     alike: dict[str, list[tuple[str, str, bool]]] = {}
     for channel in machine.channels:
         alike.setdefault(f"{channel.sense}s", []).append((channel.place, channel.column, False))
@@ -89,17 +93,17 @@ def _swaps(machine: Machine) -> Iterator[Gross]:
         alike.setdefault("angles", []).append((name, table.angle.column, True))
     for kind, columns in alike.items():
         for (one, first, moves), (other, second, _) in combinations(columns, 2):
-            undone = _swapped(first, second)
+            undone = _make_swap_undo(first, second)
             name = f"swapped columns of the {kind}"
             yield Gross(name, f"{one} and {other}", "-", 1.0, undone, (one, other), moves)
 
 
-def _times(column: str, factor: float) -> Undo:
-    return lambda log, m, phi: (column_changed(log, column, lambda v: v * factor), m)
+def _make_factor_undo(column: str, factor: float) -> Undo:
+    return lambda log, m, phi: (apply_to_column(log, column, lambda v: v * factor), m)
 
 
-def _swapped(first: str, second: str) -> Undo:
-    return lambda log, m, phi: (columns_swapped(log, first, second), m)
+def _make_swap_undo(first: str, second: str) -> Undo:
+    return lambda log, m, phi: (apply_column_swap(log, first, second), m)
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ class Score:
     unexplained: Array
 
 
-def score(measured: list[Array], told: list[Array], slopes: list[Array], agree: Array, root: Array) -> Score:
+def compute_score(measured: list[Array], told: list[Array], slopes: list[Array], agree: Array, root: Array) -> Score:
     """Return the rest after the parameters have moved by the slopes as far as pays [-].
 
     measured, told : (counted,) per channel [units of the channels]; slopes : (counted, parameters)

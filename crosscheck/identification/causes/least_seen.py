@@ -38,7 +38,7 @@ class Least:
         return f"{self.name} of {self.place}: {self.size:.2g} {self.unit}".removesuffix(" -")
 
 
-def least_seen(here: Round, at: Array, evidence: float) -> list[Least]:
+def find_least_sizes(here: Round, at: Array, evidence: float) -> list[Least]:
     """Return the least sizes [unit of each] that have so much evidence [-] in a log; of angles' delays none is told.
 
     at : sizes of the causes that were named
@@ -48,12 +48,16 @@ def least_seen(here: Round, at: Array, evidence: float) -> list[Least]:
     for k, cause in enumerate(here.causes):
         if at[k] or (cause.moves and cause.tries):
             continue
-        size = _planted(here, at, k, level, evidence) if cause.tries else _linear(here, at, k, level, evidence)
+        size = (
+            _find_size_by_trial(here, at, k, level, evidence)
+            if cause.tries
+            else _find_size_by_slope(here, at, k, level, evidence)
+        )
         out.append(Least(cause.name, cause.place, cause.unit, size))
     return out
 
 
-def by_name(some: list[Least]) -> Iterator[str]:
+def describe_least_sizes(some: list[Least]) -> Iterator[str]:
     """Yield one sentence for each cause, with its places [unit of each]."""
     for name in dict.fromkeys(one.name for one in some):
         own = [one for one in some if one.name == name]
@@ -61,7 +65,7 @@ def by_name(some: list[Least]) -> Iterator[str]:
         yield f"{name} [{own[0].unit}]: {sizes}"
 
 
-def _planted(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
+def _find_size_by_trial(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
     one = np.eye(len(at))[k]
     for size in TIMES:
         if here.drop(here.rest(at - size * one), level) > evidence:
@@ -69,7 +73,7 @@ def _planted(here: Round, at: Array, k: int, level: Array, evidence: float) -> f
     return float("inf")
 
 
-def _linear(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
+def _find_size_by_slope(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
     cause = here.causes[k]
     slope = (here.rest(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
     slope = slope - level * float(slope @ level) / max(float(level @ level), 1e-300)

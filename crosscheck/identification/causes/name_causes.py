@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from crosscheck.identification.causes.cause import Named
-from crosscheck.identification.causes.dictionary import dictionary
-from crosscheck.identification.causes.encoders import two_encoders
-from crosscheck.identification.causes.gross import Gross, Score, hypotheses, score
-from crosscheck.identification.causes.least_seen import Least, least_seen
+from crosscheck.identification.causes.dictionary import list_possible_causes
+from crosscheck.identification.causes.encoders import compare_encoders
+from crosscheck.identification.causes.gross import Gross, Score, compute_score, list_gross_faults
+from crosscheck.identification.causes.least_seen import Least, find_least_sizes
 from crosscheck.identification.causes.rounds import Round, Search
-from crosscheck.identification.causes.signals import clipped, clipped_samples, quantised
-from crosscheck.identification.fit import Problem, jacobian
+from crosscheck.identification.causes.signals import find_clipped_samples, list_clipped_columns, list_quantised_columns
+from crosscheck.identification.fit import Problem, compute_jacobian
 from crosscheck.identification.identify import Identified
 from crosscheck.identification.logs.log import Log
 from flexinv.errors import ConvergenceError
@@ -53,15 +53,15 @@ class Remains:
     least: list[Least]
 
 
-def name_causes(known: Identified, log: Log, seen: bool = False) -> list[Named]:
+def find_causes(known: Identified, log: Log, seen: bool = False) -> list[Named]:
     """Return the causes that a log shows beside what was identified [unit of each], the most certain first.
 
-    seen : the parameters come from this very log, `what_remains`
+    seen : the parameters come from this very log, `find_remaining_causes`
     """
-    return what_remains(known, log, seen, hidden=False).named
+    return find_remaining_causes(known, log, seen, hidden=False).named
 
 
-def what_remains(known: Identified, log: Log, seen: bool = False, hidden: bool = True) -> Remains:
+def find_remaining_causes(known: Identified, log: Log, seen: bool = False, hidden: bool = True) -> Remains:
     """Return the causes that a log shows beside what was identified, and what it cannot show [unit of each].
 
     hidden : the least sizes are looked for, too
@@ -71,18 +71,18 @@ def what_remains(known: Identified, log: Log, seen: bool = False, hidden: bool =
     machine = known.machine
     found = known.fit
     before = () if seen else known.task.runs
-    search = Search(machine, found, clipped_samples(machine, log), seen, before)
-    named = [*clipped(machine, log), *quantised(machine, found, log)]
+    search = Search(machine, found, find_clipped_samples(machine, log), seen, before)
+    named = [*list_clipped_columns(machine, log), *list_quantised_columns(machine, found, log)]
     for _ in range(LARGEST):
-        one = _gross(search, log)
+        one = _find_gross_fault(search, log)
         if one is None:
             break
         fault, told = one
         named.append(told)
         log = fault.undone(log, machine.mechanism, fault.size)[0]
-    small, here, at = _small(replace(search, seen=False), log)
-    least = least_seen(here, at, enough(len(here.causes))) if hidden else []
-    return Remains([*named, *small, *two_encoders(machine, found, log)], least)
+    small, here, at = _find_small_causes(replace(search, seen=False), log)
+    least = find_least_sizes(here, at, compute_evidence_threshold(len(here.causes))) if hidden else []
+    return Remains([*named, *small, *compare_encoders(machine, found, log)], least)
 
 
 # ----------------------------------------------------------------------------------------------------- gross faults
@@ -91,19 +91,19 @@ def what_remains(known: Identified, log: Log, seen: bool = False, hidden: bool =
 Linear = tuple[list[Array], list[Array]]  # readings, and their slopes by the parameters
 
 
-def _gross(search: Search, log: Log) -> tuple[Gross, Named] | None:
+def _find_gross_fault(search: Search, log: Log) -> tuple[Gross, Named] | None:
     mechanism = search.machine.mechanism
     level = search.task(log, mechanism)
-    told = _linear(search, level)
-    base = _scored(search, level, told)
+    told = _compute_linear_readings(search, level)
+    base = _compute_fault_score(search, level, told)
     best: tuple[Gross, Score] | None = None
-    for fault in hypotheses(search.machine):
-        at = _spoiled(search, fault)
+    for fault in list_gross_faults(search.machine):
+        at = _list_spoiled_channels(search, fault)
         if not at or base.unexplained[at].max() < LITTLE / 2.0:
             continue
         task = search.task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
         try:
-            one = _scored(search, task, _linear(search, task) if fault.moves else told)
+            one = _compute_fault_score(search, task, _compute_linear_readings(search, task) if fault.moves else told)
         except ConvergenceError:  # nothing can follow this motion: beams would roll up along an angle in another unit
             continue
         better = one.unexplained[at].max() < min(LITTLE, HALF * base.unexplained[at].max())
@@ -112,36 +112,36 @@ def _gross(search: Search, log: Log) -> tuple[Gross, Named] | None:
     if best is None:
         return None
     fault, one = best
-    before, after = (score.unexplained[_spoiled(search, fault)].max() for score in (base, one))
+    before, after = (score.unexplained[_list_spoiled_channels(search, fault)].max() for score in (base, one))
     evidence = f"unexplained {before:.1%} as it is, {after:.1%} without it"
     return fault, Named(fault.name, fault.place, fault.unit, fault.size, 0.0, base.value - one.value, evidence)
 
 
-def _spoiled(search: Search, fault: Gross) -> list[int]:
+def _list_spoiled_channels(search: Search, fault: Gross) -> list[int]:
     return [k for k, c in enumerate(search.machine.channels) if c.place in fault.places]
 
 
-def _linear(search: Search, task: Problem) -> Linear:
+def _compute_linear_readings(search: Search, task: Problem) -> Linear:
     z = np.zeros(len(search.found.z)) if search.seen else search.found.z
-    return task.pick(task.predict(z)), jacobian(task, z)
+    return task.pick(task.predict(z)), compute_jacobian(task, z)
 
 
-def _scored(search: Search, task: Problem, told: Linear) -> Score:
+def _compute_fault_score(search: Search, task: Problem, told: Linear) -> Score:
     measured = task.pick([run.measured for run in task.runs if run.measured is not None])
-    return score(measured, *told, search.found.agree, search.root)
+    return compute_score(measured, *told, search.found.agree, search.root)
 
 
 # ---------------------------------------------------------------------------------------------- what may be small
 
 
-def _small(search: Search, log: Log) -> tuple[list[Named], Round, Array]:
+def _find_small_causes(search: Search, log: Log) -> tuple[list[Named], Round, Array]:
     """Causes by their evidence, and the log under them with their sizes."""
-    causes = list(dictionary(search.machine))
+    causes = list(list_possible_causes(search.machine))
     at = np.zeros(len(causes))
     named = list[Named]()
     here = Round(search, log, causes, at, None)
     while len(named) < LARGEST:
-        best = _strongest(here, at, {one.name + one.place for one in named})
+        best = _find_strongest_cause(here, at, {one.name + one.place for one in named})
         if best is None:
             break
         k, one = best
@@ -151,39 +151,39 @@ def _small(search: Search, log: Log) -> tuple[list[Named], Round, Array]:
     return named, here, at
 
 
-def _strongest(here: Round, at: Array, known: set[str]) -> tuple[int, Named] | None:
+def _find_strongest_cause(here: Round, at: Array, known: set[str]) -> tuple[int, Named] | None:
     level = here.rest(at)
     first: list[tuple[float, int, float]] = []
     for k, cause in enumerate(here.causes):
         if cause.name + cause.place not in known:
-            first += [(drop, k, size) for drop, size in _starts(here, at, k, level) if drop > ASKED]
+            first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
     chosen: dict[int, float] = {}
     for _, k, size in sorted(first, reverse=True):
         chosen.setdefault(k, size)
-    followed = [_sized(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
+    followed = [_fit_cause_size(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
     followed = [one for one in followed if one[1].size > here.causes[one[0]].least]
-    followed = [one for one in followed if one[1].drop >= enough(len(here.causes))]
+    followed = [one for one in followed if one[1].drop >= compute_evidence_threshold(len(here.causes))]
     if not followed:
         return None
-    most = max(_worth(here, *one) for one in followed)
-    alike = sorted((one for one in followed if _worth(here, *one) > most - ALIKE), key=lambda one: one[0])
+    most = max(_compute_cost_drop(here, *one) for one in followed)
+    alike = sorted((one for one in followed if _compute_cost_drop(here, *one) > most - ALIKE), key=lambda one: one[0])
     k, likely = alike[0]
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
 
 
-def enough(count: int) -> float:
+def compute_evidence_threshold(count: int) -> float:
     """Return the drop of the cost [-] that is evidence where so many causes are asked for."""
     return max(EVIDENCE, float(chi2.isf(CHANCE / count, 1)))
 
 
-def _worth(here: Round, k: int, one: Named) -> float:
+def _compute_cost_drop(here: Round, k: int, one: Named) -> float:
     """The drop of the cost; what is against nature has to explain more than what can be, by as much as counts as evidence."""
     return one.drop - (EVIDENCE if here.causes[k].one_sided and one.size < 0.0 else 0.0)
 
 
-def _starts(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
+def _list_start_sizes(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
     """Sizes of a cause at which the way to the best one may start, each with about how much the cost falls."""
     cause = here.causes[k]
     one = np.eye(len(at))[k]
@@ -200,7 +200,7 @@ def _starts(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, f
     return out
 
 
-def _sized(here: Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:
+def _fit_cause_size(here: Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:
     """Follow the size of a cause where it is not linear: Gauss and Newton in one number."""
     cause = here.causes[k]
     one = np.eye(len(at))[k]

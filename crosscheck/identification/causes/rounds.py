@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
-from crosscheck.identification.causes.wide import WideRows, wide_rows
-from crosscheck.identification.fit import Fit, Problem, jacobian, problem
+from crosscheck.identification.causes.wide import WideRows, build_wide_rows
+from crosscheck.identification.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.noise import agreeing
+from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.parameters import Space
-from crosscheck.identification.readings import Machine, Run, make_run, measured_of, wide_of
+from crosscheck.identification.readings import Machine, Run, compute_wide_responses, make_run, read_measured_channels
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
 
@@ -49,16 +49,20 @@ class Search:
         once : its readings are asked for at one set of values
         """
         if level is not None and not moves:
-            told = replace(level.runs[0], measured=measured_of(level.machine, log), wide=wide_of(level.machine, log))
+            told = replace(
+                level.runs[0],
+                measured=read_measured_channels(level.machine, log),
+                wide=compute_wide_responses(level.machine, log),
+            )
             return replace(level, runs=(told,))
-        changed = Machine(mechanism, self.machine.settings, carried(self.machine, mechanism))
+        changed = Machine(mechanism, self.machine.settings, update_space(self.machine, mechanism))
         run = make_run(changed, log, once=once)
         if level is None:
-            return problem(changed, (run,), (run.counted & ~self.cut,))
+            return build_problem(changed, (run,), (run.counted & ~self.cut,))
         return replace(level, machine=changed, runs=(run,))
 
 
-def carried(machine: Machine, mechanism: Mechanism) -> Space:
+def update_space(machine: Machine, mechanism: Mechanism) -> Space:
     """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
@@ -83,23 +87,23 @@ class Round:
         self.log = log
         self.causes = causes
         self.at = at.copy()
-        self.task = self.task_at(at, None)
+        self.task = self.build_task_at(at, None)
         found = search.found
         self.told = self.task.pick(self.task.predict(found.z))
-        residual = self._residual(self.task)
+        residual = self._compute_residual(self.task)
         spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
         self.weight = 1.0 / (spread * np.sqrt(found.agree))
-        self.wide = wide_rows(self.task.runs[0], search.before) if wide is None else wide
+        self.wide = build_wide_rows(self.task.runs[0], search.before) if wide is None else wide
         self._own_costs: dict[int, float] = {}
         sizes = [len(r) for r in residual] + [2 * len(w.weights) for w in self.wide]
         self.ends = np.cumsum(sizes)
         news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
         self.news = np.array(news + [w.news for w in self.wide])
-        scaled = [w * j for w, j in zip(self.weight, jacobian(self.task, found.z), strict=True)]
+        scaled = [w * j for w, j in zip(self.weight, compute_jacobian(self.task, found.z), strict=True)]
         beside = np.zeros((sum(sizes[len(residual) :]), len(found.z)))
         self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
 
-    def task_at(self, at: Array, level: Problem | None) -> Problem:
+    def build_task_at(self, at: Array, level: Problem | None) -> Problem:
         """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""
         log = self.log
         mechanism = self.search.machine.mechanism
@@ -110,7 +114,7 @@ class Round:
             moves = moves or (cause.moves and phi != own)
         return self.search.task(log, mechanism, level, moves, once=level is not None)
 
-    def _residual(self, task: Problem) -> list[Array]:
+    def _compute_residual(self, task: Problem) -> list[Array]:
         """Measured values less the readings, which are those of the round as long as nothing else moves."""
         measured = task.pick([run.measured for run in task.runs if run.measured is not None])
         same = task.runs[0].response is self.task.runs[0].response
@@ -119,14 +123,14 @@ class Round:
 
     def rest(self, at: Array) -> Array:
         """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
-        task = self.task_at(at, self.task)
-        factor = self._factors(at)
-        told = [f * w * e for f, w, e in zip(factor, self.weight, self._residual(task), strict=True)]
+        task = self.build_task_at(at, self.task)
+        factor = self._compute_channel_factors(at)
+        told = [f * w * e for f, w, e in zip(factor, self.weight, self._compute_residual(task), strict=True)]
         above = [factor[w.channel] * w.rows(task.runs[0]) for w in self.wide]
         r = np.concatenate([*told, *above, np.zeros(len(self.search.found.z))])
         return np.asarray(r - self.basis @ (self.basis.T @ r))
 
-    def _factors(self, at: Array) -> Array:
+    def _compute_channel_factors(self, at: Array) -> Array:
         """Factors by which the column of each channel is too large (channels,) [-]."""
         columns = [c.column for c in self.search.machine.channels]
         out = np.ones(len(columns))
@@ -140,9 +144,9 @@ class Round:
         log = self.log
         for cause, phi in zip(self.causes, at, strict=True):
             log = cause.undone(log, self.search.machine.mechanism, float(phi))[0] if phi else log
-        return float(sum(self._cost_above(w, log) for w in self.wide))
+        return float(sum(self._compute_channel_cost(w, log) for w in self.wide))
 
-    def _cost_above(self, rows: WideRows, log: Log) -> float:
+    def _compute_channel_cost(self, rows: WideRows, log: Log) -> float:
         """The cost of a channel; where its columns are the log's own, it is computed once."""
         machine = self.search.machine
         channel = self.search.machine.channels[rows.channel]
@@ -150,7 +154,7 @@ class Round:
         own = all(log.columns[c] is self.log.columns[c] for c in columns)
         if own and rows.channel in self._own_costs:
             return self._own_costs[rows.channel]
-        run = replace(self.task.runs[0], wide=wide_of(machine, log, rows.channel))
+        run = replace(self.task.runs[0], wide=compute_wide_responses(machine, log, rows.channel))
         cost = float(np.sum(rows.rows(run) ** 2))
         if own:
             self._own_costs[rows.channel] = cost
@@ -164,7 +168,7 @@ class Round:
         """
         parts = list(zip(np.split(before, self.ends), np.split(left, self.ends), strict=True))
         one, other = np.array([[float(a @ a), float(b @ b)] for a, b in parts]).T
-        most = [len(b) / agreeing(b) for _, b in parts[: len(self.weight)]] + [w.news for w in self.wide]
+        most = [len(b) / count_agreeing_samples(b) for _, b in parts[: len(self.weight)]] + [w.news for w in self.wide]
         floor = np.concatenate([np.zeros(len(self.weight)), [w.news for w in self.wide], [0.0]])
         one = np.maximum(one, floor)
         other = np.maximum(other, floor)

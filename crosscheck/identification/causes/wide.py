@@ -13,9 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from crosscheck.identification.noise import agreeing
+from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Run
-from crosscheck.identification.wide_response import Expected, WideResponse, difference, expected, weights
+from crosscheck.identification.wide_response import (
+    Expected,
+    WideResponse,
+    build_expectation,
+    compute_response_error,
+    compute_weights,
+)
 
 Array = NDArray[np.float64]
 # Where the way to the best one starts [s], and what is one on it: [s], [s], of the logarithm [-].
@@ -37,42 +43,48 @@ class WideRows:
     def rows(self, run: Run) -> Array:
         """Return the difference between the channel of a run and its expectation (rows,) [-]."""
         seen = run.wide[self.channel]
-        return np.zeros(2 * len(self.weights)) if seen is None else difference(seen, self.told, self.weights)
+        return (
+            np.zeros(2 * len(self.weights)) if seen is None else compute_response_error(seen, self.told, self.weights)
+        )
 
 
-def wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
+def build_wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
     """Return the rows of efforts that show something above the bandwidth [-]; before : runs that tell what to expect."""
     out = []
     for c, seen in enumerate(run.wide):
         if seen is None:
             continue
         known = [w for w in (b.wide[c] for b in before if b.wide) if w is not None]
-        told = expected(seen, known)
-        weight = weights(seen, told)
+        told = build_expectation(seen, known)
+        weight = compute_weights(seen, told)
         if (weight > 0.0).sum() < 10:
             continue
-        best = _settled(seen, told, weight)
-        alike = max(agreeing(best[0::2]), agreeing(best[1::2]), 1.0 if told.known else _smooth(seen.frequency))
+        best = _fit_delay_and_gain(seen, told, weight)
+        alike = max(
+            count_agreeing_samples(best[0::2]),
+            count_agreeing_samples(best[1::2]),
+            1.0 if told.known else _count_smoothed_lines(seen.frequency),
+        )
         scale = max(1.0, float(np.mean(best[best != 0.0] ** 2)))
         news = 2.0 * float((weight > 0.0).sum()) / alike
         out.append(WideRows(c, told, weight / np.sqrt(scale * alike), news))
     return out
 
 
-def _smooth(frequency: Array) -> float:
+def _count_smoothed_lines(frequency: Array) -> float:
     """The number of frequencies [Hz] over which a drive that is more than its rotor misses alike: half an octave's [-]."""
     return len(frequency) / max(1.0, 2.0 * float(np.log2(frequency[-1] / frequency[0])))
 
 
-def _settled(seen: WideResponse, told: Expected, weight: Array) -> Array:
+def _fit_delay_and_gain(seen: WideResponse, told: Expected, weight: Array) -> Array:
     """The differences (rows,) under the delay, lag and gain that leave least of them."""
     w = 2.0 * np.pi * seen.frequency
 
-    def left(x: Array) -> Array:
+    def compute_rest(x: Array) -> Array:
         delay, lag, gain = x * SCALES
         turned = np.exp(1j * w * delay) * (1.0 + 1j * w * lag) * (np.exp(-gain) if told.known else 1.0)
-        return difference(replace(seen, both=seen.both * turned), told, weight)
+        return compute_response_error(replace(seen, both=seen.both * turned), told, weight)
 
     starts = [np.array([delay, lag, 0.0]) / SCALES for lag in LAGS for delay in DELAYS]
-    start = min(starts, key=lambda x: float(np.sum(left(x) ** 2)))
-    return left(least_squares(left, start, method="lm", max_nfev=STEPS).x)
+    start = min(starts, key=lambda x: float(np.sum(compute_rest(x) ** 2)))
+    return compute_rest(least_squares(compute_rest, start, method="lm", max_nfev=STEPS).x)

@@ -31,7 +31,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
-def bag_columns(path: Path, time: str) -> dict[str, Array]:
+def read_bag_columns(path: Path, time: str) -> dict[str, Array]:
     """Return the columns of a bag (samples,) [units of its messages] with even times [s] under the name ``time``.
 
     Raises InputError: rosbags is not installed, a bag that cannot be read, no numbers, times that run backwards.
@@ -46,37 +46,37 @@ def bag_columns(path: Path, time: str) -> dict[str, Array]:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             for connection, stamp, raw in reader.messages():
                 message = reader.deserialize(raw, connection.msgtype)
-                row = dict(_numbers(connection.topic, connection.msgtype, message))
-                topics.setdefault(connection.topic, []).append((_seconds(message, stamp), row))
+                row = dict(_list_message_numbers(connection.topic, connection.msgtype, message))
+                topics.setdefault(connection.topic, []).append((_read_message_time(message, stamp), row))
     except Exception as error:  # rosbags raises whatever the damage of a file leads to
         raise InputError(f"{path.name}: no bag that can be read ({error}); record it anew, or export CSV") from error
     some = {topic: rows for topic, rows in topics.items() if len(rows) > 1 and any(row for _, row in rows)}
-    signals = [_signal(path, topic, rows) for topic, rows in some.items()]
+    signals = [_read_topic_signal(path, topic, rows) for topic, rows in some.items()]
     if not signals:
         raise InputError(
             f"{path.name}: no message holds a number; record {STATES}, expected angles and efforts of joints"
         )
-    return _together(signals, time)
+    return _join_signals(signals, time)
 
 
-def _seconds(message: Any, received: int) -> float:
+def _read_message_time(message: Any, received: int) -> float:
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     seconds = float(stamp.sec) + NANO * float(stamp.nanosec) if stamp is not None else 0.0
     return seconds or NANO * received
 
 
-def _numbers(topic: str, kind: str, message: Any) -> Iterator[tuple[str, float]]:
+def _list_message_numbers(topic: str, kind: str, message: Any) -> Iterator[tuple[str, float]]:
     """Names and values of the numbers of a message [units of the message]."""
     if kind == STATES:
         for part in PARTS:
             for joint, value in zip(message.name, getattr(message, part), strict=False):
                 yield f"{topic}/{joint}/{part}", float(value)
         return
-    for field, value in _fields(message):
+    for field, value in _list_field_numbers(message):
         yield f"{topic}/{field}" if field else topic, value
 
 
-def _fields(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
+def _list_field_numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
     """Numbers of a message's fields; "data" of the standard messages has no name of its own."""
     if isinstance(value, (bool, int, float, np.number)):
         yield name, float(value)
@@ -87,10 +87,12 @@ def _fields(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
         for field in value.__dataclass_fields__:
             if field not in ("header", "__msgtype__"):
                 parts = (name, "" if field == "data" else field)
-                yield from _fields(getattr(value, field), ".".join(filter(None, parts)))
+                yield from _list_field_numbers(getattr(value, field), ".".join(filter(None, parts)))
 
 
-def _signal(path: Path, topic: str, rows: list[tuple[float, dict[str, float]]]) -> tuple[Array, dict[str, Array]]:
+def _read_topic_signal(
+    path: Path, topic: str, rows: list[tuple[float, dict[str, float]]]
+) -> tuple[Array, dict[str, Array]]:
     """Times [s] and columns of a topic: those that all of its messages have."""
     at = np.array([seconds for seconds, _ in rows])
     if back := np.flatnonzero(np.diff(at) <= 0.0).tolist():
@@ -102,7 +104,7 @@ def _signal(path: Path, topic: str, rows: list[tuple[float, dict[str, float]]]) 
     return at, {name: np.array([row[name] for _, row in rows]) for name in names}
 
 
-def _together(signals: list[tuple[Array, dict[str, Array]]], time: str) -> dict[str, Array]:
+def _join_signals(signals: list[tuple[Array, dict[str, Array]]], time: str) -> dict[str, Array]:
     """All columns at the pace of the topic with the most messages; nan where a topic says nothing."""
     quickest = max(signals, key=lambda signal: len(signal[0]))[0]
     spacing = float(np.median(np.diff(quickest)))

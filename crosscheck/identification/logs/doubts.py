@@ -21,11 +21,17 @@ RATE = 0.01  # relative, of sampling rates that agree
 TURN = 2.0 * np.pi  # [rad]: a joint that goes farther, under a model that fails, is likely one in degrees
 
 
-def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
+def describe_log_doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
     """Return doubts about the logs in words [-], for readers of the results."""
-    words = [w for log in (*logs, *held) for w in _saturated(machine, log)]
-    words += [_twice(machine, a, b, "both identify: samples count twice") for a, b in combinations(logs, 2)]
-    words += [_twice(machine, a, b, "the hold-out was seen: what it says is no test") for a in logs for b in held]
+    words = [w for log in (*logs, *held) for w in _describe_saturation(machine, log)]
+    words += [
+        _describe_shared_samples(machine, a, b, "both identify: samples count twice") for a, b in combinations(logs, 2)
+    ]
+    words += [
+        _describe_shared_samples(machine, a, b, "the hold-out was seen: what it says is no test")
+        for a in logs
+        for b in held
+    ]
     words += [
         f"{log.name}: its samples are {log.spacing:g} s apart, which is slow for a machine that moves: if its times are "
         'milliseconds, write time_unit = "ms" in identify.toml'
@@ -42,7 +48,7 @@ def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
     return [w for w in words if w]
 
 
-def failures(machine: Machine, logs: list[Log], rows: list[Judged]) -> list[str]:
+def describe_log_failures(machine: Machine, logs: list[Log], rows: list[Judged]) -> list[str]:
     """Return words about logs that a model explains worse than a constant does [-], with the angles that may be in degrees."""
     out = []
     for log in logs:
@@ -61,7 +67,7 @@ def failures(machine: Machine, logs: list[Log], rows: list[Judged]) -> list[str]
     return out
 
 
-def stands_at(values: Array) -> list[tuple[float, float]]:
+def find_clipped_extremes(values: Array) -> list[tuple[float, float]]:
     """Return the extremes at which a column (samples,) [any unit] stands as a clipped signal does, and the share of samples."""
     if len(values) < 20 or np.ptp(values) == 0.0:
         return []
@@ -74,16 +80,16 @@ def stands_at(values: Array) -> list[tuple[float, float]]:
     return out
 
 
-def _saturated(machine: Machine, log: Log) -> list[str]:
+def _describe_saturation(machine: Machine, log: Log) -> list[str]:
     return [
         f"{log.name}: {share:.0%} of column {channel.column!r} stand at {side:g}, as a signal does that is clipped: "
         "the drive gave more than it shows"
         for channel in machine.channels
-        for side, share in stands_at(log.columns.get(channel.column, np.zeros(0)))
+        for side, share in find_clipped_extremes(log.columns.get(channel.column, np.zeros(0)))
     ]
 
 
-def _twice(machine: Machine, one: Log, other: Log, consequence: str) -> str:
+def _describe_shared_samples(machine: Machine, one: Log, other: Log, consequence: str) -> str:
     """Return words where two logs share samples: the same columns over common times, or from beginning to end."""
     names = [t.angle.column for t in machine.settings.joints.values()]
     names += [c.column for c in machine.channels if c.column in one.columns and c.column in other.columns]

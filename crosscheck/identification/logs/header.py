@@ -59,15 +59,15 @@ class Column:
 Found = Mapping[str, Mapping[str, Column]]
 
 
-def time_of(names: Sequence[str]) -> str:
+def find_time_column(names: Sequence[str]) -> str:
     """Return the column that looks like times [s]; "time_s" where none does, which the reader of logs then misses in words."""
     like = [name for name in names if name == "time_s"] or [name for name in names if TIME.search(name)]
     return like[0] if like else "time_s"
 
 
-def time_unit(name: str, spacing: float) -> tuple[str, str]:
+def find_time_unit(name: str, spacing: float) -> tuple[str, str]:
     """Return the unit of a column of times [-], and a doubt in words; spacing : of its samples as written [that unit]."""
-    if unit := _unit(name, TIMES):
+    if unit := _find_unit(name, TIMES):
         return unit, ""
     if spacing < SLOW:
         return "s", ""
@@ -75,47 +75,47 @@ def time_unit(name: str, spacing: float) -> tuple[str, str]:
     return unit, f"the header names no unit, and steps of {spacing:g} s would be slow: is it {unit}?"
 
 
-def columns_of(joints: Sequence[Joint], columns: Mapping[str, Array]) -> dict[str, dict[str, Column]]:
+def match_joint_columns(joints: Sequence[Joint], columns: Mapping[str, Array]) -> dict[str, dict[str, Column]]:
     """Return by joint its columns "angle", "link_angle", "effort" [unit of each]; joints without any are left out."""
-    names = _names(joints)
-    owners = {name: _owner(name, names) for name in columns}
+    names = _map_joint_names(joints)
+    owners = {name: _find_column_joint(name, names) for name in columns}
     kinds: dict[str, list[Column]] = {"angle": [], "link_angle": [], "effort": []}
     for name, values in columns.items():
-        if made := _sense(name, _without(name, names.get(owners[name], ())), values):
+        if made := _find_column_sense(name, _remove_words(name, names.get(owners[name], ())), values):
             kinds[made[0]].append(made[1])
     out: dict[str, dict[str, Column]] = {}
     for kind, every in kinds.items():
-        for joint, own in _shared_out(joints, every, owners).items():
+        for joint, own in _split_columns(joints, every, owners).items():
             slides = next(j for j in joints if j.name == joint).kind == "prismatic"
-            fitting = [_si(c, kind, slides) for c in own if _fits(c, kind, slides)]
+            fitting = [_resolve_unit(c, kind, slides) for c in own if _has_fitting_unit(c, kind, slides)]
             if fitting:
-                out.setdefault(joint, {})[kind] = _best(fitting, kind)
+                out.setdefault(joint, {})[kind] = _choose_column(fitting, kind)
     return out
 
 
 # --------------------------------------------------------------------------------------------------- what a column is
 
 
-def _sense(name: str, rest: str, values: Array) -> tuple[str, Column] | None:
+def _find_column_sense(name: str, rest: str, values: Array) -> tuple[str, Column] | None:
     """The sense of a column, and the column with its unit; rest : its name without that of its joint."""
-    unit = _unit(rest, UNITS)
+    unit = _find_unit(rest, UNITS)
     if TOLD.search(rest):
         return None
     if not RATES.search(rest) and (unit in ANGLES or (not unit and ANGLE.search(rest))):
         kind = "link_angle" if SECOND.search(rest) else "angle"
-        return kind, Column(name, unit) if unit else _angle(name, values)
+        return kind, Column(name, unit) if unit else _resolve_angle_unit(name, values)
     if unit in EFFORTS or (not unit and EFFORT.search(rest) and not RATES.search(rest)):
         return "effort", Column(name, unit)
     return None
 
 
-def _angle(name: str, values: Array) -> Column:
+def _resolve_angle_unit(name: str, values: Array) -> Column:
     """A coordinate whose unit no header names."""
     far = float(np.nanmax(np.abs(values), initial=0.0))
     return Column(name, "", f"it reaches {far:.3g}" if far > TURNS else "")
 
 
-def _si(column: Column, kind: str, slides: bool) -> Column:
+def _resolve_unit(column: Column, kind: str, slides: bool) -> Column:
     """The column with a unit: where its header names none, that of the joint, with a doubt."""
     if column.unit:
         return column
@@ -125,11 +125,11 @@ def _si(column: Column, kind: str, slides: bool) -> Column:
     return Column(column.name, unit, f"the header names no unit{reaches}: is it {unit}?")
 
 
-def _fits(column: Column, kind: str, slides: bool) -> bool:
+def _has_fitting_unit(column: Column, kind: str, slides: bool) -> bool:
     return kind == "effort" or not column.unit or (column.unit in ("m", "mm")) == slides
 
 
-def _best(columns: list[Column], kind: str) -> Column:
+def _choose_column(columns: list[Column], kind: str) -> Column:
     """The first; of efforts one whose header names a torque or a force before a current."""
     ordered = sorted(columns, key=lambda c: kind == "effort" and (c.unit == "A", bool(c.why)))
     chosen = ordered[0]
@@ -140,7 +140,7 @@ def _best(columns: list[Column], kind: str) -> Column:
     return replace(chosen, why="; ".join(words))
 
 
-def _unit(name: str, units: Mapping[str, str]) -> str:
+def _find_unit(name: str, units: Mapping[str, str]) -> str:
     """The unit in brackets or at the end of a name; "" where there is none."""
     brackets = ["".join(found) for found in re.findall(r"\[(.*?)\]|\((.*?)\)", name)]
     for inside in brackets:
@@ -156,11 +156,11 @@ def _unit(name: str, units: Mapping[str, str]) -> str:
 # ---------------------------------------------------------------------------------------------- whose column it is
 
 
-def _names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
+def _map_joint_names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
     """By joint its name, and what is left of it without the words that all of them share."""
     words = [j.name for j in joints]
-    before = _common(words)
-    after = _common([w[::-1] for w in words])
+    before = _find_common_prefix(words)
+    after = _find_common_prefix([w[::-1] for w in words])
     out: dict[str, tuple[str, ...]] = {}
     for word in words:
         cuts = (word[: len(word) - len(after)], word[len(before) : len(word) - len(after)]) if len(joints) > 1 else ()
@@ -169,7 +169,7 @@ def _names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
     return out
 
 
-def _common(words: Sequence[str]) -> str:
+def _find_common_prefix(words: Sequence[str]) -> str:
     """The beginning that all words share, up to the last mark between words."""
     length = 0
     while words and all(len(w) > length and w[length] == words[0][length] for w in words):
@@ -178,7 +178,7 @@ def _common(words: Sequence[str]) -> str:
     return begin[: max((begin.rfind(mark) for mark in "_-./"), default=-1) + 1]
 
 
-def _pattern(word: str) -> re.Pattern[str]:
+def _make_word_pattern(word: str) -> re.Pattern[str]:
     loose = r"[_\s.-]?".join(re.escape(part) for part in re.split(r"[_\s.-]", word))
     edges = ("(?<![A-Za-z0-9])", "(?![A-Za-z0-9])") if len(word) <= SHORT else ("", "")
     before = edges[0] or (r"(?<!\d)" if word[0].isdigit() else "")
@@ -186,19 +186,24 @@ def _pattern(word: str) -> re.Pattern[str]:
     return re.compile(before + loose + behind, re.IGNORECASE)
 
 
-def _owner(column: str, names: Mapping[str, tuple[str, ...]]) -> str:
+def _find_column_joint(column: str, names: Mapping[str, tuple[str, ...]]) -> str:
     """The joint whose name is the longest in a column; "" where none is."""
-    held = [(len(word), joint) for joint, words in names.items() for word in words if _pattern(word).search(column)]
+    held = [
+        (len(word), joint)
+        for joint, words in names.items()
+        for word in words
+        if _make_word_pattern(word).search(column)
+    ]
     return max(held)[1] if held else ""
 
 
-def _without(column: str, words: Iterable[str]) -> str:
+def _remove_words(column: str, words: Iterable[str]) -> str:
     for word in words:
-        column = _pattern(word).sub("", column)
+        column = _make_word_pattern(word).sub("", column)
     return column
 
 
-def _shared_out(
+def _split_columns(
     joints: Sequence[Joint], columns: Sequence[Column], owners: Mapping[str, str]
 ) -> dict[str, list[Column]]:
     """By joint its columns of one kind."""
@@ -207,7 +212,7 @@ def _shared_out(
     for column in columns:
         if owners[column.name]:
             out.setdefault(owners[column.name], []).append(column)
-    if numbered := _numbered(joints, left):
+    if numbered := _match_by_number(joints, left):
         for joint, own in numbered.items():
             out.setdefault(joint, own)
     elif not out and len(left) == len(joints):
@@ -219,9 +224,9 @@ def _shared_out(
     return out
 
 
-def _numbered(joints: Sequence[Joint], columns: Sequence[Column]) -> dict[str, list[Column]]:
+def _match_by_number(joints: Sequence[Joint], columns: Sequence[Column]) -> dict[str, list[Column]]:
     """By joint the columns whose number means it; nothing where numbers mean none."""
-    numbers = _numbers([c.name for c in columns])
+    numbers = _find_name_numbers([c.name for c in columns])
     own = [re.findall(r"\d+", j.name)[-1:] for j in joints]
     theirs = [int(one[0]) for one in own if one]
     seen = {n for n in numbers if n is not None}
@@ -238,7 +243,7 @@ def _numbered(joints: Sequence[Joint], columns: Sequence[Column]) -> dict[str, l
     return out
 
 
-def _numbers(names: Sequence[str]) -> list[int | None]:
+def _find_name_numbers(names: Sequence[str]) -> list[int | None]:
     """Of each name the number that tells the names apart: the place among its numbers where the most differ."""
     every = [re.findall(r"\d+", name) for name in names]
     most = max((len(found) for found in every), default=0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.logs.bag import SUFFIXES, bag_columns, is_bag
+from crosscheck.identification.logs.bag import SUFFIXES, is_bag, read_bag_columns
 from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
 from flexinv.files.regular_files import MISSING, describe_kind
@@ -78,7 +78,7 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
     text, _, part = str(source).partition("@")
     path = Path(text)
     _check_there(path)
-    columns = _columns(path, time)
+    columns = _read_columns(path, time)
     if time not in columns:
         raise InputError(
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
@@ -95,11 +95,11 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
     return log.cut(start, end)
 
 
-def column_names(source: str | Path) -> list[str]:
+def list_column_names(source: str | Path) -> list[str]:
     """Return the names of the columns of a log.  Raises InputError: no such file, unknown format."""
     path = Path(str(source).partition("@")[0])
     _check_there(path)
-    return list(_columns(path, "time_s"))
+    return list(_read_columns(path, "time_s"))
 
 
 def _check_there(path: Path) -> None:
@@ -113,12 +113,12 @@ def _check_there(path: Path) -> None:
         raise InputError(f"log {path}: {size} bytes, expected at most {LARGEST_FILE}; {advice}")
 
 
-def _columns(path: Path, time: str) -> dict[str, Array]:
+def _read_columns(path: Path, time: str) -> dict[str, Array]:
     if is_bag(path):
-        return bag_columns(path, time)
+        return read_bag_columns(path, time)
     name = path.name.lower()
     if name.endswith((".csv", ".csv.gz")):
-        return _of_frame(path, _read_csv(path))
+        return _convert_data_frame(path, _read_csv(path))
     if name.endswith(".parquet"):
         import pandas as pd
 
@@ -131,9 +131,9 @@ def _columns(path: Path, time: str) -> dict[str, Array]:
             raise InputError(
                 f"{path.name}: no Parquet that can be read ({words}); save it anew, or export CSV"
             ) from error
-        return _of_frame(path, frame)
+        return _convert_data_frame(path, frame)
     if name.endswith(".mat"):
-        return _of_mat(path)
+        return _read_mat(path)
     raise InputError(
         f"{path.name}: format unknown; write .csv, .csv.gz, .parquet, .mat or a bag of ROS ({', '.join(SUFFIXES)})"
     )
@@ -174,7 +174,7 @@ def _read_csv(path: Path) -> Any:
     return frame
 
 
-def _of_frame(path: Path, frame: Any) -> dict[str, Array]:
+def _convert_data_frame(path: Path, frame: Any) -> dict[str, Array]:
     out: dict[str, Array] = {}
     for name in frame.columns:
         try:
@@ -188,7 +188,7 @@ def _of_frame(path: Path, frame: Any) -> dict[str, Array]:
     return out
 
 
-def _of_mat(path: Path) -> dict[str, Array]:
+def _read_mat(path: Path) -> dict[str, Array]:
     """Return the vectors of the longest common length; the columns of a matrix NAME are NAME_1, NAME_2 ... ."""
     from scipy.io import loadmat
 

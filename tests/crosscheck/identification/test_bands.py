@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Scatter, judge, margins, predict, scatter
-from crosscheck.identification.fit import fit, problem
-from crosscheck.identification.identify import machine_of
+from crosscheck.identification.bands import Judged, Scatter, compute_margins, fit_scatter, judge, predict
+from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import make_run
 
@@ -27,7 +27,7 @@ def test_the_law_of_what_remains_is_told_by_residuals() -> None:
     rate = random.uniform(0.0, 1.0, 2000)
     unsure = np.full_like(rate, 0.05)
     held = random.normal(size=len(rate)) * np.sqrt(true.at(rate) ** 2 + unsure**2)
-    told = scatter(rate, held, unsure, 1.0, 0.01)
+    told = fit_scatter(rate, held, unsure, 1.0, 0.01)
     assert told is not None
     for v in (0.02, 0.1, 0.5, 0.9):
         at = np.array([v])
@@ -40,9 +40,9 @@ def test_what_chance_makes_of_one_scatter_is_no_law_of_rates() -> None:
     for _ in range(20):
         held = np.repeat(random.normal(size=40), 5)
         rate = np.repeat(random.uniform(0.0, 1.0, 40), 5)
-        laws += scatter(rate, held, np.zeros(200), 5.0, 0.01) is not None
+        laws += fit_scatter(rate, held, np.zeros(200), 5.0, 0.01) is not None
     assert laws <= 3
-    assert scatter(np.zeros(20), np.full(20, 0.3), np.zeros(20), 1.0, 0.01) is None
+    assert fit_scatter(np.zeros(20), np.full(20, 0.3), np.zeros(20), 1.0, 0.01) is None
 
 
 def noisy(folder: Path, seed: int) -> Log:
@@ -61,11 +61,11 @@ def test_slow_and_fast_samples_of_other_logs_have_bands_of_their_own(tmp_path: P
     base = logged_arm.write_arm(tmp_path / "arm")
     text = (base / "identify.toml").read_text()
     (base / "identify.toml").write_text(f"between_runs = 0\n{text}")
-    machine = machine_of(base)
+    machine = read_machine(base)
     one, *others = (make_run(machine, noisy(tmp_path, seed)) for seed in range(4))
-    task = problem(machine, (one,))
+    task = build_problem(machine, (one,))
     found = fit(task)
-    margin = margins(task, found)
+    margin = compute_margins(task, found)
     slow, fast = list[Judged](), list[Judged]()
     for run in others:
         rate, told = np.abs(run.motion.qd), predict(machine, found, margin, run)

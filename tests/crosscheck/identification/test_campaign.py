@@ -8,11 +8,11 @@ import identify_campaign as campaign
 import numpy as np
 import pytest
 
-from crosscheck.identification.fit import fit, problem
-from crosscheck.identification.identify import machine_of
+from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.identify import read_machine
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.response import Measured
-from crosscheck.identification.table import rows
+from crosscheck.identification.table import list_parameter_rows
 
 COUPLER = """bandwidth_Hz = 25
 initial = "static"
@@ -62,7 +62,7 @@ def test_the_stiffness_of_a_coupler_that_bends_is_found(root: Path, tmp_path: Pa
     text = (root / "models" / "four_bar_flexible" / "mechanism.toml").read_text()
     (tmp_path / "mechanism.toml").write_text(f"{text}\n[damping]\nretardation_s = 1e-3\n")
     (tmp_path / "identify.toml").write_text(COUPLER)
-    machine = machine_of(tmp_path)
+    machine = read_machine(tmp_path)
     time = np.arange(0.0, 2.0, 0.004)
     ramp = np.clip(time / 1.8, 0.0, 1.0)
     q = np.radians(20.0) + 4 * np.pi * (ramp - np.sin(2 * np.pi * ramp) / (2 * np.pi))
@@ -72,7 +72,7 @@ def test_the_stiffness_of_a_coupler_that_bends_is_found(root: Path, tmp_path: Pa
     z = np.array([np.log(truth[p.key] / p.known) / p.error for p in machine.space.parameters])
     log = campaign.logged(machine, motion, z, np.random.default_rng(3))
     run = make_run(machine, log)
-    table = {(r.parameter, r.place): r for r in rows(machine.space, fit(problem(machine, (run,))))}
+    table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, fit(build_problem(machine, (run,))))}
     for key, value in truth.items():
         assert table[key].identifiable
         assert table[key].low < value < table[key].high

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 import crosscheck
 from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
-from crosscheck.identification.causes.name_causes import name_causes, what_remains
-from crosscheck.identification.identify import Identified, machine_of, read_of
+from crosscheck.identification.causes.name_causes import find_causes, find_remaining_causes
+from crosscheck.identification.identify import Identified, read_machine, read_of
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import KINDS
-from crosscheck.identification.readings import delayed, lagged
+from crosscheck.identification.readings import apply_delay, apply_first_order_lag
 
 Array = NDArray[np.float64]
 STIFF, LATER = 2e4, 0.003  # [N m/rad], [s] of the link angle
@@ -38,7 +38,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identified, Log]:
         rotor = 0.3 * np.gradient(np.gradient(table["q1"], 0.004), 0.004)
         passed = table["t1"] - rotor - 4.0 * np.gradient(table["q1"], 0.004)
         passed -= 2.0 * np.tanh(np.gradient(table["q1"], 0.004) / 0.02)
-        table["link1"] = delayed(table["q1"].to_numpy() - passed.to_numpy() / STIFF, 0.004, LATER)
+        table["link1"] = apply_delay(table["q1"].to_numpy() - passed.to_numpy() / STIFF, 0.004, LATER)
         table.to_csv(folder / f"{name}.csv", index=False)
     return crosscheck.identify(folder, [folder / "one.csv"]), read_log(folder / "two.csv")
 
@@ -53,12 +53,12 @@ def without_encoder(log: Log) -> Log:
 
 def test_nothing_is_named_on_an_untouched_log(known: tuple[Identified, Log]) -> None:
     found, log = known
-    assert name_causes(found, without_encoder(log)) == []
+    assert find_causes(found, without_encoder(log)) == []
 
 
 def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identified, Log]) -> None:
     found, log = known
-    named = {one.name: one for one in name_causes(found, log)}
+    named = {one.name: one for one in find_causes(found, log)}
     assert set(named) == {TWIST, DELAY}
     assert named[TWIST].size == pytest.approx(STIFF, rel=0.05)
     assert named[DELAY].size == pytest.approx(LATER, rel=0.05)
@@ -67,8 +67,8 @@ def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identifie
 
 SPOIL: dict[str, Callable[[Array], Array]] = {
     "constant": lambda v: 1.3 * v,
-    "delay": lambda v: delayed(v, 0.004, 0.008),
-    "lag": lambda v: lagged(v, 0.004, 0.005),
+    "delay": lambda v: apply_delay(v, 0.004, 0.008),
+    "lag": lambda v: apply_first_order_lag(v, 0.004, 0.005),
     "sign": lambda v: -v,
     "thousand": lambda v: 1e3 * v,
     "steps": lambda v: 0.5 * np.round(v / 0.5),
@@ -98,7 +98,7 @@ def test_a_planted_fault_is_named_first_with_its_size(
     found, log = known
     values = SPOIL[spoiled](log.columns[column])
     size = float(values.max()) if size is None else size
-    first = name_causes(found, without_encoder(changed(log, column, values)))[0]
+    first = find_causes(found, without_encoder(changed(log, column, values)))[0]
     assert (first.name.split(", the column")[0], first.place) == (name, place)
     assert first.size == pytest.approx(size, rel=0.1)
     assert name in first.words
@@ -110,8 +110,8 @@ def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identified, Log])
     found, log = known
     late = log
     for column in ("t1", "t2"):
-        late = changed(late, column, delayed(log.columns[column], log.spacing, 0.008))
-    (only,) = name_causes(found, without_encoder(late))
+        late = changed(late, column, apply_delay(log.columns[column], log.spacing, 0.008))
+    (only,) = find_causes(found, without_encoder(late))
     assert (only.name, only.place) == ("delay of the efforts", "all joints")
     assert only.size == pytest.approx(0.008, rel=0.1)
 
@@ -123,7 +123,7 @@ def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identified, 
     every = {one.name: one for one in planted_faults.planted(found, without_encoder(log))}
     payload = every["payload beside what is known"]
     assert payload.place.endswith(", at its centre of mass")
-    good, words = planted_faults.verdict(payload, name_causes(found, payload.log), set())
+    good, words = planted_faults.verdict(payload, find_causes(found, payload.log), set())
     assert good, words
 
 
@@ -134,12 +134,12 @@ def test_a_motion_that_no_solver_can_follow_is_no_hypothesis(root: Path) -> None
     What needs no march of the beams is free here: drives and sensors.
     """
     folder = root / "models" / "quanser_2dsfl"
-    part, known = f"{folder / 'record.csv'}@0:5", machine_of(folder)
+    part, known = f"{folder / 'record.csv'}@0:5", read_machine(folder)
     free = tuple(one for one in known.settings.free if not KINDS[one.parameter].solved)
     found = crosscheck.identify(known.mechanism, [part], settings=known.settings.model_copy(update={"free": free}))
     log = read_of(found.machine, part)
     column = found.machine.channels[0].column
-    first = name_causes(found, changed(log, column, -log.columns[column]))[0]
+    first = find_causes(found, changed(log, column, -log.columns[column]))[0]
     assert (first.name, first.place) == ("wrong sign of the effort", "shoulder")
 
 
@@ -151,7 +151,7 @@ def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identified, L
     assert {"delay of the effort", "first-order lag of the effort", "wrong sign of the effort"} <= kinds
     assert {"torque constant, relative error", "tilt of gravity"} <= kinds
     sign = every["wrong sign of the effort", "elbow"]
-    named = name_causes(found, sign.log)
+    named = find_causes(found, sign.log)
     assert planted_faults.verdict(sign, named, set())[0]
     assert not planted_faults.verdict(every["wrong sign of the effort", "shoulder"], named, set())[0]
     assert not planted_faults.verdict(sign, [], set())[0]
@@ -161,7 +161,7 @@ def test_swapped_columns_are_named(known: tuple[Identified, Log]) -> None:
     found, log = known
     for one, other, kind in (("t1", "t2", "efforts"), ("q1", "q2", "angles")):
         swapped = changed(changed(log, one, log.columns[other]), other, log.columns[one])
-        named = name_causes(found, without_encoder(swapped))
+        named = find_causes(found, without_encoder(swapped))
         assert (named[0].name, named[0].place) == (f"swapped columns of the {kind}", "shoulder and elbow")
         assert len(named) == 1
 
@@ -173,7 +173,7 @@ def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identified, Log], tm
     tilted = f"gravity_m_per_s2 = [{-9.81 * np.sin(tilt)}, 0, {-9.81 * np.cos(tilt)}]"
     table = logged_arm.frame(tmp_path, 1, text=logged_arm.MECHANISM.replace("gravity_m_per_s2 = [0, 0, -9.81]", tilted))
     spoiled = replace(log, columns={name: table[name].to_numpy() for name in ("q1", "q2", "t1", "t2")})
-    first = name_causes(found, spoiled)[0]
+    first = find_causes(found, spoiled)[0]
     assert (first.name, first.place) == ("tilt of gravity", "the world's y axis")
     assert abs(first.size) == pytest.approx(tilt, rel=0.15)
 
@@ -184,20 +184,20 @@ def real(root: Path) -> tuple[Identified, Log, list[Named]]:
     folder = root / "models" / "kuka_kr300"
     found = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
     log = read_log(folder / "run_A.csv.gz")
-    return found, log, name_causes(found, log)
+    return found, log, find_causes(found, log)
 
 
 @pytest.mark.slow
 def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identified, Log, list[Named]]) -> None:
     found, log, as_it_is = real
     assert {one.name for one in as_it_is} == {DELAY, TWIST, SCALE}
-    assert {one.name for one in name_causes(found, log, seen=True)} == {one.name for one in as_it_is}
+    assert {one.name for one in find_causes(found, log, seen=True)} == {one.name for one in as_it_is}
     later = {one.place: one.size for one in as_it_is if one.name == DELAY}
     assert all(
         size == pytest.approx(0.003, abs=2e-4) for size in later.values()
     )  # real: the link angles come 3 ms later
     column = "axis1_link_angle_rad"
-    named = name_causes(found, changed(log, column, delayed(log.columns[column], log.spacing, 0.008)))
+    named = find_causes(found, changed(log, column, apply_delay(log.columns[column], log.spacing, 0.008)))
     size = next(one.size for one in named if (one.name, one.place) == (DELAY, "axis1"))
     assert size - later["axis1"] == pytest.approx(0.008, rel=0.05)
 
@@ -205,7 +205,9 @@ def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identified, L
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", [1, 3, 5])
 @pytest.mark.parametrize(
-    ("kind", "spoil", "size"), [("delay", delayed, 0.008), ("first-order lag", lagged, 0.005)], ids=["delay", "lag"]
+    ("kind", "spoil", "size"),
+    [("delay", apply_delay, 0.008), ("first-order lag", apply_first_order_lag, 0.005)],
+    ids=["delay", "lag"],
 )
 def test_small_faults_in_a_real_log_are_seen_above_the_bandwidth(
     real: tuple[Identified, Log, list[Named]], axis: int, kind: str, spoil: Callable[..., Array], size: float
@@ -213,7 +215,7 @@ def test_small_faults_in_a_real_log_are_seen_above_the_bandwidth(
     """Behind 10 Hz these are below evidence; above, the torque turns the motor's own inertia by whole radians too late."""
     found, log, as_it_is = real
     column = f"axis{axis}_motor_torque_Nm"
-    named = name_causes(found, changed(log, column, spoil(log.columns[column], log.spacing, size)))
+    named = find_causes(found, changed(log, column, spoil(log.columns[column], log.spacing, size)))
     assert (named[0].name, named[0].place) == (f"{kind} of the effort", f"axis{axis}")
     assert abs(named[0].size - size) < 3.0 * named[0].error + 0.05 * size  # an angle's own noise biases by some percent
     assert {one.name for one in named[1:]} <= {one.name for one in as_it_is}
@@ -223,10 +225,10 @@ def test_small_faults_in_a_real_log_are_seen_above_the_bandwidth(
 def test_what_would_hide_in_a_log_is_told(real: tuple[Identified, Log, list[Named]]) -> None:
     """A fault twice as large as the least size that is told is named, one of a quarter is not."""
     found, log, _ = real
-    told = {(one.name, one.place): one.size for one in what_remains(found, log).least}
+    told = {(one.name, one.place): one.size for one in find_remaining_causes(found, log).least}
     least = told["torque constant, relative error", "axis1"]
     for factor, seen in ((2.0, True), (0.25, False)):
         values = (1.0 + factor * least) * log.columns["axis1_motor_torque_Nm"]
-        named = name_causes(found, changed(log, "axis1_motor_torque_Nm", values))
+        named = find_causes(found, changed(log, "axis1_motor_torque_Nm", values))
         assert (("torque constant, relative error", "axis1") in {(o.name, o.place) for o in named}) == seen
     assert told["delay of the effort", "axis1"] <= 0.002

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.identification.combinations import combinations, told_directions
+from crosscheck.identification.combinations import count_narrowed_directions, list_combinations
 from crosscheck.identification.fit import Fit
 from crosscheck.identification.parameters import Parameter, Space
 
@@ -43,12 +43,12 @@ def test_columns_that_are_sums_of_others_are_found(
     columns: tuple[list[float], ...], expected: dict[str, set[str]]
 ) -> None:
     space, found = seen(*columns)
-    together = {one.key[1]: {place for _, place in one.others} for one in combinations(space, found)}
+    together = {one.key[1]: {place for _, place in one.others} for one in list_combinations(space, found)}
     assert together == expected
 
 
 def test_logs_tell_as_many_combinations_as_their_columns_have_rank() -> None:
-    assert told_directions(seen([100.0, 0, 0], [100.0, 0, 0], [0, 90.0, 0], [0, 0, 0.0])[1]) == 2
+    assert count_narrowed_directions(seen([100.0, 0, 0], [100.0, 0, 0], [0, 90.0, 0], [0, 0, 0.0])[1]) == 2
 
 
 def test_a_centre_of_mass_is_told_with_its_mass_only(tmp_path: Path) -> None:
@@ -56,7 +56,7 @@ def test_a_centre_of_mass_is_told_with_its_mass_only(tmp_path: Path) -> None:
     logged_arm.write_arm(tmp_path / "arm")
     logged_arm.frame(tmp_path / "arm", 0).to_csv(tmp_path / "one.csv", index=False)
     found = crosscheck.identify(tmp_path / "arm", [tmp_path / "one.csv"])
-    together = {one.key: set(one.others) for one in combinations(found.machine.space, found.fit)}
+    together = {one.key: set(one.others) for one in list_combinations(found.machine.space, found.fit)}
     assert together["com x", "upper"] == {("mass", "upper"), ("Iyy", "upper")}
     assert not any(kind == "com z" for kind, _ in together)
     assert any(text.startswith("com x of upper cannot be told apart from") for text in found.words)

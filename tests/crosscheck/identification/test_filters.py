@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from crosscheck.identification.filters import lag, low_pass, undo_lag
+from crosscheck.identification.filters import apply_lag, low_pass, undo_lag
 
 H = 0.004
 TIME = H * np.arange(2500)
@@ -31,13 +31,13 @@ def test_the_gauges_filter_is_its_differential_equation() -> None:
     answer = 1.0 / (1.0 - ratio**2 + 2j * damping * ratio)
     steady = np.abs(answer) * np.sin(2 * np.pi * at * TIME + np.angle(answer))
     # A sine drawn linearly between samples is smaller by (2 pi f h)^2 / 12 = 2e-4.
-    assert np.abs(lag(wave, H, frequency, damping) - steady)[1000:].max() < 3e-4
-    assert lag(np.full(50, 0.7), H, frequency, damping) == pytest.approx(0.7, abs=1e-12)  # it stood still before
+    assert np.abs(apply_lag(wave, H, frequency, damping) - steady)[1000:].max() < 3e-4
+    assert apply_lag(np.full(50, 0.7), H, frequency, damping) == pytest.approx(0.7, abs=1e-12)  # it stood still before
 
 
 def test_the_lag_can_be_undone() -> None:
     wave = np.exp(-(((TIME - 5.0) / 0.4) ** 2))
-    back = undo_lag(lag(wave, H, 2.0, 0.9), H, 2.0, 0.9)
+    back = undo_lag(apply_lag(wave, H, 2.0, 0.9), H, 2.0, 0.9)
     # Differences of second order, twice: (h / 0.4 s)^2 times the fourth derivative's size of some ten.
     assert np.abs(back - wave).max() < 1e-3
 

@@ -12,15 +12,15 @@ from click.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli import Main
-from crosscheck.identification.bands import judge, margins, predict
-from crosscheck.identification.excitation import proposed_motion
+from crosscheck.identification.bands import compute_margins, judge, predict
+from crosscheck.identification.excitation import find_exciting_motion
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.fit import fit, problem
+from crosscheck.identification.fit import build_problem, fit
 from crosscheck.identification.identified_file import write_identified
-from crosscheck.identification.identify import Identified, blocks, machine_of
-from crosscheck.identification.logs.doubts import doubts
+from crosscheck.identification.identify import Identified, judge_blocks, read_machine
+from crosscheck.identification.logs.doubts import describe_log_doubts
 from crosscheck.identification.logs.log import Log, read_log
-from crosscheck.identification.parameters import with_values
+from crosscheck.identification.parameters import apply_values
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.settings import read_settings
 from crosscheck.output_folder import listed
@@ -70,7 +70,7 @@ def test_an_unseen_motion_is_predicted_inside_its_bands(found: Identified) -> No
 
 
 def test_blocks_judge_each_other(folder: Path, found: Identified) -> None:
-    for row in blocks(found.machine, read_log(folder / "one.csv"), 4):
+    for row in judge_blocks(found.machine, read_log(folder / "one.csv"), 4):
         assert row.explained > 0.999
         assert row.coverage > 0.75  # of four blocks, a quarter of the log each
 
@@ -211,13 +211,13 @@ def test_a_damaged_mat_file_is_one_error(damaged: bytes, tmp_path: Path) -> None
 
 def test_logs_that_overlap_and_other_rates_are_said(folder: Path) -> None:
     log = folder / "one.csv"
-    machine = machine_of(folder)
+    machine = read_machine(folder)
     half = [read_log(f"{log}@0:5"), read_log(f"{log}@4:8")]
-    assert any("hold the same samples over 0.996 s" in words for words in doubts(machine, half, []))
+    assert any("hold the same samples over 0.996 s" in words for words in describe_log_doubts(machine, half, []))
     one, two = read_log(log), read_log(folder / "two.csv")
     other = Log("every second", two.time[::2], {k: v[::2] for k, v in two.columns.items()})
-    assert any("sampled at 125 Hz" in words for words in doubts(machine, [one, other], []))
-    assert doubts(machine, [one, two], []) == []
+    assert any("sampled at 125 Hz" in words for words in describe_log_doubts(machine, [one, other], []))
+    assert describe_log_doubts(machine, [one, two], []) == []
 
 
 @pytest.mark.parametrize(
@@ -244,14 +244,14 @@ def test_settings_that_cannot_be_used_are_refused_in_words(tmp_path: Path, line:
     assert line in text
     (base / "identify.toml").write_text(text.replace(line, instead, 1))
     with pytest.raises(InputError, match=says):
-        machine_of(base)
+        read_machine(base)
 
 
 def test_torsion_is_a_parameter_apart_from_bending(root: Path) -> None:
     """GJ takes both factors, EI the one of the beam."""
     arm = load_mechanism(root / "models" / "spatial_arm")
     name = arm.beams[0].name
-    changed = with_values(arm, {("beam stiffness", name): 2.0, ("torsion stiffness", name): 1.5})
+    changed = apply_values(arm, {("beam stiffness", name): 2.0, ("torsion stiffness", name): 1.5})
     before, after = (m.link_of[name].beam.section.stiffness for m in (arm, changed))  # type: ignore[union-attr]
     assert np.allclose(after / before, [2.0, 2.0, 2.0, 3.0, 2.0, 2.0], rtol=1e-12)  # rounding
 
@@ -330,7 +330,7 @@ def test_a_page_says_it_all_and_limits_decide(folder: Path, tmp_path: Path) -> N
 
 def test_a_proposed_motion_tells_more_and_keeps_the_limits(folder: Path, found: Identified) -> None:
     log = read_log(folder / "one.csv")
-    proposal = proposed_motion(found.machine, found.fit, log, 8.0)
+    proposal = find_exciting_motion(found.machine, found.fit, log, 8.0)
     seen = found.shown[0][0].motion
     assert np.all(np.ptp(proposal.q, axis=0) <= np.ptp(seen.q, axis=0))
     rate = np.gradient(proposal.q, proposal.time, axis=0)
@@ -369,12 +369,12 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
 def test_four_fifths_of_the_measured_arm_predict_the_last(root: Path) -> None:
     """Motor torques of kuka_kr300: 99 % on axes 1 to 3 and 95 % on 4 to 6 is what its record is kept for."""
     folder = root / "models" / "kuka_kr300"
-    machine = machine_of(folder)
+    machine = read_machine(folder)
     run = make_run(machine, read_log(folder / "run_A.csv.gz"))
     last = (run.time >= 6.92)[:, None]
-    task = problem(machine, (run,), (run.counted & ~last,))
+    task = build_problem(machine, (run,), (run.counted & ~last,))
     found = fit(task)
-    told = predict(machine, found, margins(task, found), run)
+    told = predict(machine, found, compute_margins(task, found), run)
     seen = judge(machine, run, told, run.counted & ~last)
     assert all(row.explained > 0.99 for row in seen[:3])
     assert all(row.explained > 0.95 for row in seen[3:])

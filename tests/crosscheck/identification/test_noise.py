@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crosscheck.identification.noise import agreeing, autocovariance, noise
+from crosscheck.identification.noise import compute_autocovariance, compute_noise, count_agreeing_samples
 
 Array = NDArray[np.float64]
 SAMPLES, COUNT, KEEP, LOGS = 240, 12, 0.8, 400
@@ -36,7 +36,7 @@ def levels(slopes: Array, root: Array) -> tuple[float, float]:
     for _ in range(LOGS):
         e = slow(random)
         r = e - project @ e
-        plain, told = noise([r], [np.zeros_like(slopes)], root), noise([r], [slopes], root)
+        plain, told = compute_noise([r], [np.zeros_like(slopes)], root), compute_noise([r], [slopes], root)
         own.append([1.0 / plain.weight[0], 1.0 / told.weight[0]])
     without, with_ = np.mean(own, axis=0)
     return float(without), float(with_)
@@ -59,25 +59,25 @@ def test_where_parameters_take_all_that_is_slow_a_part_is_given_back() -> None:
 
 def test_parameters_that_the_log_does_not_move_take_nothing() -> None:
     r = slow(np.random.default_rng(1))
-    plain = noise([r], [np.zeros((SAMPLES, 2))], np.eye(2))
-    known = noise([r], [harmonics()[:, :2]], 1e6 * np.eye(2))  # their priors hold them
+    plain = compute_noise([r], [np.zeros((SAMPLES, 2))], np.eye(2))
+    known = compute_noise([r], [harmonics()[:, :2]], 1e6 * np.eye(2))  # their priors hold them
     assert known.weight == pytest.approx(plain.weight, rel=1e-6)
 
 
 def test_a_constant_is_large_and_says_nothing_of_neighbours() -> None:
     r = np.random.default_rng(2).normal(size=SAMPLES)
-    plain, moved = (noise([one], [np.zeros((SAMPLES, 1))], np.eye(1)) for one in (r, r - r.mean() + 100.0))
+    plain, moved = (compute_noise([one], [np.zeros((SAMPLES, 1))], np.eye(1)) for one in (r, r - r.mean() + 100.0))
     assert moved.agree == pytest.approx(plain.agree)
     assert moved.spread[0] == pytest.approx(100.0, rel=1e-3)
 
 
 def test_a_channel_without_noise_has_neighbours_that_do_not_agree() -> None:
-    assert noise([np.full(SAMPLES, 3.0)], [np.zeros((SAMPLES, 1))], np.eye(1)).agree[0] == 1.0
-    assert agreeing(np.zeros(SAMPLES)) == 1.0
+    assert compute_noise([np.full(SAMPLES, 3.0)], [np.zeros((SAMPLES, 1))], np.eye(1)).agree[0] == 1.0
+    assert count_agreeing_samples(np.zeros(SAMPLES)) == 1.0
 
 
 def test_the_autocovariance_is_the_sum_of_its_definition() -> None:
     r = np.random.default_rng(3).normal(size=30)
     x = r - r.mean()
     direct = [float(x[: 30 - lag] @ x[lag:]) / 30 for lag in range(30)]
-    assert np.allclose(autocovariance(r), direct, atol=1e-14)
+    assert np.allclose(compute_autocovariance(r), direct, atol=1e-14)

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
-from crosscheck.identification.fit import fit, problem
-from crosscheck.identification.identify import machine_of
+from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log, read_log
-from crosscheck.identification.readings import Machine, make_run, readings
+from crosscheck.identification.readings import Machine, compute_readings, make_run
 from crosscheck.identification.settings import read_settings
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
@@ -81,14 +81,14 @@ def machine(folder: Path, more: str) -> Machine:
         base = base.replace(joint, f"{joint}\n{more}")
     own.write_text(base + "".join(tables))
     mechanism = load_mechanism(folder)
-    return machine_of(mechanism, read_settings(own, mechanism))
+    return read_machine(mechanism, read_settings(own, mechanism))
 
 
 def test_points_of_rigid_links_read_what_their_geometry_says(logged: Path) -> None:
     """The zero of the marker and the gain of the accelerometer are found; what they read otherwise is the geometry's."""
     arm = machine(logged, POINTS)
     run = make_run(arm, read_log(logged / "log.csv"))
-    found = fit(problem(arm, (run,)))
+    found = fit(build_problem(arm, (run,)))
     values = arm.space.values(found.z)
     assert values["marker zero", "tip.x"] == pytest.approx(0.015, abs=1e-6)  # the low-pass passes constants to rounding
     assert values["marker zero", "tip.z"] == pytest.approx(0.0, abs=1e-6)
@@ -98,7 +98,7 @@ def test_points_of_rigid_links_read_what_their_geometry_says(logged: Path) -> No
     assert run.measured is not None
     at = [c for c, channel in enumerate(arm.channels) if channel.sense != "effort"]
     inner = slice(150, -150)  # a low-pass knows one side only at the ends of a log that begins while the arm moves
-    left = (run.measured - readings(arm, run, values))[inner][:, at]
+    left = (run.measured - compute_readings(arm, run, values))[inner][:, at]
     assert np.abs(left).max() < 2e-4 * np.ptp(run.measured[:, at])
 
 
@@ -106,11 +106,11 @@ def test_a_marker_on_a_beam_sees_it_bend(tmp_path: Path) -> None:
     """Its reading is the tip of the solution; at half the length it is the place of the section there."""
     (tmp_path / "mechanism.toml").write_text(BEAM)
     (tmp_path / "identify.toml").write_text(BENT)
-    bending = machine_of(tmp_path)
+    bending = read_machine(tmp_path)
     time = np.linspace(0.0, 0.6, 151)
     angle = 0.8 * (time / 0.6) ** 3 * (10 - 15 * (time / 0.6) + 6 * (time / 0.6) ** 2)
     run = make_run(bending, Log("made", time, {"q": angle}), efforts=False)
-    told = readings(bending, run, bending.space.values(np.zeros(1)))
+    told = compute_readings(bending, run, bending.space.values(np.zeros(1)))
     given = Motion.from_samples(run.motion.time, {"hub": run.motion.q[:, 0]})
     solution = solve(bending.mechanism, given, 0.004)
     raw = run.response(bending.space.values(np.zeros(1)))[2]

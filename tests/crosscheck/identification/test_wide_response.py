@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crosscheck.identification.readings import delayed, lagged, unlagged
-from crosscheck.identification.wide_response import expected, together, wide_response
+from crosscheck.identification.readings import apply_delay, apply_first_order_lag, remove_first_order_lag
+from crosscheck.identification.wide_response import build_expectation, compute_wide_response, join_responses
 
 Array = NDArray[np.float64]
 SPACING, BANDWIDTH, INERTIA = 0.004, 10.0, 0.3
@@ -26,7 +26,7 @@ def shaken(seed: int = 0, count: int = 3000) -> tuple[Array, Array]:
 @pytest.mark.parametrize("late", [0.0, 0.002, -0.003])
 def test_a_delay_turns_the_phase_and_leaves_the_size(late: float) -> None:
     angle, effort = shaken()
-    seen = wide_response(angle, delayed(effort, SPACING, late), SPACING, BANDWIDTH)
+    seen = compute_wide_response(angle, apply_delay(effort, SPACING, late), SPACING, BANDWIDTH)
     assert seen is not None
     inner = seen.frequency < 60.0  # a spline through samples knows the delayed signal far below the sampling rate only
     turned = seen.ratio[inner] * np.exp(2j * np.pi * seen.frequency[inner] * late)
@@ -38,31 +38,31 @@ def test_a_delay_turns_the_phase_and_leaves_the_size(late: float) -> None:
 
 def test_noise_alone_shows_no_coherence() -> None:
     angle, effort = shaken()
-    seen = wide_response(angle, np.random.default_rng(1).permutation(effort), SPACING, BANDWIDTH)
+    seen = compute_wide_response(angle, np.random.default_rng(1).permutation(effort), SPACING, BANDWIDTH)
     assert seen is not None
     assert np.median(seen.coherence) < 0.2
 
 
 def test_a_log_that_is_too_short_or_too_slow_shows_nothing() -> None:
     angle, effort = shaken(count=150)
-    assert wide_response(angle, effort, SPACING, BANDWIDTH) is None
+    assert compute_wide_response(angle, effort, SPACING, BANDWIDTH) is None
     angle, effort = shaken()
-    assert wide_response(angle, effort, SPACING, 60.0) is None
+    assert compute_wide_response(angle, effort, SPACING, 60.0) is None
 
 
 def test_logs_together_say_what_is_expected() -> None:
-    some = [wide_response(*shaken(seed), SPACING, BANDWIDTH) for seed in (0, 1)]
+    some = [compute_wide_response(*shaken(seed), SPACING, BANDWIDTH) for seed in (0, 1)]
     first, second = (one for one in some if one is not None)
-    both = together([first, second])
+    both = join_responses([first, second])
     assert both.segments == first.segments + second.segments
-    told = expected(first, [second])
+    told = build_expectation(first, [second])
     assert told.known
     assert np.abs(told.ratio / INERTIA - 1.0).max() < 0.15
-    assert not expected(first, []).known
+    assert not build_expectation(first, []).known
 
 
 def test_what_a_lag_makes_of_a_signal_is_undone() -> None:
     effort = shaken()[1] + 3.0
-    again = unlagged(lagged(effort, SPACING, 0.005), SPACING, 0.005)
+    again = remove_first_order_lag(apply_first_order_lag(effort, SPACING, 0.005), SPACING, 0.005)
     assert np.abs(again - effort).max() < 1e-9  # rounding, times what undoing amplifies
-    assert unlagged(effort, SPACING, 0.0) is effort
+    assert remove_first_order_lag(effort, SPACING, 0.0) is effort

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crosscheck.identification.logs.header import columns_of, time_of, time_unit
+from crosscheck.identification.logs.header import find_time_column, find_time_unit, match_joint_columns
 from crosscheck.identification.logs.log import read_log
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint
@@ -21,7 +21,7 @@ def joints(*names: str) -> list[Joint]:
 
 
 def chosen(names: list[str], header: list[str], kind: str = "angle") -> list[str]:
-    found = columns_of(joints(*names), dict.fromkeys(header, FEW))
+    found = match_joint_columns(joints(*names), dict.fromkeys(header, FEW))
     return [found[name][kind].name if kind in found.get(name, {}) else "" for name in names]
 
 
@@ -69,21 +69,21 @@ def test_columns_of_many_labs(names: list[str], header: list[str], angles: list[
 
 def test_what_a_header_leaves_open_is_said() -> None:
     wide = {"q1": np.array([0.0, 118.0]), "q2": np.array([0.0, 1.0])}
-    found = columns_of(joints("base", "tip"), wide | {"tau1_Nm": FEW, "i1_A": FEW})
+    found = match_joint_columns(joints("base", "tip"), wide | {"tau1_Nm": FEW, "i1_A": FEW})
     assert found["base"]["angle"].unit == "deg"
     assert found["base"]["angle"].why == "the header names no unit and it reaches 118: is it deg?"
     assert found["tip"]["angle"].unit == "rad"
     assert found["base"]["effort"].name == "tau1_Nm"
     assert found["base"]["effort"].why == "or is it i1_A?"
-    assert columns_of(joints("a"), {"pressure_bar": FEW}) == {}
+    assert match_joint_columns(joints("a"), {"pressure_bar": FEW}) == {}
 
 
 def test_units_of_times() -> None:
-    assert time_of(["q1", "t_ms"]) == "t_ms"
-    assert time_of(["t1", "t2"]) == "time_s"  # torques
-    assert time_unit("t_ms", 4.0) == ("ms", "")
-    assert time_unit("Time [s]", 0.004) == ("s", "")
-    unit, why = time_unit("Timestamp", 4.0)
+    assert find_time_column(["q1", "t_ms"]) == "t_ms"
+    assert find_time_column(["t1", "t2"]) == "time_s"  # torques
+    assert find_time_unit("t_ms", 4.0) == ("ms", "")
+    assert find_time_unit("Time [s]", 0.004) == ("s", "")
+    unit, why = find_time_unit("Timestamp", 4.0)
     assert (unit, why) == ("ms", "the header names no unit, and steps of 4 s would be slow: is it ms?")
 
 
