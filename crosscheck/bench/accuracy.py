@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.bench.targets import judged, metric
-from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.bench.targets import add_verdict, make_metric
+from crosscheck.bench.timing import Call, Times, compute_time_ratio, run_calls_in_turns
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import Problem, Refinement, mixed
@@ -84,32 +84,32 @@ ARMS = (
 )
 
 
-def study(
+def run_study(
     models: str, arms: list[str] | None = None, errors: list[float] | None = None, seconds: float = SECONDS
 ) -> dict[str, Any]:
     """Return the table: time [s] and true error [-] of each method, mechanism and error asked."""
     rows: list[dict[str, Any]] = []
     for arm in ARMS:
         if arm.model in (arms or [a.model for a in ARMS]):
-            rows += arm_rows(arm, Path(models), tuple(errors or ERRORS), seconds)
+            rows += list_arm_rows(arm, Path(models), tuple(errors or ERRORS), seconds)
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: float) -> Iterator[dict[str, Any]]:
+def list_arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: float) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference first, then each method by error [-]; seconds [s] of timing by error."""
-    mechanism, motion = subject(arm, models)
+    mechanism, motion = prepare_arm_case(arm, models)
     problem = solve_problem(mechanism, motion, min(errors), Settings(initial=arm.initial), {})
-    known, apart = reference(problem, min(errors))
-    head = reference_row(arm.model, apart, min(errors))
+    known, apart = compute_reference(problem, min(errors))
+    head = make_reference_row(arm.model, apart, min(errors))
     yield head
     if head["verdict"] != "within":
         return
     timed = replace(problem, settings=replace(problem.settings, tolerance=LEFT * min(errors)))
     for asked in errors:
-        yield from _beside(arm, Marches(timed, known), motion, asked, seconds)
+        yield from _list_method_rows(arm, Marches(timed, known), motion, asked, seconds)
 
 
-def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
     """Return the mechanism, and its motion by the law 'nonic'."""
     mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
@@ -119,7 +119,7 @@ def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
     return mechanism, replace(motion, tracks=tracks)
 
 
-def reference(problem: Problem, least: float) -> tuple[Array, float]:
+def compute_reference(problem: Problem, least: float) -> tuple[Array, float]:
     """Return the torques (samples, drives) [N m], [N] at `KEPT` samples to a coarsest step, and their own error [-].
 
     Steps are halved until two answers are closer than a fortieth of the ``least`` error [-], or no shorter ones can be paid for.
@@ -135,7 +135,7 @@ def reference(problem: Problem, least: float) -> tuple[Array, float]:
             [one.found.rows(one.kept // KEPT) for one in pair if one is not None], weights((finer // 2, finer))
         )
         if before is not None:
-            apart = distance(before, found.torque)
+            apart = compute_peak_error(before, found.torque)
         before = found.torque
         if apart < least / 40.0:
             break
@@ -144,7 +144,7 @@ def reference(problem: Problem, least: float) -> tuple[Array, float]:
     return before, apart
 
 
-def reference_row(model: str, apart: float, least: float) -> dict[str, Any]:
+def make_reference_row(model: str, apart: float, least: float) -> dict[str, Any]:
     """Return the row of a reference, which has to be known to a twentieth of the ``least`` error asked [-]."""
     row = {"arm": model, "method": "reference", "error": apart, "verdict": "within"}
     if apart < least / 20.0:
@@ -152,7 +152,7 @@ def reference_row(model: str, apart: float, least: float) -> dict[str, Any]:
     return row | {"verdict": "deviation", "message": f"no reference: it is known to {apart:.1g} of the peak only"}
 
 
-def distance(torque: Array, known: Array) -> float:
+def compute_peak_error(torque: Array, known: Array) -> float:
     """Return the largest error of a torque (samples, drives) [N m], [N] over the peak of each [-]."""
     return float((np.abs(torque - known).max(axis=0) / np.abs(known).max(axis=0)).max())
 
@@ -179,7 +179,7 @@ class Marches:
         mesh, first = self.first(finer)
         return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
-    def several(self, finer: tuple[int, ...]) -> Array:
+    def compute_extrapolated_torques(self, finer: tuple[int, ...]) -> Array:
         """Return the torques [N m], [N] of some marches, extrapolated."""
         marched = [self.first(n) for n in finer]
         mesh, _ = marched[-1]
@@ -188,12 +188,12 @@ class Marches:
 
     def error(self, torque: Array) -> float:
         """Return the error of torques [N m], [N] over their peaks [-]."""
-        return distance(torque, self.known)
+        return compute_peak_error(torque, self.known)
 
-    def longest_plain(self, asked: float) -> int | None:
+    def find_plain_refinement(self, asked: float) -> int | None:
         """Return the refinement at which a march reaches an error [-]."""
         known = 16 * KEPT
-        return _fewest(
+        return _find_least_refinement(
             lambda finer: self.error(self.plain(finer)) <= asked, known * np.sqrt(self.error(self.plain(known)) / asked)
         )
 
@@ -205,70 +205,75 @@ class Marches:
         found = []
         for ratios in apart:
 
-            def finer(least: int, ratios: tuple[float, ...] = ratios) -> tuple[int, ...]:
-                return tuple(_multiple(ratio * least) for ratio in ratios)
+            def scale_refinements(least: int, ratios: tuple[float, ...] = ratios) -> tuple[int, ...]:
+                return tuple(_compute_multiple(ratio * least) for ratio in ratios)
 
-            def reaches(least: int, finer: Callable[[int], tuple[int, ...]] = finer) -> bool:
+            def has_reached_error(least: int, finer: Callable[[int], tuple[int, ...]] = scale_refinements) -> bool:
                 try:
-                    return len({*finer(least)}) == len(finer(least)) and self.error(self.several(finer(least))) <= asked
+                    return (
+                        len({*finer(least)}) == len(finer(least))
+                        and self.error(self.compute_extrapolated_torques(finer(least))) <= asked
+                    )
                 except ConvergenceError:
                     return False
 
-            least = _fewest(reaches, 2 * KEPT)
+            least = _find_least_refinement(has_reached_error, 2 * KEPT)
             if least is not None:
-                found.append(finer(least))
+                found.append(scale_refinements(least))
         return min(found, key=sum, default=None)
 
 
-def _multiple(finer: float) -> int:
+def _compute_multiple(finer: float) -> int:
     return max(KEPT, KEPT * int(np.ceil(finer / KEPT)))
 
 
-def _fewest(reaches: Callable[[int], bool], guess: float) -> int | None:
+def _find_least_refinement(reaches: Callable[[int], bool], guess: float) -> int | None:
     """The least refinement that reaches something, a multiple of `KEPT` to within `NEAR` [-]; None beyond `MOST`."""
     below = 0
-    finer = _multiple(guess)
+    finer = _compute_multiple(guess)
     while not reaches(finer):
         below = finer
-        finer = _multiple(1.25 * finer + 1)
+        finer = _compute_multiple(1.25 * finer + 1)
         if finer > MOST:
             return None
     while finer - below > max(KEPT, NEAR * finer):
-        middle = _multiple((finer + below) / 2 - KEPT / 2)
+        middle = _compute_multiple((finer + below) / 2 - KEPT / 2)
         if not below < middle < finer:
             break
         below, finer = (below, middle) if reaches(middle) else (middle, finer)
     return finer
 
 
-def _beside(arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: float) -> Iterator[dict[str, Any]]:
+def _list_method_rows(
+    arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: float
+) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     mechanism = marches.problem.mechanism
 
     of_range = asked * float((np.abs(marches.known).max(axis=0) / np.ptp(marches.known, axis=0)).min())
 
-    def accurate() -> Solution:
+    def solve_to_accuracy() -> Solution:
         return solve(mechanism, motion, accuracy=of_range, initial=arm.initial)
 
     named = {"arm": arm.model, "asked_error": asked}
     try:
-        answer = accurate()
+        answer = solve_to_accuracy()
     except ConvergenceError as refused:
         yield named | {"method": "accuracy=", "verdict": "skipped", "message": str(refused)}
         return
     here = replace(marches, mechanism=answer.mechanism)
-    plain = here.longest_plain(asked)
-    calls = {"accuracy=": Call(accurate)}
-    told = {"accuracy=": (0, _error(here, answer.torque))}
+    plain = here.find_plain_refinement(asked)
+    calls = {"accuracy=": Call(solve_to_accuracy)}
+    told = {"accuracy=": (0, _compute_sampled_error(here, answer.torque))}
     grid = here.problem.grid.total
     if plain is not None:
         calls["plain"] = Call(lambda: here.plain(plain))
         told["plain"] = (plain * grid, here.error(here.plain(plain)))
     for method, apart in EXTRAPOLATIONS.items():
         if (some := here.longest(asked, apart)) is not None:
-            calls[method] = Call(partial(here.several, some))
-            told[method] = (sum(some) * grid, here.error(here.several(some)))
-    times = in_turns(calls, seconds)
+            calls[method] = Call(partial(here.compute_extrapolated_torques, some))
+            told[method] = (sum(some) * grid, here.error(here.compute_extrapolated_torques(some)))
+    times = run_calls_in_turns(calls, seconds)
     beams = {(link.beam.elements, link.beam.order) for link in answer.mechanism.links if link.beam}
     mesh = ", ".join(f"{count} x {order}" for count, order in sorted(beams))
     for method in ("plain", *EXTRAPOLATIONS, "accuracy="):
@@ -278,24 +283,24 @@ def _beside(arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: f
         steps, error = told[method]
         row = named | {"method": method, "mesh": mesh, "steps": steps or None, "error": error}
         row |= {"time": times[method].spread().median}
-        yield judged(row | _ratio(arm, asked, method, times))
+        yield add_verdict(row | _compare_with_plain_steps(arm, asked, method, times))
 
 
-def _ratio(arm: Arm, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
+def _compare_with_plain_steps(arm: Arm, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
     """The time of plain steps over that of a method, judged where something is asked."""
     if method == "plain" or "plain" not in times:
         return {}
-    found = ratio(times["plain"], times[method])
+    found = compute_time_ratio(times["plain"], times[method])
     least = arm.target if method == "one extrapolation" and asked == min(ERRORS) else None
     name = f"{arm.model}: torque error {asked:g} by {method}, times as fast as plain steps"
-    one = metric(name, found.median, "-", lower=least, spread=f"{found.low:.3g} .. {found.high:.3g}")
+    one = make_metric(name, found.median, "-", lower=least, spread=f"{found.low:.3g} .. {found.high:.3g}")
     return {"faster": found.median, "asked": least, "metric": one}
 
 
-def _error(marches: Marches, torque: Array) -> float:
+def _compute_sampled_error(marches: Marches, torque: Array) -> float:
     """Return the error [-] of torques (samples, drives) [N m], [N] at a multiple or a part of the samples that are compared."""
     there = len(torque) - 1
     here = len(marches.known) - 1
     if there >= here:
-        return distance(torque[:: there // here], marches.known)
-    return distance(torque, marches.known[:: here // there])
+        return compute_peak_error(torque[:: there // here], marches.known)
+    return compute_peak_error(torque, marches.known[:: here // there])

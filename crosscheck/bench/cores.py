@@ -38,21 +38,21 @@ _TRIES = 20
 
 
 @njit(nogil=True)
-def _multiply(x: Array, rounds: int) -> None:
+def _run_multiplications(x: Array, rounds: int) -> None:
     for _ in range(rounds):
         for j in range(x.size):
             x[j] = x[j] * 0.999999 + 1e-9
 
 
 @njit(nogil=True)
-def _accompany(cells: NDArray[np.uint64], x: Array) -> None:
+def _run_beside_caller(cells: NDArray[np.uint64], x: Array) -> None:
     write_cell(cells, _HERE, 1)
     while read_cell(cells, _ENOUGH) == 0:
-        _multiply(x, 10)
+        _run_multiplications(x, 10)
 
 
 @njit(nogil=True)
-def _begun(cells: NDArray[np.uint64]) -> bool:
+def _has_begun(cells: NDArray[np.uint64]) -> bool:
     for _ in range(_PATIENCE):
         if read_cell(cells, _HERE) == 1:
             return True
@@ -60,7 +60,7 @@ def _begun(cells: NDArray[np.uint64]) -> bool:
     return False
 
 
-def _numbers() -> Array:
+def _make_aligned_array() -> Array:
     """Numbers that begin with a line of the cache: else every other access meets two of them, and the time is another."""
     spare = np.ones(_NUMBERS + _LINE // 8)
     first = -spare.ctypes.data % _LINE // 8
@@ -77,15 +77,15 @@ class _Companion:
         self.thread.start()
 
     def _serve(self) -> None:
-        x = _numbers()
+        x = _make_aligned_array()
         while (caller := self.bell.get()) is not None:
             move_from_processor(caller)
-            _accompany(self.cells, x)
+            _run_beside_caller(self.cells, x)
             self.cells[:] = 0
 
     def begin(self) -> bool:
         self.bell.put(processor_now())
-        return bool(_begun(self.cells))
+        return bool(_has_begun(self.cells))
 
     def end(self) -> None:
         self.cells[_ENOUGH] = 1
@@ -103,10 +103,10 @@ class Cores:
     least = np.inf  # seconds that the loop took at least in this process, alone
 
     def __enter__(self) -> Cores:
-        self._x = _numbers()
+        self._x = _make_aligned_array()
         self._companions = list[_Companion]()
         for _ in range(_TRIES):
-            self.loop(1)
+            self.run_loop(1)
         return self
 
     def __exit__(
@@ -117,17 +117,17 @@ class Cores:
 
     def look(self, threads: int, often: int) -> float:
         """Return the largest [s] of the first and the last of so many loops, as in `loop`, and of nine in ten of them."""
-        taken = [self.loop(threads) for _ in range(often)]
+        taken = [self.run_loop(threads) for _ in range(often)]
         return max(taken[0], taken[-1], sorted(taken)[(9 * often - 1) // 10])
 
-    def loop(self, threads: int) -> float:
+    def run_loop(self, threads: int) -> float:
         """Return the seconds that the loop takes on this thread while others do the same; infinite where one does not begin."""
         while len(self._companions) < threads - 1:
             self._companions.append(_Companion())
         beside = self._companions[: threads - 1]
         ready = [one.begin() for one in beside]
         start = clock.perf_counter()
-        _multiply(self._x, _ROUNDS)
+        _run_multiplications(self._x, _ROUNDS)
         taken = clock.perf_counter() - start
         for one in beside:
             one.end()
@@ -136,7 +136,7 @@ class Cores:
         return taken if all(ready) else np.inf
 
 
-def whole(loops: Array) -> NDArray[np.bool_]:
+def find_undisturbed_repetitions(loops: Array) -> NDArray[np.bool_]:
     """Return a mask of the repetitions in which the processors gave all they have; loops : (repetitions, any) [s]."""
     found: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
     return found

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.targets import add_verdict, make_metric
 
 # Model, and what the first torque of a cold start is asked to take at most: processor time [s] of all processes.
 MECHANISMS = {
@@ -49,22 +49,22 @@ print(json.dumps([imported - start, sum(u.ru_utime + u.ru_stime for u in used), 
 """
 
 
-def study(models: str, names: list[str] | None = None) -> dict[str, Any]:
+def run_study(models: str, names: list[str] | None = None) -> dict[str, Any]:
     """Return the table of first torques [s]."""
     rows: list[dict[str, Any]] = []
     imports = []
     for name in names or MECHANISMS:
-        cold, *warm = _starts(Path(models).resolve() / name)
+        cold, *warm = _run_starts(Path(models).resolve() / name)
         best = min(warm, key=lambda one: one[2])
         imports += [one[0] for one in warm]
-        rows.append(_row(name, "cold", cold, cold[1], MECHANISMS[name]))
-        rows.append(_row(name, "warm", best, best[2], WARM))
-    seen = metric("import flexinv", min(imports), "s", upper=IMPORT)
-    rows.append(judged({"what": "import flexinv", "clock": min(imports), "asked": IMPORT, "metric": seen}))
+        rows.append(_make_row(name, "cold", cold, cold[1], MECHANISMS[name]))
+        rows.append(_make_row(name, "warm", best, best[2], WARM))
+    seen = make_metric("import flexinv", min(imports), "s", upper=IMPORT)
+    rows.append(add_verdict({"what": "import flexinv", "clock": min(imports), "asked": IMPORT, "metric": seen}))
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def _starts(model: Path) -> list[list[float]]:
+def _run_starts(model: Path) -> list[list[float]]:
     """Seconds of import, processor and clock of one cold start and of some that find what it has kept."""
     command = [sys.executable, "-c", PROGRAM, str(model)]
     with TemporaryDirectory() as kept:
@@ -76,8 +76,8 @@ def _starts(model: Path) -> list[list[float]]:
         ]
 
 
-def _row(name: str, start: str, found: list[float], value: float, asked: float | None) -> dict[str, Any]:
+def _make_row(name: str, start: str, found: list[float], value: float, asked: float | None) -> dict[str, Any]:
     """A row with its target: processor time of a cold start, the clock of a warm one."""
     row = {"what": name, "start": start, "processor": found[1], "clock": found[2]}
-    own = metric(f"{name}: first torque, {start}", value, "s", upper=asked)
-    return judged(row | {"asked": asked, "metric": own})
+    own = make_metric(f"{name}: first torque, {start}", value, "s", upper=asked)
+    return add_verdict(row | {"asked": asked, "metric": own})

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.bench.targets import judged, metric
-from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.bench.targets import add_verdict, make_metric
+from crosscheck.bench.timing import Call, Times, compute_time_ratio, run_calls_in_turns
 from crosscheck.engines import open_bench_calls
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.analysis.solve import solve
@@ -122,91 +122,100 @@ class Run:
     setting: str = ""
 
 
-def study(models: str, arms: list[str] | None = None, quick: bool = False, seconds: float = SECONDS) -> dict[str, Any]:
+def run_study(
+    models: str, arms: list[str] | None = None, quick: bool = False, seconds: float = SECONDS
+) -> dict[str, Any]:
     """Return the table: time [s] and error [-] of every run of the arms."""
     sys.exudynFast = True  # type: ignore[attr-defined]  # before anything imports it: the build without range checks
     rows: list[dict[str, Any]] = []
     for arm in ARMS:
         if arm.model in (arms or [a.model for a in ARMS]):
-            rows += arm_rows(arm, Path(models), QUICK if quick else Grid(), seconds)
+            rows += list_arm_rows(arm, Path(models), QUICK if quick else Grid(), seconds)
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
-def arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[dict[str, Any]]:
+def list_arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[dict[str, Any]]:
     """Return the rows of one arm: its reference first, then all runs; seconds [s] for their timing."""
-    mechanism, motion = subject(arm, models)
+    mechanism, motion = prepare_arm_case(arm, models)
     length = sum(link.beam.length for link in mechanism.beams if link.beam)
-    reference = solved(mechanism.with_mesh(arm.reference[0], 8), motion, arm.reference[1], arm.end)
-    finest = best(arm, mechanism, motion, *arm.finest, any_setting=True)
-    apart = distance(finest.tips, reference) / length
-    head = _row(arm, finest) | {"error": apart, "by": "the reference: two codes agree", "time": None, "per_step": None}
+    reference = solve_tip_positions(mechanism.with_mesh(arm.reference[0], 8), motion, arm.reference[1], arm.end)
+    finest = find_fastest_setting(arm, mechanism, motion, *arm.finest, any_setting=True)
+    apart = compute_tip_distance(finest.tips, reference) / length
+    head = _make_row(arm, finest) | {
+        "error": apart,
+        "by": "the reference: two codes agree",
+        "time": None,
+        "per_step": None,
+    }
     if apart > arm.agreement:
         return [head | {"verdict": "deviation", "by": f"no reference: two codes agree to {arm.agreement:g} only"}]
-    runs = [*_ours(arm, mechanism, motion, grid), *_theirs(arm, mechanism, motion, grid)]
-    times = in_turns({str(k): run.call for k, run in enumerate(runs)}, seconds)
-    errors = [distance(run.tips, reference) / length for run in runs]
+    runs = [*_run_flexinv(arm, mechanism, motion, grid), *_run_exudyn(arm, mechanism, motion, grid)]
+    times = run_calls_in_turns({str(k): run.call for k, run in enumerate(runs)}, seconds)
+    errors = [compute_tip_distance(run.tips, reference) / length for run in runs]
     rows = [head | {"verdict": "within", "curve": "the two references apart"}]
     for k, run in enumerate(runs):
         taken = times[str(k)].spread().median
-        row = _row(arm, run) | {"time": taken, "per_step": 1e6 * taken * run.step / arm.end, "error": errors[k]}
+        row = _make_row(arm, run) | {"time": taken, "per_step": 1e6 * taken * run.step / arm.end, "error": errors[k]}
         if run.method.startswith("Exudyn"):
-            row |= _judgement(arm, run, runs, errors, k, times)
-        rows.append(judged(row))
+            row |= _compare_with_flexinv(arm, run, runs, errors, k, times)
+        rows.append(add_verdict(row))
     return rows
 
 
-def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
     """Return the mechanism as both codes get it, and its motion."""
     mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
     if arm.formulation == "ancf":
-        mechanism = with_beams(mechanism, slender)
+        mechanism = replace_beams(mechanism, make_slender_beam)
     return replace(mechanism, gravity=np.zeros(3)), motion
 
 
-def with_beams(mechanism: Mechanism, change: Callable[[Beam], Beam]) -> Mechanism:
+def replace_beams(mechanism: Mechanism, change: Callable[[Beam], Beam]) -> Mechanism:
     """Return a mechanism with all its beams changed [-]."""
     links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in mechanism.links)
     return replace(mechanism, links=links)
 
 
-def slender(beam: Beam) -> Beam:
+def make_slender_beam(beam: Beam) -> Beam:
     """Return a beam that hardly shears and whose sections hardly resist turning [N], [kg m]."""
     s = beam.section
     stiffness = s.stiffness * np.where(np.isin(np.arange(6), (1, 2)), LITTLE, 1.0)
     return replace(beam, section=replace(s, stiffness=stiffness, rotary_inertia=s.rotary_inertia / LITTLE))
 
 
-def solved(mechanism: Mechanism, motion: Motion, step: float, end: float) -> dict[str, Array]:
+def solve_tip_positions(mechanism: Mechanism, motion: Motion, step: float, end: float) -> dict[str, Array]:
     """Return flexinv's positions of the beams' tips, (samples, 3) [m], every SAMPLE; step, end [s]."""
     tip = solve(mechanism, motion, step, end=end, tolerance=TOLERANCE).tip
     return {link.name: tip[link.name][:: round(SAMPLE / step)] for link in mechanism.beams}
 
 
-def distance(ours: dict[str, Array], theirs: dict[str, Array]) -> float:
+def compute_tip_distance(ours: dict[str, Array], theirs: dict[str, Array]) -> float:
     """Return the largest distance [m] of a tip in two runs."""
     return max(float(np.linalg.norm(ours[name] - theirs[name], axis=1).max()) for name in theirs)
 
 
-def _ours(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
+def _run_flexinv(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
     for order, meshes in ((1, grid.linear), (4, grid.spectral)):
         for elements in meshes:
             meshed = mechanism.with_mesh(elements, order)
             for step in (*grid.steps, *grid.finer):
-                tips = solved(meshed, motion, step, arm.end)
+                tips = solve_tip_positions(meshed, motion, step, arm.end)
                 call = Call(lambda m=meshed, h=step: solve(m, motion, h, end=arm.end, tolerance=TOLERANCE))  # type: ignore[misc]
                 yield Run(f"flexinv, order {order}", elements, step, call, tips)
 
 
-def _theirs(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
+def _run_exudyn(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
     failed = importlib.import_module("crosscheck.engines.exudyn.integration").ExudynFailure
     for elements in grid.exudyn:
         for step in grid.steps:
             with suppress(failed):  # where no setting converges there is no run to compare with
-                yield best(arm, mechanism, motion, elements, step)
+                yield find_fastest_setting(arm, mechanism, motion, elements, step)
 
 
-def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: float, any_setting: bool = False) -> Run:
+def find_fastest_setting(
+    arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: float, any_setting: bool = False
+) -> Run:
     """Return Exudyn's run with the setting that is fastest here, or with any; step [s].
 
     Raises ExudynFailure where none converges.
@@ -232,31 +241,31 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
     return Run(name, elements, step, Call(march.make_runner(setting)), tips, str(setting))
 
 
-def _row(arm: Arm, run: Run) -> dict[str, Any]:
+def _make_row(arm: Arm, run: Run) -> dict[str, Any]:
     named = {"arm": arm.model, "method": run.method, "elements": run.elements, "step": run.step, "setting": run.setting}
     return named | {"curve": f"{run.method}, {run.elements}"}
 
 
-def _judgement(
+def _compare_with_flexinv(
     arm: Arm, run: Run, runs: list[Run], errors: list[float], k: int, times: dict[str, Times]
 ) -> dict[str, Any]:
     """Beside the fastest run of flexinv with an error as small or smaller: how much faster it is."""
     beside = [n for n, r in enumerate(runs) if r.method == run.method and r.step == run.step]
     of_the_step = errors[max(beside, key=lambda n: runs[n].elements)]
-    strict = _fastest(runs, errors, errors[k], times)
-    n = _fastest(runs, errors, max(errors[k], of_the_step), times)
+    strict = _find_fastest_run(runs, errors, errors[k], times)
+    n = _find_fastest_run(runs, errors, max(errors[k], of_the_step), times)
     if n is None:
         return {"by": "no run of flexinv here is as exact"}
-    found = ratio(times[str(k)], times[str(n)])
+    found = compute_time_ratio(times[str(k)], times[str(n)])
     own = runs[n]
     name = f"{arm.model}: times as fast as Exudyn's {run.elements} elements at {run.step:g} s, at its error or less"
     by = f"{own.elements} x order {own.method[-1]}, {own.step:g} s"
-    one = metric(name, found.median, "-", lower=arm.asked, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")
-    strictly = None if strict is None else ratio(times[str(k)], times[str(strict)]).median
+    one = make_metric(name, found.median, "-", lower=arm.asked, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")
+    strictly = None if strict is None else compute_time_ratio(times[str(k)], times[str(strict)]).median
     return {"faster": found.median, "asked": arm.asked, "by": by, "strictly": strictly, "metric": one}
 
 
-def _fastest(runs: list[Run], errors: list[float], error: float, times: dict[str, Times]) -> int | None:
+def _find_fastest_run(runs: list[Run], errors: list[float], error: float, times: dict[str, Times]) -> int | None:
     """The number of flexinv's fastest run with at most this error [-]."""
     good = [n for n, run in enumerate(runs) if run.method.startswith("flexinv") and errors[n] <= error]
     return min(good, key=lambda n: times[str(n)].spread().median, default=None)

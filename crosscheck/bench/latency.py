@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.bench.targets import judged, metric
-from crosscheck.studies.robot_sweep import undamped
+from crosscheck.bench.targets import add_verdict, make_metric
+from crosscheck.studies.robot_sweep import remove_damping
 from flexinv.analysis.controller import Controller
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
@@ -43,17 +43,17 @@ COLUMNS = (
 PLOT = {"x": "latency", "y": "steps", "group": "what", "log": True}
 
 
-def study(models: str, arms: list[str] | None = None, steps: int = STEPS) -> dict[str, Any]:
+def run_study(models: str, arms: list[str] | None = None, steps: int = STEPS) -> dict[str, Any]:
     """Return the histogram of the latencies of so many steps [us], arm by arm."""
     rows = []
     for name in arms or ARMS:
         asked, stroke = ARMS[name]
-        taken = latencies(undamped(load_mechanism(Path(models) / name)), stroke, steps)
-        rows += _rows(name, asked, 1e6 * taken)
+        taken = sample_latencies(remove_damping(load_mechanism(Path(models) / name)), stroke, steps)
+        rows += _list_histogram_rows(name, asked, 1e6 * taken)
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
-def latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
+def sample_latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
     """Return the time of every step of a motion to and fro, (steps,) [s]."""
     names = [j.name for j in mechanism.joints if j.nv]
     there = Motion.point_to_point(
@@ -86,7 +86,7 @@ def latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
     return taken
 
 
-def _rows(name: str, asked: float | None, taken: Array) -> list[dict[str, Any]]:
+def _list_histogram_rows(name: str, asked: float | None, taken: Array) -> list[dict[str, Any]]:
     """A row for every bin with steps in it; the first carries the median, what was asked and the rest of the numbers."""
     edges = 10.0 ** (
         np.arange(
@@ -113,11 +113,11 @@ def _rows(name: str, asked: float | None, taken: Array) -> list[dict[str, Any]]:
         f"median {median:.3g} us, 99 % {most:.3g}, 99.9 % {rare:.3g}, largest {taken.max():.3g}; {', '.join(late)} "
         f"of {len(taken)} steps"
     )
-    rows[0]["metric"] = metric(
+    rows[0]["metric"] = make_metric(
         f"{name}: a step of the controller",
         float(median),
         "us",
         upper=asked,
         spread=rows[0]["note"],
     )
-    return [judged(row) for row in rows]
+    return [add_verdict(row) for row in rows]

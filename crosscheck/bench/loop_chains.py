@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.bench.targets import judged, metric
-from crosscheck.bench.timing import Call, in_turns
+from crosscheck.bench.targets import add_verdict, make_metric
+from crosscheck.bench.timing import Call, run_calls_in_turns
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solve import solve
 from flexinv.model.attachments import Closure
@@ -48,14 +48,14 @@ COLUMNS = (
 PLOT = {"x": "loops", "y": "time", "group": "method", "log": True}
 
 
-def study(models: str = "", loops: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+def run_study(models: str = "", loops: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
     """Return the table over the number of loops; times [us].  The chains are made here: no models are read."""
     counts = loops or list(LOOPS)
     rows: list[dict[str, Any]] = []
     times: dict[str, dict[int, float]] = {}
     for count in counts:
-        work = _calls(count)
-        for method, own in in_turns({name: Call(call) for name, (call, _) in work.items()}, seconds).items():
+        work = _prepare_calls(count)
+        for method, own in run_calls_in_turns({name: Call(call) for name, (call, _) in work.items()}, seconds).items():
             time = 1e6 * own.spread().median / work[method][1]
             times.setdefault(method, {})[count] = time
             rows.append({"loops": count, "method": method, "time": time, "per_loop": time / count})
@@ -65,15 +65,19 @@ def study(models: str = "", loops: list[int] | None = None, seconds: float = SEC
         if row["loops"] == last:
             power = float(np.log(times[row["method"]][last] / times[row["method"]][first]) / np.log(last / first))
             name = f"chain of closed loops, {row['method']}: time grows with their number to the power of"
-            row |= {"growth": power, "asked": f"at most {GROWTH:g}", "metric": metric(name, power, "-", upper=GROWTH)}
-    return {"text": TEXT, "columns": COLUMNS, "rows": [judged(row) for row in rows], "plot": PLOT}
+            row |= {
+                "growth": power,
+                "asked": f"at most {GROWTH:g}",
+                "metric": make_metric(name, power, "-", upper=GROWTH),
+            }
+    return {"text": TEXT, "columns": COLUMNS, "rows": [add_verdict(row) for row in rows], "plot": PLOT}
 
 
-def _calls(count: int) -> dict[str, tuple[Callable[[], object], int]]:
+def _prepare_calls(count: int) -> dict[str, tuple[Callable[[], object], int]]:
     """Calls to be timed, and of how many samples or steps."""
-    rigid = four_bars(count)
-    bending = four_bars(count, beams=True)
-    motion = turning(0.6)
+    rigid = build_four_bar_chain(count)
+    bending = build_four_bar_chain(count, beams=True)
+    motion = make_crank_motion(0.6)
     leaning = replace(bending, gravity=bending.gravity + np.array([0.0, 0.0, LEANING]))
     time = np.linspace(0.0, STEPS * 1e-3, 3)
     pushed = np.full((3, 1), -20.0 * count)
@@ -81,17 +85,17 @@ def _calls(count: int) -> dict[str, tuple[Callable[[], object], int]]:
     return {
         "rigid, solved": (partial(solve, rigid, motion, 0.5 / SAMPLES), SAMPLES),
         "rigid, simulated": (partial(simulate, rigid, time, pushed, 1e-3), STEPS),
-        "with beams, in the plane": (partial(solve, bending, turning(0.3), **ends), STEPS),
-        "with beams, in space": (partial(solve, leaning, turning(0.3), **ends), STEPS),
+        "with beams, in the plane": (partial(solve, bending, make_crank_motion(0.3), **ends), STEPS),
+        "with beams, in space": (partial(solve, leaning, make_crank_motion(0.3), **ends), STEPS),
     }
 
 
-def turning(angle: float) -> Motion:
+def make_crank_motion(angle: float) -> Motion:
     """Return the motion of the first crank by an angle [rad] in 0.5 s."""
     return Motion.point_to_point({"crank0": 0.0}, {"crank0": angle}, 0.5)
 
 
-def four_bars(count: int, beams: bool = False) -> Mechanism:
+def build_four_bar_chain(count: int, beams: bool = False) -> Mechanism:
     """Return ``count`` four-bars in a row [m], [kg]: cranks on the ground, and rods between their tips, which may be beams."""
     bar = Body("bar", Inertia(1.0, np.array([0.5, 0.0, 0.0]), np.diag([1e-3, 1.0 / 12.0, 1.0 / 12.0])))
     upright = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.bench.flexible import SAMPLE
-from crosscheck.bench.targets import judged, metric, missing
-from crosscheck.bench.timing import Call, Times, disturbed, in_turns, ratio
+from crosscheck.bench.targets import add_verdict, drop_metric, make_metric
+from crosscheck.bench.timing import Call, Times, compute_time_ratio, describe_disturbance, run_calls_in_turns
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.analysis.solve_many import solve_many
@@ -65,7 +65,9 @@ OTHER_COLUMNS = (
 )
 
 
-def elements(models: str, orders: dict[str, list[int]] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+def run_element_study(
+    models: str, orders: dict[str, list[int]] | None = None, seconds: float = SECONDS
+) -> dict[str, Any]:
     """Return the table over elements; times [us], exponents [-]."""
     rows = []
     for model, case, plane in (("flex_one_link", "cycloid", True), ("spatial_arm", "reach", False)):
@@ -73,38 +75,42 @@ def elements(models: str, orders: dict[str, list[int]] | None = None, seconds: f
         motion = load_cases(Path(models) / model, mechanism)[case].motion
         for order, meshes in ({int(k): tuple(v) for k, v in orders.items()} if orders else MESHES).items():
             kept = meshes if plane else meshes[: max(2, len(meshes) - 2)]
-            rows += _over_elements(model, mechanism, motion, order, kept, seconds)
+            rows += _list_element_rows(model, mechanism, motion, order, kept, seconds)
     return {"text": ELEMENTS_TEXT, "columns": ELEMENTS_COLUMNS, "rows": rows, "plot": ELEMENTS_PLOT}
 
 
-def _over_elements(
+def _list_element_rows(
     model: str, mechanism: Mechanism, motion: Motion, order: int, meshes: tuple[int, ...], seconds: float
 ) -> list[dict[str, Any]]:
     end = 200 * SAMPLE
     meshed = {n: mechanism.with_mesh(n, order) for n in meshes}
     calls = {str(n): Call(lambda m=m: solve(m, motion, SAMPLE, end=end)) for n, m in meshed.items()}  # type: ignore[misc]
-    times = in_turns(calls, seconds)
+    times = run_calls_in_turns(calls, seconds)
     rows: list[dict[str, Any]] = []
     for n in meshes:
         iterations = float(solve(meshed[n], motion, SAMPLE, end=end).iterations.mean())
         taken = times[str(n)].spread().median
         named = {"arm": model, "order": order, "elements": n, "curve": f"{model}, order {order}"}
         rows.append(named | {"time": 1e6 * taken * SAMPLE / end, "iterations": iterations})
-    grown = ratio(times[str(meshes[-1])], times[str(meshes[-2])]).median
+    grown = compute_time_ratio(times[str(meshes[-1])], times[str(meshes[-2])]).median
     exponent = float(np.log(grown) / np.log(meshes[-1] / meshes[-2]))
     name = f"{model}, order {order}: exponent of the time over elements"
-    rows[-1] |= {"exponent": exponent, "asked": EXPONENT, "metric": metric(name, exponent, "-", upper=EXPONENT)}
-    return [judged(row) for row in rows]
+    rows[-1] |= {"exponent": exponent, "asked": EXPONENT, "metric": make_metric(name, exponent, "-", upper=EXPONENT)}
+    return [add_verdict(row) for row in rows]
 
 
-def others(models: str, seconds: float = SECONDS) -> dict[str, Any]:
+def run_loop_study(models: str, seconds: float = SECONDS) -> dict[str, Any]:
     """Return the table of closed loops and of threads; times [ms], ratios [-]."""
     folder = Path(models)
-    rows = [*_flexible_loop(folder, seconds), *_rigid_loop(folder, seconds), *_threads(folder, seconds)]
+    rows = [
+        *_list_flexible_loop_rows(folder, seconds),
+        *_list_rigid_loop_rows(folder, seconds),
+        *_list_thread_rows(folder, seconds),
+    ]
     return {"text": OTHER_TEXT, "columns": OTHER_COLUMNS, "rows": rows}
 
 
-def _flexible_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
+def _list_flexible_loop_rows(folder: Path, seconds: float) -> list[dict[str, Any]]:
     """A four-bar with a coupler that bends: closed, cut in the plane, cut in space."""
     closed = load_mechanism(folder / "four_bar_flexible")
     case = load_cases(folder / "four_bar_flexible", closed)["turn"]
@@ -113,21 +119,21 @@ def _flexible_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
     rows = []
     for where, gravity in (("the plane", tree.gravity), ("space", tree.gravity + np.array([0.0, 0.0, LEANING]))):
         calls = {
-            f"closed, in {where}": _march(replace(closed, gravity=gravity), case.motion, options),
-            f"tree in {where}": _march(replace(tree, gravity=gravity), case.motion, options),
+            f"closed, in {where}": _make_march_call(replace(closed, gravity=gravity), case.motion, options),
+            f"tree in {where}": _make_march_call(replace(tree, gravity=gravity), case.motion, options),
         }
-        times = in_turns(calls, seconds)
-        rows += _compared(
+        times = run_calls_in_turns(calls, seconds)
+        rows += _compare_loop_with_tree(
             "four-bar with a flexible coupler", "march of a flexible loop", times, f"closed, in {where}", LOOP_MARCH
         )
     return rows
 
 
-def _march(mechanism: Mechanism, motion: Motion, options: dict[str, Any]) -> Call:
+def _make_march_call(mechanism: Mechanism, motion: Motion, options: dict[str, Any]) -> Call:
     return Call(lambda: solve(mechanism, motion, **options))
 
 
-def _rigid_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
+def _list_rigid_loop_rows(folder: Path, seconds: float) -> list[dict[str, Any]]:
     """A five-bar and its tree, with the motion of all joints as the closed mechanism finds it."""
     closed = load_mechanism(folder / "five_bar")
     case = load_cases(folder / "five_bar", closed)["reach"]
@@ -141,44 +147,47 @@ def _rigid_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
         "tree": Call(lambda: solve(tree, given, step)),
     }
     what = "rigid loop with a given motion"
-    times = in_turns(solved, seconds)
-    rows = _compared("five-bar, solved", f"{what}, solved", times, "closed, given", LOOP_RIGID)
-    own = ratio(times["closed, passive joints found"], times["tree"])
+    times = run_calls_in_turns(solved, seconds)
+    rows = _compare_loop_with_tree("five-bar, solved", f"{what}, solved", times, "closed, given", LOOP_RIGID)
+    own = compute_time_ratio(times["closed, passive joints found"], times["tree"])
     rows[1]["ratio"] = own.median
     for model in RIGID_LOOPS:
-        rows += _prepared_loop(folder, model, LOOP_RIGID, seconds)
+        rows += _list_prepared_loop_rows(folder, model, LOOP_RIGID, seconds)
     return rows
 
 
-def _prepared_loop(folder: Path, model: str, most: float, seconds: float) -> list[dict[str, Any]]:
+def _list_prepared_loop_rows(folder: Path, model: str, most: float, seconds: float) -> list[dict[str, Any]]:
     """A closed mechanism and its tree through prepared functions, coordinate-major."""
     closed = load_mechanism(folder / model)
     case = next(iter(load_cases(folder / model, closed).values()))
     found = solve(closed, case.motion, case.end / (LOOP_SAMPLES - 1), start=case.start)
     calls = {
-        name: _torques(m, found) for name, m in (("closed, given", closed), ("tree", replace(closed, closures=())))
+        name: _make_torque_call(m, found)
+        for name, m in (("closed, given", closed), ("tree", replace(closed, closures=())))
     }
     name = f"rigid loop with a given motion, {model}, torques"
-    return _compared(
-        f"{model}, prepared, {LOOP_SAMPLES} samples", name, in_turns(calls, seconds), "closed, given", most
+    return _compare_loop_with_tree(
+        f"{model}, prepared, {LOOP_SAMPLES} samples", name, run_calls_in_turns(calls, seconds), "closed, given", most
     )
 
 
-def _torques(mechanism: Mechanism, motion: Solution) -> Call:
+def _make_torque_call(mechanism: Mechanism, motion: Solution) -> Call:
     function = prepare(mechanism, threads=1)
     q, qd, qdd = (np.ascontiguousarray(a.T) for a in (motion.q, motion.qd, motion.qdd))
     out = np.empty_like(qd)
     return Call(lambda: function.torques(q, qd, qdd, out=out, order="coordinates"))
 
 
-def _compared(what: str, name: str, times: dict[str, Times], first: str, most: float | None) -> list[dict[str, Any]]:
+def _compare_loop_with_tree(
+    what: str, name: str, times: dict[str, Times], first: str, most: float | None
+) -> list[dict[str, Any]]:
     """Rows of times, the trees' with how many times as long the closed mechanism takes."""
     rows = []
     for method, own in times.items():
         row: dict[str, Any] = {"what": what, "method": method, "time": 1e3 * own.spread().median}
         if method.startswith("tree"):
-            found = ratio(times[first], own)
-            one = metric(
+            found = compute_time_ratio(times[first], own)
+            one = make_metric(
                 f"{name}: times as long as the {method}",
                 found.median,
                 "-",
@@ -186,11 +195,11 @@ def _compared(what: str, name: str, times: dict[str, Times], first: str, most: f
                 spread=f"{found.low:.3g} .. {found.high:.3g}",
             )
             row |= {"ratio": found.median, "asked": f"at most {most:g}" if most else "nothing", "metric": one}
-        rows.append(judged(row))
+        rows.append(add_verdict(row))
     return rows
 
 
-def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
+def _list_thread_rows(folder: Path, seconds: float) -> list[dict[str, Any]]:
     """The same scenarios on one thread and on two."""
     rows = []
     for model, case, step, asked in (
@@ -201,22 +210,25 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
         motion = load_cases(folder / model, mechanism)[case].motion
         counts = (1, 2) if count_processors() > 1 else (1,)
         scenarios = SCENARIOS[model]
-        calls = {str(n): _many(mechanism, [motion] * scenarios, step, n) for n in counts}
-        times = in_turns(calls, 2 * seconds)  # long calls, of which a busy host spoils many
+        calls = {str(n): _make_scenario_call(mechanism, [motion] * scenarios, step, n) for n in counts}
+        times = run_calls_in_turns(calls, 2 * seconds)  # long calls, of which a busy host spoils many
         for n in counts:
             row: dict[str, Any] = {"what": f"solve_many, {scenarios} times {model}", "method": f"{n} threads"}
             row["time"] = 1e3 * times[str(n)].spread().median
             if n > 1:
-                found = ratio(times["1"], times[str(n)])
-                message = disturbed(times[str(n)])
+                found = compute_time_ratio(times["1"], times[str(n)])
+                message = describe_disturbance(times[str(n)])
                 spread = f"{found.low:.3g} .. {found.high:.3g}"
                 name = f"solve_many, {model}: times as fast with two threads"
                 row |= {"asked": asked and f"at least {asked:g}"}
-                row |= {"ratio": found.median, "metric": metric(name, found.median, "-", lower=asked, spread=spread)}
-                row = missing(row, "ratio", message) if message else row
-            rows.append(judged(row))
+                row |= {
+                    "ratio": found.median,
+                    "metric": make_metric(name, found.median, "-", lower=asked, spread=spread),
+                }
+                row = drop_metric(row, "ratio", message) if message else row
+            rows.append(add_verdict(row))
     return rows
 
 
-def _many(mechanism: Mechanism, motions: list[Motion], step: float, threads: int) -> Call:
+def _make_scenario_call(mechanism: Mechanism, motions: list[Motion], step: float, threads: int) -> Call:
     return Call(lambda: solve_many(mechanism, motions, step, threads=threads).all(), threads)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from crosscheck.bench.targets import summary
+from crosscheck.bench.targets import make_target_table
 from crosscheck.run.runner import run
 from crosscheck.run.work import Notify, Options, Work
 from crosscheck.studies import Study
@@ -54,7 +54,7 @@ PARTS: Mapping[str, Part] = {
 }
 
 
-def studies(models: Path, names: tuple[str, ...] = (), quick: bool = False) -> tuple[Study, ...]:
+def list_studies(models: Path, names: tuple[str, ...] = (), quick: bool = False) -> tuple[Study, ...]:
     """Return the studies of the named parts, of all where none is named."""
     return tuple(
         Study(
@@ -69,15 +69,15 @@ def studies(models: Path, names: tuple[str, ...] = (), quick: bool = False) -> t
     )
 
 
-def studies_of_night(models: Path) -> tuple[Study, ...]:
+def list_night_studies(models: Path) -> tuple[Study, ...]:
     """Return the studies that a night may make: all parts but whole runs, for it is one itself."""
-    return studies(models, tuple(name for name in PARTS if name != "runs"))
+    return list_studies(models, tuple(name for name in PARTS if name != "runs"))
 
 
-def measure(parts: tuple[Study, ...], timeout: float, out: Path, notify: Notify, command: str = "") -> Results:
+def run_parts(parts: tuple[Study, ...], timeout: float, out: Path, notify: Notify, command: str = "") -> Results:
     """Run the parts and return their results with the table of targets on top; timeout [s] of each part.
 
     They run one at a time: what runs beside it would be measured, too.
     """
     results = run(Work(Plan(()), {}, parts, Options(timeout, 1)), out, notify, command)
-    return replace(results, studies=(summary(results.studies), *results.studies))
+    return replace(results, studies=(make_target_table(results.studies), *results.studies))

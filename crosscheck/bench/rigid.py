@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.bench.targets import faster, judged, metric, missing
-from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
+from crosscheck.bench.targets import add_verdict, compute_required_speed, drop_metric, make_metric
+from crosscheck.bench.timing import Call, Spread, Times, compute_time_ratio, describe_disturbance, run_calls_in_turns
 from crosscheck.engines import open_bench_calls
-from crosscheck.studies.robot_sweep import LARGEST_ERROR, random_states, undamped
+from crosscheck.studies.robot_sweep import LARGEST_ERROR, remove_damping, sample_states
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.threads.affinity import count_processors
 from flexinv.model.mechanism import Mechanism
@@ -50,31 +50,33 @@ COLUMNS = (
 PLOT = {"x": "samples", "y": "time", "group": "curve", "log": True}
 
 
-def asked(samples: int, order: Order) -> float | None:
+def find_required_ratio(samples: int, order: Order) -> float | None:
     """Return the demanded ratio of flexinv's speed to rneaInParallel's [-], at equal threads; None: nothing is demanded."""
     if samples >= 32_768:
-        return faster(20.0 if order == "coordinates" else 15.0)
-    return faster(15.0) if samples >= 4_096 else faster(10.0) if samples >= 1_000 else None
+        return compute_required_speed(20.0 if order == "coordinates" else 15.0)
+    return (
+        compute_required_speed(15.0) if samples >= 4_096 else compute_required_speed(10.0) if samples >= 1_000 else None
+    )
 
 
-def study(
+def run_study(
     models: str, robots: list[str] | None = None, samples: list[int] | None = None, seconds: float = SECONDS
 ) -> Any:
     """Return the table: times [ns] by robot, number of samples and method."""
     rows = []
     for robot in robots or ROBOTS:
-        mechanism = undamped(load_mechanism(Path(models) / robot))
+        mechanism = remove_damping(load_mechanism(Path(models) / robot))
         for count in samples or SAMPLES:
-            rows += rows_of(robot, mechanism, count, seconds)
+            rows += list_robot_rows(robot, mechanism, count, seconds)
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
-def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> list[dict[str, Any]]:
+def list_robot_rows(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> list[dict[str, Any]]:
     """Return the rows of one robot and one number of samples, torques compared before they are timed; seconds [s]."""
-    state = random_states(mechanism, samples, np.random.default_rng(samples))
+    state = sample_states(mechanism, samples, np.random.default_rng(samples))
     calls = {}
     differences = {}
-    for name, (call, torque, per) in methods(mechanism, state).items():
+    for name, (call, torque, per) in prepare_methods(mechanism, state).items():
         calls[name] = call
         differences[name] = (torque(), per)
     reference, _ = differences[("rneaInParallel", 1)]
@@ -82,24 +84,26 @@ def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> l
     apart = {name: float(np.abs(tau - reference[: len(tau)]).max() / largest) for name, (tau, _) in differences.items()}
     named = {" ".join(map(str, name)): call for name, call in calls.items()}
     if max(apart.values()) > LARGEST_ERROR:
-        return [_wrong(robot, samples, name, value) for name, value in apart.items() if value > LARGEST_ERROR]
-    times = in_turns(named, seconds)
+        return [
+            _make_deviation_row(robot, samples, name, value) for name, value in apart.items() if value > LARGEST_ERROR
+        ]
+    times = run_calls_in_turns(named, seconds)
     rows = []
     for (method, threads), (_, per) in differences.items():
         own = times[f"{method} {threads}"]
-        row = _row(robot, samples, method, threads, own, per) | {"difference": apart[method, threads]}
+        row = _make_row(robot, samples, method, threads, own, per) | {"difference": apart[method, threads]}
         beside = times[f"rneaInParallel {threads}"]
-        message = disturbed(own, beside)
+        message = describe_disturbance(own, beside)
         if method.startswith("flexinv"):
-            row |= _judgement(robot, samples, method, threads, ratio(beside, own))
-            row = missing(row, "faster", message) if message else row
+            row |= _judge_speed(robot, samples, method, threads, compute_time_ratio(beside, own))
+            row = drop_metric(row, "faster", message) if message else row
         elif message:
             row |= {"verdict": "skipped", "message": message}
-        rows.append(judged(row))
+        rows.append(add_verdict(row))
     return rows
 
 
-def _row(robot: str, samples: int, method: str, threads: int, times: Times, per: int) -> dict[str, Any]:
+def _make_row(robot: str, samples: int, method: str, threads: int, times: Times, per: int) -> dict[str, Any]:
     spread = times.spread()
     return {
         "robot": robot,
@@ -112,19 +116,19 @@ def _row(robot: str, samples: int, method: str, threads: int, times: Times, per:
     }
 
 
-def _judgement(robot: str, samples: int, method: str, threads: int, found: Spread) -> dict[str, Any]:
+def _judge_speed(robot: str, samples: int, method: str, threads: int, found: Spread) -> dict[str, Any]:
     order: Order = "coordinates" if "coordinate" in method else "samples"
     name = f"{robot}: times as fast as rneaInParallel, {samples} samples by {order[:-1]}, {threads} thread{'s' * (threads > 1)}"
     spread = f"{found.low:.3g} .. {found.high:.3g}"
-    limit = asked(samples, order)
+    limit = find_required_ratio(samples, order)
     return {
         "faster": found.median,
         "asked": limit,
-        "metric": metric(name, found.median, "-", lower=limit, spread=spread),
+        "metric": make_metric(name, found.median, "-", lower=limit, spread=spread),
     }
 
 
-def _wrong(robot: str, samples: int, name: tuple[str, int], apart: float) -> dict[str, Any]:
+def _make_deviation_row(robot: str, samples: int, name: tuple[str, int], apart: float) -> dict[str, Any]:
     return {"robot": robot, "samples": samples, "method": name[0], "threads": name[1], "difference": apart} | {
         "verdict": "deviation",
         "curve": robot,
@@ -135,7 +139,7 @@ Work = tuple[Callable[[], Array], Callable[[Array], Array]]
 Method = tuple[Call, Callable[[], Array], int]
 
 
-def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Method]:
+def prepare_methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Method]:
     """Return by name and threads: the call, what gives its torques (samples, nv) [N m], and its number of samples."""
     pinocchio = open_bench_calls("pinocchio")
     mujoco = open_bench_calls("mujoco")
@@ -144,21 +148,21 @@ def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Meth
     counts = sorted({1, min(2, count_processors())})
     for threads in counts:
         for order in ORDERS:
-            found[f"flexinv by {order[:-1]}", threads] = _flexinv(mechanism, state, order, threads)
-        found["rneaInParallel", threads] = _method(
+            found[f"flexinv by {order[:-1]}", threads] = _make_flexinv_method(mechanism, state, order, threads)
+        found["rneaInParallel", threads] = _make_method(
             pinocchio.parallel(mechanism, *state, threads), len(state[0]), threads
         )
-    found["pin.rnea in a loop", 1] = _method(pinocchio.loop(mechanism, *few), len(few[0]))
-    found["mj_inverse in a loop", 1] = _method(mujoco.loop(mechanism, *few), len(few[0]))
+    found["pin.rnea in a loop", 1] = _make_method(pinocchio.run_loop(mechanism, *few), len(few[0]))
+    found["mj_inverse in a loop", 1] = _make_method(mujoco.run_loop(mechanism, *few), len(few[0]))
     return found
 
 
-def _method(work: Work, samples: int, threads: int = 1) -> Method:
+def _make_method(work: Work, samples: int, threads: int = 1) -> Method:
     run, said = work
     return Call(run, threads), lambda: said(run()), samples
 
 
-def _flexinv(mechanism: Mechanism, state: State, order: Order, threads: int) -> Method:
+def _make_flexinv_method(mechanism: Mechanism, state: State, order: Order, threads: int) -> Method:
     function = prepare(mechanism, passive=False, threads=threads)
     q, qd, qdd = (np.ascontiguousarray(part.T if order == "coordinates" else part) for part in state)
     out = np.empty_like(qd)

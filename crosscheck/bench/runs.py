@@ -12,7 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.targets import add_verdict, make_metric
 
 ONE = "four_bar"
 TEXT = """A run in processes of its own: nothing is kept the first time; the second time nothing has changed, so that every result
@@ -26,7 +26,7 @@ COLUMNS = (
 )
 
 
-def study(
+def run_study(
     models: str, whole: bool = True, names: tuple[str, ...] = (ONE,), engines: tuple[str, ...] = ()
 ) -> dict[str, Any]:
     """Return the table of runs of ``names``, and with ``whole`` of everything in ``models``: processor time and time [s].
@@ -37,11 +37,11 @@ def study(
     for what, chosen in ((" ".join(names), tuple(names)), *((("everything", ()),) if whole else ())):
         with tempfile.TemporaryDirectory(prefix="crosscheck-bench-") as folder:
             for when in ("nothing kept", "unchanged"):
-                rows.append(_row(what, when, timed(chosen, Path(models), Path(folder), engines)))
+                rows.append(_make_row(what, when, run_timed_command(chosen, Path(models), Path(folder), engines)))
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def timed(
+def run_timed_command(
     names: tuple[str, ...], models: Path, folder: Path, engines: tuple[str, ...] = ()
 ) -> tuple[float, float, str]:
     """Run ``crosscheck run`` and return processor time and time [s], and its last words where it failed.
@@ -50,30 +50,32 @@ def timed(
     """
     command = [sys.executable, "-m", "crosscheck", "run", *names, "--models", str(models), "--out", str(folder / "out")]
     command += ["--engines", ",".join(engines)] if engines else []
-    before = _used()
+    before = _read_children_time()
     start = perf_counter()
     done = subprocess.run(
-        command, env=environment(folder / "kept"), cwd=models.parent, capture_output=True, text=True, check=False
+        command, env=make_environment(folder / "kept"), cwd=models.parent, capture_output=True, text=True, check=False
     )
     wall = perf_counter() - start
     words = done.stderr.strip().rsplit("\n", 1)[-1] if done.returncode > 1 else ""
-    return _used() - before, wall, words
+    return _read_children_time() - before, wall, words
 
 
-def environment(kept: Path) -> dict[str, str]:
+def make_environment(kept: Path) -> dict[str, str]:
     """Return the environment of a run whose answers are kept in a folder of its own."""
     return {name: value for name, value in os.environ.items() if name != "CI"} | {"CROSSCHECK_KEPT": str(kept)}
 
 
-def _used() -> float:
+def _read_children_time() -> float:
     """Return the processor time of all processes that were started here and have ended [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def _row(what: str, when: str, measured: tuple[float, float, str]) -> Mapping[str, Any]:
+def _make_row(what: str, when: str, measured: tuple[float, float, str]) -> Mapping[str, Any]:
     processor, wall, words = measured
     row = {"what": what, "when": when, "processor": processor, "wall": wall, "message": words}
     if words:
         return {**row, "verdict": "error"}
-    return judged({**row, "metric": metric(f"crosscheck run, {what}, {when}: processor time", processor, "s")})
+    return add_verdict(
+        {**row, "metric": make_metric(f"crosscheck run, {what}, {when}: processor time", processor, "s")}
+    )

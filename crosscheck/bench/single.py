@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from crosscheck.bench.rigid import ROBOTS
-from crosscheck.bench.targets import judged, metric
-from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.bench.targets import add_verdict, make_metric
+from crosscheck.bench.timing import Call, Times, compute_time_ratio, run_calls_in_turns
 from crosscheck.engines import open_bench_calls as calls_of
-from crosscheck.studies.robot_sweep import random_states, undamped
+from crosscheck.studies.robot_sweep import remove_damping, sample_states
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.rigid.prepare import prepare
@@ -61,43 +61,43 @@ print(json.dumps([imported - start, read - imported, process_time() - read]))
 """
 
 
-def study(models: str, robots: list[str] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+def run_study(models: str, robots: list[str] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
     """Return the table of single samples and of the first call; times [us]."""
     rows = []
     for robot in robots or ROBOTS:
-        rows += _one_sample(robot, undamped(load_mechanism(Path(models) / robot)), seconds)
-    return {"text": TEXT, "columns": COLUMNS, "rows": [*rows, *_first_call(Path(models) / "ur5")]}
+        rows += _list_single_sample_rows(robot, remove_damping(load_mechanism(Path(models) / robot)), seconds)
+    return {"text": TEXT, "columns": COLUMNS, "rows": [*rows, *_list_first_call_rows(Path(models) / "ur5")]}
 
 
-def _one_sample(robot: str, mechanism: Mechanism, seconds: float) -> list[dict[str, Any]]:
+def _list_single_sample_rows(robot: str, mechanism: Mechanism, seconds: float) -> list[dict[str, Any]]:
     pinocchio = calls_of("pinocchio")
     mujoco = calls_of("mujoco")
-    state = random_states(mechanism, 1, np.random.default_rng(1))
+    state = sample_states(mechanism, 1, np.random.default_rng(1))
     q, qd, qdd = (np.ascontiguousarray(part[0]) for part in state)
     function = prepare(mechanism, passive=False)
     out = np.empty(mechanism.nv)
     calls = {
         "flexinv, prepared": Call(lambda: function.sample(q, qd, qdd, out)),
-        "pin.rnea": Call(pinocchio.loop(mechanism, *state)[0]),
-        "mj_inverse": Call(mujoco.loop(mechanism, *state)[0]),
+        "pin.rnea": Call(pinocchio.run_loop(mechanism, *state)[0]),
+        "mj_inverse": Call(mujoco.run_loop(mechanism, *state)[0]),
     }
     rows = []
-    for method, times in in_turns(calls, seconds).items():
-        row = _row(f"{robot}, one sample", method, times)
+    for method, times in run_calls_in_turns(calls, seconds).items():
+        row = _make_row(f"{robot}, one sample", method, times)
         if method.startswith("flexinv"):
             name = f"{robot}: one sample through a prepared function"
-            row |= {"asked": ONE_SAMPLE, "metric": metric(name, row["time"], "us", upper=ONE_SAMPLE)}
-        rows.append(judged(row))
+            row |= {"asked": ONE_SAMPLE, "metric": make_metric(name, row["time"], "us", upper=ONE_SAMPLE)}
+        rows.append(add_verdict(row))
     return rows
 
 
-def _row(what: str, method: str, times: Times) -> dict[str, Any]:
+def _make_row(what: str, method: str, times: Times) -> dict[str, Any]:
     s = times.spread()
     quartiles = f"{1e6 * s.low:.3g} .. {1e6 * s.high:.3g}"
     return {"what": what, "method": method, "time": 1e6 * s.median, "quartiles": quartiles}
 
 
-def _first_call(model: Path) -> list[dict[str, Any]]:
+def _list_first_call_rows(model: Path) -> list[dict[str, Any]]:
     """One start that keeps the machine code, then some that find it."""
     command = [sys.executable, "-c", FRESH, str(model.resolve())]
     parts = []
@@ -111,15 +111,15 @@ def _first_call(model: Path) -> list[dict[str, Any]]:
         named | {"method": method, "time": 1e6 * value}
         for method, value in (("importing", imported), ("reading", read), ("torques", computed))
     ]
-    one = metric("first call in a fresh process", total, "s", upper=FIRST_CALL)
+    one = make_metric("first call in a fresh process", total, "s", upper=FIRST_CALL)
     rows.append(named | {"method": "all of it", "time": 1e6 * total, "asked": 1e6 * FIRST_CALL, "metric": one})
-    return [judged(row) for row in rows]
+    return [add_verdict(row) for row in rows]
 
 
 # ------------------------------------------------------------------------------------------------------------ chains
 
 
-def chain(joints: int) -> Mechanism:
+def build_rod_chain(joints: int) -> Mechanism:
     """Return a chain of rods of 0.3 m and 1 kg [-], every joint turned by 90 degrees against the one before."""
     rod = Body("rod", Inertia(1.0, np.array([0.15, 0.0, 0.0]), np.diag([1e-4, 7.5e-3, 7.5e-3])))
     turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -132,13 +132,13 @@ def chain(joints: int) -> Mechanism:
     return Mechanism(f"chain of {joints}", links, made, gravity=np.array([0.0, 0.0, -9.81]))
 
 
-def chains(models: str = "", joints: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+def run_chain_study(models: str = "", joints: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
     """Return the table over joints; times [ns].  The chains are made here: no models are read."""
     pinocchio = calls_of("pinocchio")
     rows = []
     for count in joints or JOINTS:
-        mechanism = chain(count)
-        state = random_states(mechanism, CHAIN_SAMPLES, np.random.default_rng(count))
+        mechanism = build_rod_chain(count)
+        state = sample_states(mechanism, CHAIN_SAMPLES, np.random.default_rng(count))
         given = [np.ascontiguousarray(part.T) for part in state]
         function = prepare(mechanism, passive=False, threads=1)
         out = np.empty((mechanism.nv, CHAIN_SAMPLES))
@@ -146,11 +146,11 @@ def chains(models: str = "", joints: list[int] | None = None, seconds: float = S
             "flexinv": Call(lambda f=function, g=given, o=out: f.torques(*g, out=o, order="coordinates")),  # type: ignore[misc]
             "rneaInParallel": Call(pinocchio.parallel(mechanism, *state, 1)[0]),
         }
-        times = in_turns(calls, seconds)
+        times = run_calls_in_turns(calls, seconds)
         for method, own in times.items():
             value = 1e9 * own.spread().median / CHAIN_SAMPLES
             row = {"joints": count, "method": method, "time": value, "per_joint": value / count}
             if method == "flexinv":
-                row["faster"] = ratio(times["rneaInParallel"], own).median
-            rows.append(judged(row))
+                row["faster"] = compute_time_ratio(times["rneaInParallel"], own).median
+            rows.append(add_verdict(row))
     return {"text": CHAIN_TEXT, "columns": CHAIN_COLUMNS, "rows": rows, "plot": CHAIN_PLOT}

@@ -1,6 +1,6 @@
 """Speed targets of flexinv by machine, and the measured values: the table on top, and the ratios for the history.
 
-A row of a part carries ``metric``: name, value, unit, lower, upper, note.  A limit is a limit like that of a torque: beyond it
+A row of a part carries ``make_metric``: name, value, unit, lower, upper, note.  A limit is a limit like that of a torque: beyond it
 the row is a deviation.  The ratios are those of runs side by side in one process; no time by itself has a limit, except those
 that somebody waits for (one sample, the first call).
 """
@@ -26,31 +26,31 @@ COLUMNS = (
 )
 
 
-def vector_width() -> str:
+def find_vector_width() -> str:
     """Return the widest vectors that compiled code uses here: avx512, avx2 or other."""
     features = binding.get_host_cpu_features()
     return "avx512" if features.get("avx512f") else "avx2" if features.get("avx2") else "other"
 
 
-def faster(times: float) -> float:
+def compute_required_speed(times: float) -> float:
     """Return the demanded speed of rigid inverse dynamics as a multiple of others' here [-]: half of it without AVX-512."""
-    return times if vector_width() == "avx512" else times / 2.0
+    return times if find_vector_width() == "avx512" else times / 2.0
 
 
-def metric(
+def make_metric(
     name: str, value: float, unit: str, lower: float | None = None, upper: float | None = None, spread: str = ""
 ) -> dict[str, Any]:
     """Return the entry of a row for the table of targets and for the history; value, lower and upper in [unit]."""
     return {"name": name, "value": value, "unit": unit, "lower": lower, "upper": upper, "note": spread}
 
 
-def missing(row: Mapping[str, Any], ratio: str, why: str) -> dict[str, Any]:
+def drop_metric(row: Mapping[str, Any], ratio: str, why: str) -> dict[str, Any]:
     """Return a row whose metric, in the column ``ratio`` [-], says nothing, and why: no verdict, nothing for the history."""
     kept = {key: value for key, value in row.items() if key not in ("metric", ratio)}
     return kept | {"verdict": "skipped", "message": why, "missing": {**row["metric"], "note": why}}
 
 
-def judged(row: Mapping[str, Any]) -> dict[str, Any]:
+def add_verdict(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row with its verdict: within or a deviation where its metric has a limit, within where it has none."""
     own = row.get("metric")
     limited = own is not None and not (own["lower"] is None and own["upper"] is None)
@@ -58,48 +58,48 @@ def judged(row: Mapping[str, Any]) -> dict[str, Any]:
     return {"verdict": verdict, **row}
 
 
-def metrics(tables: Iterable[StudyRow]) -> list[Metric]:
+def list_metrics(tables: Iterable[StudyRow]) -> list[Metric]:
     """Return the numbers of all parts for the history [unit of each]."""
     return [Metric(**row["metric"]) for table in tables for row in table.rows if row.get("metric")]
 
 
-def summary(tables: Sequence[StudyRow]) -> StudyRow:
+def make_target_table(tables: Sequence[StudyRow]) -> StudyRow:
     """Return the table of targets: what is asked, what was measured."""
     rows = [
         {
             "what": one.name,
             "value": one.value,
-            "limit": _words(one),
+            "limit": _describe_limit(one),
             "unit": one.unit,
             "spread": one.note,
             "verdict": "skipped" if one.verdict == "unjudged" else one.verdict,
         }
-        for one in metrics(tables)
+        for one in list_metrics(tables)
     ]
     rows += [
-        {"what": one.name, "limit": _words(one), "unit": one.unit, "spread": one.note, "verdict": "skipped"}
-        for one in _unmeasured(tables)
+        {"what": one.name, "limit": _describe_limit(one), "unit": one.unit, "spread": one.note, "verdict": "skipped"}
+        for one in _list_dropped_metrics(tables)
     ]
     rows.sort(key=lambda row: (row["verdict"] != "deviation", "value" in row))
-    return StudyRow(NAME, "Speed: what was asked and what was measured", text(), COLUMNS, tuple(rows))
+    return StudyRow(NAME, "Speed: what was asked and what was measured", describe_measurement(), COLUMNS, tuple(rows))
 
 
-def _unmeasured(tables: Sequence[StudyRow]) -> list[Metric]:
+def _list_dropped_metrics(tables: Sequence[StudyRow]) -> list[Metric]:
     """Return the metrics that have a limit and could not be measured."""
     found = [Metric(**row["missing"]) for table in tables for row in table.rows if row.get("missing")]
     return [one for one in found if one.lower is not None or one.upper is not None]
 
 
-def _words(one: Metric) -> str:
+def _describe_limit(one: Metric) -> str:
     if one.lower is not None:
         return f"at least {one.lower:g}"
     return "nothing" if one.upper is None else f"at most {one.upper:g}"
 
 
-def text() -> str:
+def describe_measurement() -> str:
     """Return the words on top: which machine this was, and how it was measured."""
     here = machine()
-    width = vector_width()
+    width = find_vector_width()
     asked = (
         "The ratios asked of rigid inverse dynamics are those for AVX-512."
         if width == "avx512"

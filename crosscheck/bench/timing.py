@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.bench.cores import Cores, whole
+from crosscheck.bench.cores import Cores, find_undisturbed_repetitions
 
 Array = NDArray[np.float64]
 REPETITION = 1e-3  # [s]: well below the some 4 ms after which a busy system changes processes
@@ -78,14 +78,14 @@ class Times:
     threads: int = 1
     others: float = np.inf
 
-    def usable(self) -> Array:
+    def find_usable_times(self) -> Array:
         """Return the times that count [s]."""
-        own = self._part(self.whole) if _enough(self.whole) else self
-        if _enough(own.clean):
+        own = self._take_repetitions(self.whole) if _has_enough_repetitions(self.whole) else self
+        if _has_enough_repetitions(own.clean):
             return own.wall[own.clean]
         return own.processor if own.threads == 1 else own.wall
 
-    def _part(self, which: NDArray[np.bool_]) -> Times:
+    def _take_repetitions(self, which: NDArray[np.bool_]) -> Times:
         return replace(
             self,
             wall=self.wall[which],
@@ -96,45 +96,49 @@ class Times:
 
     def spread(self) -> Spread:
         """Return the quartiles [s]."""
-        return _quartiles(self.usable())
+        return _compute_quartiles(self.find_usable_times())
 
 
-def disturbed(*times: Times) -> str:
+def describe_disturbance(*times: Times) -> str:
     """Return the reason why these times say nothing about calls with threads, for a table; empty where they do."""
-    if any(t.threads > 1 and not _enough(t.whole) for t in times):
+    if any(t.threads > 1 and not _has_enough_repetitions(t.whole) for t in times):
         return HALVES
-    parts = [t._part(t.whole) for t in times if t.threads > 1]
-    return BUSY if any(not _enough(t.clean) and t.others > OTHERS for t in parts) else ""
+    parts = [t._take_repetitions(t.whole) for t in times if t.threads > 1]
+    return BUSY if any(not _has_enough_repetitions(t.clean) and t.others > OTHERS for t in parts) else ""
 
 
-def ratio(slow: Times, fast: Times) -> Spread:
+def compute_time_ratio(slow: Times, fast: Times) -> Spread:
     """Return the time of the first over that of the second [-]: quartiles over repetitions that stood side by side.
 
     Where the processors gave all they have to either, but hardly ever to both in turn, as on a busy host where one works alone
     and the other beside others, quartiles are compared instead.
     """
     both = slow.whole & fast.whole
-    if _enough(slow.whole) and _enough(fast.whole) and (slow.threads != fast.threads or not _enough(both)):
+    if (
+        _has_enough_repetitions(slow.whole)
+        and _has_enough_repetitions(fast.whole)
+        and (slow.threads != fast.threads or not _has_enough_repetitions(both))
+    ):
         a = slow.spread()
         b = fast.spread()
         return Spread(a.low / b.high, a.median / b.median, a.high / b.low)
-    if _enough(both):
-        slow = slow._part(both)
-        fast = fast._part(both)
+    if _has_enough_repetitions(both):
+        slow = slow._take_repetitions(both)
+        fast = fast._take_repetitions(both)
     both = slow.clean & fast.clean
-    if _enough(both):
-        return _quartiles(slow.wall[both] / fast.wall[both])
+    if _has_enough_repetitions(both):
+        return _compute_quartiles(slow.wall[both] / fast.wall[both])
     if slow.threads == fast.threads == 1:
-        return _quartiles(slow.processor / fast.processor)
-    return _quartiles(slow.wall / fast.wall)
+        return _compute_quartiles(slow.processor / fast.processor)
+    return _compute_quartiles(slow.wall / fast.wall)
 
 
-def _enough(which: NDArray[np.bool_]) -> bool:
+def _has_enough_repetitions(which: NDArray[np.bool_]) -> bool:
     """Return True if these are repetitions enough for quartiles, or all."""
     return bool(which.sum() >= min(FEWEST, len(which)))
 
 
-def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
+def run_calls_in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     """Return the times of calls that are run one after the other, over and over, for so many seconds [s] or a little more.
 
     Short calls are repeated within a repetition; the times are those of one run.
@@ -143,18 +147,20 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     taken: dict[str, list[_Taken]] = {name: [] for name in calls}
     settled = SETTLED if any(call.threads > 1 for call in calls.values()) else 0.0
     start = clock.perf_counter()
-    before = _machine()
+    before = _read_system_time()
     own = clock.process_time()
-    with _undisturbed(), Cores() as cores:
+    with _open_undisturbed_section(), Cores() as cores:
         for done in range(MOST):
             passed = clock.perf_counter() - start
-            if done >= FEWEST and (passed > PATIENCE * seconds or (passed > seconds and _side_by_side(taken, calls))):
+            if done >= FEWEST and (
+                passed > PATIENCE * seconds or (passed > seconds and _has_enough_common_turns(taken, calls))
+            ):
                 break
             for name, call in calls.items():
-                taken[name].append(_once(call, *often[name], settled, cores))
-    worked = _machine() - before - (clock.process_time() - own)
+                taken[name].append(_run_repetition(call, *often[name], settled, cores))
+    worked = _read_system_time() - before - (clock.process_time() - own)
     others = worked / (clock.perf_counter() - start) if np.isfinite(before) else np.inf
-    return {name: _times(rows, calls[name].threads, others) for name, rows in taken.items()}
+    return {name: _assemble_times(rows, calls[name].threads, others) for name, rows in taken.items()}
 
 
 class _Taken(NamedTuple):
@@ -167,28 +173,28 @@ class _Taken(NamedTuple):
     long: bool
 
 
-def _times(rows: list[_Taken], threads: int, others: float) -> Times:
+def _assemble_times(rows: list[_Taken], threads: int, others: float) -> Times:
     wall, own, clean = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
-    return Times(wall, own, clean, _whole(rows), threads, others)
+    return Times(wall, own, clean, _find_undisturbed_repetitions(rows), threads, others)
 
 
-def _whole(rows: list[_Taken]) -> NDArray[np.bool_]:
+def _find_undisturbed_repetitions(rows: list[_Taken]) -> NDArray[np.bool_]:
     """Return a mask of the repetitions with whole processors: before and after, and within long ones."""
     own = np.array([row.own for row in rows])
     steady = own <= STEADY * own.min() if rows[0].long else np.ones(len(rows), dtype=bool)
-    return np.asarray(whole(np.array([row.loops for row in rows])) & steady)
+    return np.asarray(find_undisturbed_repetitions(np.array([row.loops for row in rows])) & steady)
 
 
-def _side_by_side(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) -> bool:
+def _has_enough_common_turns(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) -> bool:
     """Return True if enough turns had whole cores, in all calls with as many threads, as those are compared."""
     for threads in {call.threads for call in calls.values()}:
-        own = [_whole(rows) for name, rows in taken.items() if calls[name].threads == threads]
+        own = [_find_undisturbed_repetitions(rows) for name, rows in taken.items() if calls[name].threads == threads]
         if np.all(own, axis=0).sum() < ENOUGH:
             return False
     return True
 
 
-def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Taken:
+def _run_repetition(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Taken:
     looks = LOOKS if long else 1
     loop = cores.look(call.threads, looks)
     begun = clock.perf_counter()
@@ -196,39 +202,39 @@ def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _
         call.run()
         if clock.perf_counter() - begun > settled:
             break
-    before = _interruptions()
+    before = _count_interruptions()
     own = clock.process_time()
     start = clock.perf_counter()
     for _ in range(times):
         call.run()
     wall = clock.perf_counter() - start
     own = clock.process_time() - own
-    clean = _interruptions() == before
+    clean = _count_interruptions() == before
     return _Taken(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)), long)
 
 
 def _count(call: Call) -> tuple[int, bool]:
     """Return the number of runs in a repetition, and True if one is long; the first run counts only if it must."""
-    taken = _seconds(call)
+    taken = _run_timed_call(call)
     if taken < AGAIN:
-        taken = _seconds(call)
+        taken = _run_timed_call(call)
     if taken > LONG:
         return 1, True
     return max(1, int(REPETITION / max(taken, 1e-7))), False
 
 
-def _seconds(call: Call) -> float:
+def _run_timed_call(call: Call) -> float:
     start = clock.perf_counter()
     call.run()
     return clock.perf_counter() - start
 
 
-def _quartiles(values: Array) -> Spread:
+def _compute_quartiles(values: Array) -> Spread:
     low, median, high = np.percentile(values, (25, 50, 75))
     return Spread(float(low), float(median), float(high))
 
 
-def _interruptions() -> int:
+def _count_interruptions() -> int:
     """Involuntary context switches so far; where the system does not tell, every repetition counts as clean."""
     try:
         import resource
@@ -237,7 +243,7 @@ def _interruptions() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
 
 
-def _machine() -> float:
+def _read_system_time() -> float:
     """Seconds that all processors together have worked since the system began; infinite where it does not tell."""
     try:
         with open("/proc/stat", encoding="ascii") as stat:
@@ -248,7 +254,7 @@ def _machine() -> float:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _open_undisturbed_section() -> Iterator[None]:
     was = gc.isenabled()
     gc.disable()
     try:

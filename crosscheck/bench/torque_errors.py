@@ -18,10 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.bench import accuracy
-from crosscheck.bench.accuracy import EXTRAPOLATIONS, KEPT, Marches, distance, reference, reference_row
-from crosscheck.bench.flexible import slender, with_beams
-from crosscheck.bench.targets import judged, metric
-from crosscheck.bench.timing import Call, in_turns, ratio
+from crosscheck.bench.accuracy import (
+    EXTRAPOLATIONS,
+    KEPT,
+    Marches,
+    compute_peak_error,
+    compute_reference,
+    make_reference_row,
+)
+from crosscheck.bench.flexible import make_slender_beam, replace_beams
+from crosscheck.bench.targets import add_verdict, make_metric
+from crosscheck.bench.timing import Call, compute_time_ratio, run_calls_in_turns
 from crosscheck.engines import open_bench_calls
 from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
@@ -80,7 +87,7 @@ ARMS = (
 )
 
 
-def study(
+def run_study(
     models: str,
     arms: list[str] | None = None,
     errors: list[float] | None = None,
@@ -92,36 +99,36 @@ def study(
     rows: list[dict[str, Any]] = []
     for arm in ARMS:
         if arm.model in (arms or [a.model for a in ARMS]):
-            rows += arm_rows(arm, Path(models), tuple(errors or accuracy.ERRORS), seconds, longest)
+            rows += list_arm_rows(arm, Path(models), tuple(errors or accuracy.ERRORS), seconds, longest)
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def arm_rows(
+def list_arm_rows(
     arm: Arm, models: Path, errors: tuple[float, ...], seconds: float, longest: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference, then both codes by error [-]; seconds [s] of timing by error."""
-    mechanism, case = subject(arm, models)
-    problem = evenly(solve_problem(mechanism, case.motion, min(errors), Settings(), {"start": case.start}))
-    known, apart = reference(problem, min(errors))
-    head = reference_row(arm.model, apart, min(errors))
+    mechanism, case = prepare_arm_case(arm, models)
+    problem = make_equal_steps(solve_problem(mechanism, case.motion, min(errors), Settings(), {"start": case.start}))
+    known, apart = compute_reference(problem, min(errors))
+    head = make_reference_row(arm.model, apart, min(errors))
     yield head
     if head["verdict"] != "within":
         return
     ladder = Ladder(arm, mechanism, case, known, problem.grid, longest)
     for asked in errors:
-        yield from _beside(arm, Marches(problem, known), ladder, asked, seconds)
+        yield from _list_code_rows(arm, Marches(problem, known), ladder, asked, seconds)
 
 
-def subject(arm: Arm, models: Path) -> tuple[Mechanism, Case]:
+def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Case]:
     """Return the mechanism as both codes get it, and its case, the motion by the law 'nonic'."""
-    mechanism, motion = accuracy.subject(accuracy.Arm(arm.model, arm.case, "consistent", 0.0, None), models)
+    mechanism, motion = accuracy.prepare_arm_case(accuracy.Arm(arm.model, arm.case, "consistent", 0.0, None), models)
     case = replace(load_cases(models / arm.model, mechanism)[arm.case], motion=motion, initial="consistent")
     if arm.formulation == "ancf":
-        mechanism = with_beams(mechanism, slender)
+        mechanism = replace_beams(mechanism, make_slender_beam)
     return replace(mechanism, gravity=np.zeros(3)), case
 
 
-def evenly(problem: Problem) -> Problem:
+def make_equal_steps(problem: Problem) -> Problem:
     """Return the problem with coarsest steps that are all equal, as Exudyn has them, and still meet every break [s]."""
     ends = problem.grid.ends
     for count in range(problem.grid.total, 8 * problem.grid.total):
@@ -156,23 +163,32 @@ class Ladder:
     made: dict[tuple[int, bool], list[Reached]] = field(default_factory=dict)
     begun: dict[tuple[int, bool], int] = field(default_factory=dict)
 
-    def best(self, asked: float) -> Reached:
+    def find_fastest_run(self, asked: float) -> Reached:
         """Return the fastest run that reaches an error [-], else the one that took longest."""
         for elements in MESHES:
             for keeps in (True, False):
-                self._climb(elements, keeps, asked, min((one.time for one in self._good(asked)), default=self.longest))
-        return min(self._good(asked), key=lambda one: one.time, default=max(self._all(), key=lambda one: one.time))
+                self._run_finer_steps(
+                    elements,
+                    keeps,
+                    asked,
+                    min((one.time for one in self._list_accurate_runs(asked)), default=self.longest),
+                )
+        return min(
+            self._list_accurate_runs(asked),
+            key=lambda one: one.time,
+            default=max(self._list_runs(), key=lambda one: one.time),
+        )
 
-    def _all(self) -> list[Reached]:
+    def _list_runs(self) -> list[Reached]:
         return [one for own in self.made.values() for one in own]
 
-    def _good(self, asked: float) -> list[Reached]:
-        return [one for one in self._all() if one.error <= asked]
+    def _list_accurate_runs(self, asked: float) -> list[Reached]:
+        return [one for one in self._list_runs() if one.error <= asked]
 
-    def _climb(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
+    def _run_finer_steps(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
         """Take more steps until an error is reached, the mesh allows none smaller, or a run takes longer than ``longest`` [s]."""
         runs = self.made.setdefault((elements, keeps), [])
-        first = self.begun.setdefault((elements, keeps), self._beginning(elements, keeps))
+        first = self.begun.setdefault((elements, keeps), self._find_first_level(elements, keeps))
         while not runs or runs[-1].error > asked:
             stuck = len(runs) > 1 and runs[-1].error > STUCK * runs[-2].error
             if stuck or (runs and MORE * runs[-1].time > longest):
@@ -182,7 +198,7 @@ class Ladder:
                 return
             runs.append(made)
 
-    def _beginning(self, elements: int, keeps: bool) -> int:
+    def _find_first_level(self, elements: int, keeps: bool) -> int:
         """Return the rung with which a mesh begins: little before that where the one before it has ended."""
         coarser = MESHES.index(elements) - 1
         before = (MESHES[coarser], keeps)
@@ -201,39 +217,46 @@ class Ladder:
             torque = march.torques()
         except exudyn.ExudynFailure:
             return None
-        return Reached(march, distance(torque[:, self.mechanism.actuated], self.known), clock.perf_counter() - start)
+        return Reached(
+            march, compute_peak_error(torque[:, self.mechanism.actuated], self.known), clock.perf_counter() - start
+        )
 
 
-def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
+def find_coarsest_mesh(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
     for mesh in range(len(MESHES_OF_BEAMS)):
         here = replace(marches, mechanism=apply_mesh(marches.problem.mechanism, mesh))
-        if here.error(here.several(SHORTEST)) <= asked:
+        if here.error(here.compute_extrapolated_torques(SHORTEST)) <= asked:
             pair = here.longest(asked, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)
     return None
 
 
-def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: float) -> Iterator[dict[str, Any]]:
+def _list_code_rows(
+    arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: float
+) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     named = {"arm": arm.model, "asked_error": asked}
-    ours = fastest(marches, asked)
-    theirs = ladder.best(asked)
+    ours = find_coarsest_mesh(marches, asked)
+    theirs = ladder.find_fastest_run(asked)
     if ours is None:
         yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
         return
     here, pair = ours
-    times = in_turns({"flexinv": Call(lambda: here.several(pair)), "Exudyn": Call(theirs.march.make_runner())}, seconds)
+    times = run_calls_in_turns(
+        {"flexinv": Call(lambda: here.compute_extrapolated_torques(pair)), "Exudyn": Call(theirs.march.make_runner())},
+        seconds,
+    )
     order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
     setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
-    own = {"method": "flexinv", "setting": setting, "error": here.error(here.several(pair))}
-    yield judged(named | own | {"time": times["flexinv"].spread().median})
+    own = {"method": "flexinv", "setting": setting, "error": here.error(here.compute_extrapolated_torques(pair))}
+    yield add_verdict(named | own | {"time": times["flexinv"].spread().median})
     reaches = theirs.error <= asked
-    found = ratio(times["Exudyn"], times["flexinv"])
+    found = compute_time_ratio(times["Exudyn"], times["flexinv"])
     more = "" if reaches else ", at least"
     target = arm.target if asked == min(accuracy.ERRORS) else None
     name = f"{arm.model}: torque error {asked:g}, times as fast as Exudyn{more}"
-    one = metric(name, found.median, "-", lower=target, spread=f"{found.low:.3g} .. {found.high:.3g}")
+    one = make_metric(name, found.median, "-", lower=target, spread=f"{found.low:.3g} .. {found.high:.3g}")
     method = "Exudyn" if reaches else "Exudyn, not reached"
     row = {
         "method": method,
@@ -241,4 +264,4 @@ def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: f
         "error": theirs.error,
         "time": times["Exudyn"].spread().median,
     }
-    yield judged(named | row | {"faster": found.median, "asked": target, "metric": one})
+    yield add_verdict(named | row | {"faster": found.median, "asked": target, "metric": one})

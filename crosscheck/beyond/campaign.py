@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.beyond.catalogue import Drawn, draw
-from crosscheck.beyond.judge import is_new, shares
+from crosscheck.beyond.judge import compute_shares, is_new
 from crosscheck.beyond.trial import Place
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
@@ -158,14 +158,16 @@ def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[
         work = _Work(wanted, notify, pool, Children(servers=servers))
         try:
             with scratch() as folder:
-                _campaign(work, folder)
+                _run_campaign_steps(work, folder)
         except KeyboardInterrupt:
             work.children.stop()
-            _write(wanted, {**summed(wanted, work.rows, clock.monotonic() - start), "met": False, "finished": False})
+            _write(
+                wanted, {**make_results(wanted, work.rows, clock.monotonic() - start), "met": False, "finished": False}
+            )
             raise
         finally:
             servers.close()
-    results = {**summed(wanted, work.rows, clock.monotonic() - start), "finished": True}
+    results = {**make_results(wanted, work.rows, clock.monotonic() - start), "finished": True}
     _write(wanted, results)
     return results
 
@@ -174,21 +176,21 @@ def _write(wanted: Wanted, results: Mapping[str, Any]) -> None:
     (wanted.out / "beyond.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
-def _campaign(work: _Work, folder: Path) -> None:
+def _run_campaign_steps(work: _Work, folder: Path) -> None:
     """Run unharmed engines, draw faults, and try them; records stand in a folder that is thrown away."""
     wanted = work.wanted
     chosen = work.wanted.campaign
     scenes = [(bench, engine) for bench in chosen.benches for engine in bench.engines]
     places = [wanted.place(*one, folder) for one in scenes]
-    _prepared(work, [wanted.place(bench, REFERENCE, folder) for bench in chosen.benches])
+    _run_unharmed_engines(work, [wanted.place(bench, REFERENCE, folder) for bench in chosen.benches])
     weights = [bench.weight / len(bench.engines) for bench, _ in scenes]
     drawn = draw([place.scene() for place in places], weights, chosen.count, chosen.seed)
     tried = [d for d in drawn if _is_wanted(wanted, places[d.scene], d)]
     used = sorted({d.scene for d in tried})
-    _prepared(work, [places[k] for k in used])
+    _run_unharmed_engines(work, [places[k] for k in used])
     controls = [] if wanted.only else [Drawn(0, k, (), (), chosen.seed) for k in used]
     work.total = len(tried) + len(controls)
-    _tried(work, places, [*controls, *tried], folder)
+    _run_faults(work, places, [*controls, *tried], folder)
 
 
 def _is_wanted(wanted: Wanted, place: Place, drawn: Drawn) -> bool:
@@ -197,7 +199,7 @@ def _is_wanted(wanted: Wanted, place: Place, drawn: Drawn) -> bool:
     return here and there and (not wanted.only or drawn.number in wanted.only)
 
 
-def _prepared(work: _Work, places: Sequence[Place]) -> None:
+def _run_unharmed_engines(work: _Work, places: Sequence[Place]) -> None:
     """Run engines unharmed, in processes; those of one mechanism in one."""
     groups: dict[str, list[dict[str, str]]] = {}
     for place in places:
@@ -205,7 +207,7 @@ def _prepared(work: _Work, places: Sequence[Place]) -> None:
     if places and places[0].engine == REFERENCE:  # kernels compile once, whichever mechanism comes first
         groups = {"": [words for group in groups.values() for words in group]}
 
-    def one(group: list[dict[str, str]]) -> None:
+    def run_group(group: list[dict[str, str]]) -> None:
         job = {"kind": "study", "module": MODULE, "function": "prepare", "options": {"places": group}}
         answer, ending = ask(job, PATIENCE * len(group), work.children)
         bad = [row for row in answer or () if row["status"] != "ok"]
@@ -213,10 +215,10 @@ def _prepared(work: _Work, places: Sequence[Place]) -> None:
             words = ending.message or ending.printed if answer is None else str(bad[0])
             raise RuntimeError(f"unharmed engines of {group[0]['mechanism']} cannot be run: {words}")
 
-    _each(work, [functools.partial(one, group) for group in groups.values()])
+    _run_side_by_side(work, [functools.partial(run_group, group) for group in groups.values()])
 
 
-def _each(work: _Work, things: Sequence[Callable[[], None]]) -> None:
+def _run_side_by_side(work: _Work, things: Sequence[Callable[[], None]]) -> None:
     """Do things side by side, as many at a time as wanted; Ctrl-C ends what is under way and begins nothing more."""
     futures = [work.pool.submit(thing) for thing in things]
     try:
@@ -230,20 +232,20 @@ def _each(work: _Work, things: Sequence[Callable[[], None]]) -> None:
         future.result()
 
 
-def _tried(work: _Work, places: Sequence[Place], drawn: Sequence[Drawn], folder: Path) -> None:
+def _run_faults(work: _Work, places: Sequence[Place], drawn: Sequence[Drawn], folder: Path) -> None:
     """Try faults, in processes of some faults each; the slow ones begin first."""
     chunks: list[tuple[Place, list[Drawn]]] = []
     for k, place in enumerate(places):
         mine = [d for d in drawn if d.scene == k]
         chunks += [(place, mine[i : i + CHUNK]) for i in range(0, len(mine), CHUNK)]
     chunks.sort(key=lambda chunk: chunk[0].scene().rigid)
-    _each(
+    _run_side_by_side(
         work,
-        [functools.partial(_chunk, work, *chunk, folder / f"chunk{n}") for n, chunk in enumerate(chunks)],
+        [functools.partial(_run_fault_group, work, *chunk, folder / f"chunk{n}") for n, chunk in enumerate(chunks)],
     )
 
 
-def _chunk(work: _Work, place: Place, drawn: list[Drawn], folder: Path) -> None:
+def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path) -> None:
     """Try some faults in one process, and the rest in another where it dies; tell of each when it is done."""
     left = list(drawn)
     attempt = 0
@@ -256,7 +258,7 @@ def _chunk(work: _Work, place: Place, drawn: list[Drawn], folder: Path) -> None:
         job = {"kind": "study", "module": MODULE, "function": "trials", "options": options}
         with Followed(lines, work):
             _, ending = ask(job, PATIENCE * len(left), work.children)
-        done = {row["number"] for row in _lines(lines)}
+        done = {row["number"] for row in _read_rows(lines)}
         left = [d for d in left if d.number not in done]
         if left and work.children.stopped:
             return
@@ -278,7 +280,7 @@ class Followed:
         self.work = work
         self.taken = 0
         self.over = threading.Event()
-        self.thread = threading.Thread(target=self._follow, daemon=True)
+        self.thread = threading.Thread(target=self._take_until_end, daemon=True)
 
     def __enter__(self) -> Followed:
         self.thread.start()
@@ -289,18 +291,18 @@ class Followed:
         self.thread.join()
         self._take()
 
-    def _follow(self) -> None:
+    def _take_until_end(self) -> None:
         while not self.over.wait(1.0):
             self._take()
 
     def _take(self) -> None:
-        rows = _lines(self.lines)
+        rows = _read_rows(self.lines)
         new = rows[self.taken :]
         self.taken = len(rows)
         self.work.add(new)
 
 
-def _lines(file: Path) -> list[dict[str, Any]]:
+def _read_rows(file: Path) -> list[dict[str, Any]]:
     """Return the rows of a file of which the last may be unfinished."""
     if not file.is_file():
         return []
@@ -308,18 +310,20 @@ def _lines(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
-def summed(wanted: Wanted, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
+def make_results(wanted: Wanted, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
     """Return the results: campaign, seed, sums over all and by topic and by engine, and every row in order."""
     ordered = sorted(rows, key=lambda row: (row["number"], row["mechanism"], row["engine"]))
     faults = [row for row in ordered if row["number"]]
 
-    def sums(of: Iterable[dict[str, Any]]) -> dict[str, Any]:
-        return shares((row["outcome"], row.get("effect", "")) for row in of)
+    def compute_group_shares(of: Iterable[dict[str, Any]]) -> dict[str, Any]:
+        return compute_shares((row["outcome"], row.get("effect", "")) for row in of)
 
-    def by(key: str) -> dict[str, Any]:
-        return {v: sums(r for r in faults if r[key] == v) for v in sorted({str(r[key]) for r in faults})}
+    def split_by(key: str) -> dict[str, Any]:
+        return {
+            v: compute_group_shares(r for r in faults if r[key] == v) for v in sorted({str(r[key]) for r in faults})
+        }
 
-    whole = sums(faults)
+    whole = compute_group_shares(faults)
     spoilt = [row for row in ordered if not row["number"] and row["outcome"] != "silent"]
     return {
         "campaign": wanted.campaign.name,
@@ -330,11 +334,11 @@ def summed(wanted: Wanted, rows: Sequence[dict[str, Any]], elapsed: float) -> di
         "sums": whole,
         "unharmed": {"tried": len(ordered) - len(faults), "spoilt": len(spoilt)},
         "by newness": {
-            "sayable by the old dictionary": sums(row for row in faults if not is_new(row)),
-            "new to it": sums(row for row in faults if is_new(row)),
+            "sayable by the old dictionary": compute_group_shares(row for row in faults if not is_new(row)),
+            "new to it": compute_group_shares(row for row in faults if is_new(row)),
         },
-        "by topic": by("topic"),
-        "by engine": by("engine"),
-        "by mechanism": by("mechanism"),
+        "by topic": split_by("topic"),
+        "by engine": split_by("engine"),
+        "by mechanism": split_by("mechanism"),
         "rows": ordered,
     }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.beyond import bodies, drives, inside, kinematics, loops, sections, signals
-from crosscheck.beyond.fault import Array, Fault, Recipe, Scene, both, pick
+from crosscheck.beyond.fault import Array, Fault, Recipe, Scene, draw_one, join_faults
 
 RECIPES: tuple[Recipe, ...] = tuple(
     recipe
@@ -45,7 +45,7 @@ class Drawn:
         return " + ".join(dict.fromkeys(RECIPES[k].topic for k in self.recipes))
 
 
-def made(drawn: Drawn, scene: Scene) -> Fault | None:
+def make_fault(drawn: Drawn, scene: Scene) -> Fault | None:
     """Return the fault itself, the same one every time; None where the scene has nothing to get wrong so."""
     faults = []
     for k, (recipe, size) in enumerate(zip(drawn.recipes, drawn.sizes, strict=True)):
@@ -54,7 +54,7 @@ def made(drawn: Drawn, scene: Scene) -> Fault | None:
     known = [fault for fault in faults if fault is not None]
     if len(known) < len(faults):
         return None
-    return known[0] if len(known) == 1 else both(*known)
+    return known[0] if len(known) == 1 else join_faults(*known)
 
 
 def draw(scenes: Sequence[Scene], weights: Sequence[float], count: int, seed: int) -> list[Drawn]:
@@ -66,24 +66,24 @@ def draw(scenes: Sequence[Scene], weights: Sequence[float], count: int, seed: in
     chance = np.array(weights, dtype=float) / np.sum(weights)
     taken = np.zeros(len(scenes))
     found: list[Drawn] = []
-    for recipe in _turns(rng):
+    for recipe in _draw_recipe_order(rng):
         if len(found) >= count:
             break
         two = rng.random() < PAIRS
         other = (int(rng.integers(len(RECIPES))),) if two else ()
         for _ in range(TRIES):
-            scene = int(pick(rng, _least(chance, taken, rng)))
+            scene = int(draw_one(rng, _draw_candidates(chance, taken, rng)))
             recipes = (recipe, *other)
-            sizes = tuple(_size(RECIPES[k], rng) for k in recipes)
+            sizes = tuple(_draw_size_number(RECIPES[k], rng) for k in recipes)
             one = Drawn(len(found) + 1, scene, recipes, sizes, seed)
-            if made(one, scenes[scene]) is not None:
+            if make_fault(one, scenes[scene]) is not None:
                 found.append(one)
                 taken[scene] += 1.0
                 break
     return found
 
 
-def _size(recipe: Recipe, rng: np.random.Generator) -> int:
+def _draw_size_number(recipe: Recipe, rng: np.random.Generator) -> int:
     """The number of a size by lot: the first of three or more is hardly to be seen, and less often drawn."""
     chance = np.ones(len(recipe.sizes))
     if len(chance) > 2:
@@ -91,13 +91,13 @@ def _size(recipe: Recipe, rng: np.random.Generator) -> int:
     return int(rng.choice(len(chance), p=chance / chance.sum()))
 
 
-def _turns(rng: np.random.Generator) -> Iterator[int]:
+def _draw_recipe_order(rng: np.random.Generator) -> Iterator[int]:
     """Every recipe once in an order by lot, and again, without end."""
     while True:
         yield from (int(k) for k in rng.permutation(len(RECIPES)))
 
 
-def _least(chance: Array, taken: Array, rng: np.random.Generator) -> list[int]:
+def _draw_candidates(chance: Array, taken: Array, rng: np.random.Generator) -> list[int]:
     """Scenes to choose from: three by lot after their weights, those preferred that are behind their share."""
     behind = chance * (taken.sum() + 1.0) - taken
     weights = chance * np.exp(np.clip(behind, -2.0, 2.0))

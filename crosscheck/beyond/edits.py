@@ -26,77 +26,77 @@ from flexinv.model.mechanism import (
 Array = NDArray[np.float64]
 
 
-def by_hand(mechanism: Mechanism) -> Mechanism:
+def drop_urdf(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without the URDF that it came from: whoever edits a model builds it from its numbers."""
     return replace(mechanism, urdf=None)
 
 
-def on_link(mechanism: Mechanism, name: str, change: Callable[[Link], Link]) -> Mechanism:
+def replace_link(mechanism: Mechanism, name: str, change: Callable[[Link], Link]) -> Mechanism:
     """Return the mechanism with one link changed."""
     links = tuple(change(link) if link.name == name else link for link in mechanism.links)
-    return replace(by_hand(mechanism), links=links)
+    return replace(drop_urdf(mechanism), links=links)
 
 
-def on_body(mechanism: Mechanism, link: str, name: str, change: Callable[[Body], Body]) -> Mechanism:
+def replace_body(mechanism: Mechanism, link: str, name: str, change: Callable[[Body], Body]) -> Mechanism:
     """Return the mechanism with one body of a link changed."""
 
-    def changed(one: Link) -> Link:
+    def update_link(one: Link) -> Link:
         return replace(one, bodies=tuple(change(b) if b.name == name else b for b in one.bodies))
 
-    return on_link(mechanism, link, changed)
+    return replace_link(mechanism, link, update_link)
 
 
-def on_inertia(mechanism: Mechanism, link: str, name: str, change: Callable[[Inertia], Inertia]) -> Mechanism:
+def replace_inertia(mechanism: Mechanism, link: str, name: str, change: Callable[[Inertia], Inertia]) -> Mechanism:
     """Return the mechanism with the inertia of one body changed."""
-    return on_body(mechanism, link, name, lambda b: replace(b, inertia=change(b.inertia)))
+    return replace_body(mechanism, link, name, lambda b: replace(b, inertia=change(b.inertia)))
 
 
-def on_inertias(mechanism: Mechanism, change: Callable[[Inertia], Inertia]) -> Mechanism:
+def replace_all_inertias(mechanism: Mechanism, change: Callable[[Inertia], Inertia]) -> Mechanism:
     """Return the mechanism with the inertia of every body changed."""
     for link in mechanism.links:
         for body in link.bodies:
-            mechanism = on_inertia(mechanism, link.name, body.name, change)
+            mechanism = replace_inertia(mechanism, link.name, body.name, change)
     return mechanism
 
 
-def on_joint(mechanism: Mechanism, name: str, change: Callable[[Joint], Joint]) -> Mechanism:
+def replace_joint(mechanism: Mechanism, name: str, change: Callable[[Joint], Joint]) -> Mechanism:
     """Return the mechanism with one joint changed."""
     joints = tuple(change(joint) if joint.name == name else joint for joint in mechanism.joints)
-    return replace(by_hand(mechanism), joints=joints)
+    return replace(drop_urdf(mechanism), joints=joints)
 
 
-def on_joints(mechanism: Mechanism, change: Callable[[Joint], Joint]) -> Mechanism:
+def replace_all_joints(mechanism: Mechanism, change: Callable[[Joint], Joint]) -> Mechanism:
     """Return the mechanism with every joint changed."""
-    return replace(by_hand(mechanism), joints=tuple(map(change, mechanism.joints)))
+    return replace(drop_urdf(mechanism), joints=tuple(map(change, mechanism.joints)))
 
 
-def on_beam(mechanism: Mechanism, name: str, change: Callable[[Beam], Beam]) -> Mechanism:
+def replace_beam(mechanism: Mechanism, name: str, change: Callable[[Beam], Beam]) -> Mechanism:
     """Return the mechanism with one beam changed."""
-    return on_link(mechanism, name, lambda link: replace(link, beam=change(link.beam)) if link.beam else link)
+    return replace_link(mechanism, name, lambda link: replace(link, beam=change(link.beam)) if link.beam else link)
 
 
-def on_section(mechanism: Mechanism, name: str, change: Callable[[Section], Section]) -> Mechanism:
+def replace_section(mechanism: Mechanism, name: str, change: Callable[[Section], Section]) -> Mechanism:
     """Return the mechanism with the section of one beam changed."""
-    return on_beam(mechanism, name, lambda beam: replace(beam, section=change(beam.section)))
+    return replace_beam(mechanism, name, lambda beam: replace(beam, section=change(beam.section)))
 
 
-def on_closure(mechanism: Mechanism, name: str, change: Callable[[Closure], Closure]) -> Mechanism:
+def replace_closure(mechanism: Mechanism, name: str, change: Callable[[Closure], Closure]) -> Mechanism:
     """Return the mechanism with one closure changed."""
     changed = tuple(change(c) if c.name == name else c for c in mechanism.closures)
-    return replace(by_hand(mechanism), closures=changed)
+    return replace(drop_urdf(mechanism), closures=changed)
 
 
-def on_spring(mechanism: Mechanism, name: str, change: Callable[[Spring], Spring]) -> Mechanism:
+def replace_spring(mechanism: Mechanism, name: str, change: Callable[[Spring], Spring]) -> Mechanism:
     """Return the mechanism with one spring changed."""
-    return replace(by_hand(mechanism), springs=tuple(change(s) if s.name == name else s for s in mechanism.springs))
+    return replace(drop_urdf(mechanism), springs=tuple(change(s) if s.name == name else s for s in mechanism.springs))
 
 
-def on_force(mechanism: Mechanism, name: str, change: Callable[[Force], Force]) -> Mechanism:
+def replace_force(mechanism: Mechanism, name: str, change: Callable[[Force], Force]) -> Mechanism:
     """Return the mechanism with one given force changed."""
-    return replace(by_hand(mechanism), forces=tuple(change(f) if f.name == name else f for f in mechanism.forces))
+    return replace(drop_urdf(mechanism), forces=tuple(change(f) if f.name == name else f for f in mechanism.forces))
 
 
-def moving(mechanism: Mechanism) -> list[tuple[Link, Body]]:
+def list_moving_bodies(mechanism: Mechanism) -> list[tuple[Link, Body]]:
     """Return the bodies with mass that some joint moves, each with its link."""
     links = mechanism.link_of
     return [
@@ -107,33 +107,33 @@ def moving(mechanism: Mechanism) -> list[tuple[Link, Body]]:
     ]
 
 
-def joint_to(mechanism: Mechanism, link: str) -> Joint:
+def find_parent_joint(mechanism: Mechanism, link: str) -> Joint:
     """Return the joint that carries a link."""
     return next(j for j in mechanism.joints if j.child == link)
 
 
-def on_top(mechanism: Mechanism, link: str) -> tuple[str, ...]:
+def list_child_joints(mechanism: Mechanism, link: str) -> tuple[str, ...]:
     """Return the joints that stand on a link."""
     return tuple(j.name for j in mechanism.joints if j.parent == link)
 
 
-def places(mechanism: Mechanism, link: str, body: str = "") -> tuple[str, ...]:
+def list_body_names(mechanism: Mechanism, link: str, body: str = "") -> tuple[str, ...]:
     """Return the names under which a body is known: its own, its link's, that of the joint that carries it.
 
     A mechanism of a single moving body is that body: then "all" is a name of it, too.
     """
-    whole = ("all",) if len(moving(mechanism)) + len(mechanism.beams) == 1 else ()
-    return (link, *((body, f"{link}/{body}") if body else ()), joint_to(mechanism, link).name, *whole)
+    whole = ("all",) if len(list_moving_bodies(mechanism)) + len(mechanism.beams) == 1 else ()
+    return (link, *((body, f"{link}/{body}") if body else ()), find_parent_joint(mechanism, link).name, *whole)
 
 
-def rotation(axis: Array, angle: float) -> Array:
+def compute_rotation(axis: Array, angle: float) -> Array:
     """Return the rotation matrix [-] of an angle [rad] about an axis, by Rodrigues' formula."""
     n = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
 
 
-def across(axis: Array, rng: np.random.Generator) -> Array:
+def draw_normal_vector(axis: Array, rng: np.random.Generator) -> Array:
     """Return a unit vector (3,) [-] at right angles to an axis, by lot."""
     while True:
         found = np.cross(axis, rng.normal(size=3))
@@ -141,22 +141,22 @@ def across(axis: Array, rng: np.random.Generator) -> Array:
             return np.asarray(found / size)
 
 
-def shifted(placement: Placement, by: Array) -> Placement:
+def move_placement(placement: Placement, by: Array) -> Placement:
     """Return the placement moved by a vector (3,) [m] in its parent's frame."""
     return replace(placement, position=placement.position + by)
 
 
-def turned(placement: Placement, axis: Array, angle: float) -> Placement:
+def turn_placement(placement: Placement, axis: Array, angle: float) -> Placement:
     """Return the placement turned by an angle [rad] about an axis of its own frame."""
-    return replace(placement, rotation=placement.rotation @ rotation(axis, angle))
+    return replace(placement, rotation=placement.rotation @ compute_rotation(axis, angle))
 
 
-def steiner(mass: float, com: Array) -> Array:
+def compute_parallel_axis_term(mass: float, com: Array) -> Array:
     """Return m (|c|^2 1 - c c^T) (3, 3) [kg m^2]."""
     return np.asarray(mass * (float(com @ com) * np.eye(3) - np.outer(com, com)))
 
 
-def possible(tensor: Array) -> bool:
+def is_inertia_tensor(tensor: Array) -> bool:
     """Return True if a body can have this tensor: positive definite, no principal inertia above the sum of the others."""
     low, middle, high = np.linalg.eigvalsh(tensor)
     return bool(low > 0.0 and high <= low + middle)

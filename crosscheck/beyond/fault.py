@@ -82,22 +82,22 @@ class Scene:
         return peaks.get(f"torque/{joint}", 0.0) or max(peaks.values())
 
 
-def same_mechanism(mechanism: Mechanism) -> Mechanism:
+def copy_mechanism(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism as it is."""
     return mechanism
 
 
-def same_case(mechanism: Mechanism, case: Case) -> Case:
+def copy_case(mechanism: Mechanism, case: Case) -> Case:
     """Return the case as it is."""
     return case
 
 
-def same_record(record: Record, mechanism: Mechanism, case: Case) -> Record:
+def copy_record(record: Record, mechanism: Mechanism, case: Case) -> Record:
     """Return the record as it is."""
     return record
 
 
-def same_series(series: Mapping[str, Series]) -> dict[str, Series]:
+def copy_series(series: Mapping[str, Series]) -> dict[str, Series]:
     """Return the series as they are."""
     return dict(series)
 
@@ -118,9 +118,9 @@ class Fault:
     words: str
     parts: tuple[tuple[Truth, ...], ...]
     near: tuple[Truth, ...] = ()
-    mechanism: Callable[[Mechanism], Mechanism] = same_mechanism
-    case: Callable[[Mechanism, Case], Case] = same_case
-    record: Callable[[Record, Mechanism, Case], Record] = same_record
+    mechanism: Callable[[Mechanism], Mechanism] = copy_mechanism
+    case: Callable[[Mechanism, Case], Case] = copy_case
+    record: Callable[[Record, Mechanism, Case], Record] = copy_record
     raw: Callable[[Mapping[str, Series]], dict[str, Series]] | None = None
     built: Callable[[Any, Mechanism], None] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -128,18 +128,18 @@ class Fault:
     same: tuple[tuple[Truth, ...], ...] = ()
 
 
-def both(first: Fault, second: Fault) -> Fault:
+def join_faults(first: Fault, second: Fault) -> Fault:
     """Return two faults at once; of their engine options the second's count."""
 
-    def built(model: Any, mechanism: Mechanism) -> None:
+    def update_model(model: Any, mechanism: Mechanism) -> None:
         for one in (first, second):
             if one.built is not None:
                 one.built(model, mechanism)
 
-    def case(mechanism: Mechanism, motion: Case) -> Case:
+    def update_case(mechanism: Mechanism, motion: Case) -> Case:
         return second.case(mechanism, first.case(mechanism, motion))
 
-    def record(one: Record, mechanism: Mechanism, motion: Case) -> Record:
+    def update_record(one: Record, mechanism: Mechanism, motion: Case) -> Record:
         return second.record(first.record(one, mechanism, motion), mechanism, motion)
 
     return Fault(
@@ -147,10 +147,10 @@ def both(first: Fault, second: Fault) -> Fault:
         parts=(*first.parts, *second.parts),
         near=(*first.near, *second.near),
         mechanism=lambda m: second.mechanism(first.mechanism(m)),
-        case=case,
-        record=record,
+        case=update_case,
+        record=update_record,
         raw=second.raw or first.raw,
-        built=built if first.built or second.built else None,
+        built=update_model if first.built or second.built else None,
         options={**first.options, **second.options},
         bars=first.bars or second.bars,
     )
@@ -190,17 +190,17 @@ class Chapter:
         return add
 
 
-def pick(rng: np.random.Generator, things: Any) -> Any:
+def draw_one(rng: np.random.Generator, things: Any) -> Any:
     """Return one of the things by lot, None where there is none."""
     known = list(things)
     return known[int(rng.integers(len(known)))] if known else None
 
 
-def options_with(options: Options, fault: Fault) -> dict[str, Any]:
+def join_options(options: Options, fault: Fault) -> dict[str, Any]:
     """Return the engine's options as the user with the fault gives them."""
     return {**options, **fault.options}
 
 
-def told(fault: Fault, words: str) -> Fault:
+def replace_words(fault: Fault, words: str) -> Fault:
     """Return the fault with other words."""
     return replace(fault, words=words)

@@ -261,7 +261,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 
 
-def kinds_of(named: Mapping[str, Any]) -> tuple[str, ...]:
+def find_kinds(named: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the kinds of a named cause: by its name, else by the words in it; of a beam's stiffness also the component."""
     name = str(named["cause"])
     target = str(named.get("target", ""))
@@ -274,9 +274,9 @@ def kinds_of(named: Mapping[str, Any]) -> tuple[str, ...]:
     return ()
 
 
-def fits(named: Mapping[str, Any], truth: Truth) -> bool:
+def is_true_cause(named: Mapping[str, Any], truth: Truth) -> bool:
     """Return True if a named cause gives one of the quantities of a truth, at one of its places."""
-    if not set(kinds_of(named)) & set(truth.kinds):
+    if not set(find_kinds(named)) & set(truth.kinds):
         return False
     target = str(named.get("target", ""))
     if not truth.places:
@@ -287,7 +287,7 @@ def fits(named: Mapping[str, Any], truth: Truth) -> bool:
     return any(place in words or re.search(rf"(?<![\w.]){re.escape(place)}(?![\w])", target) for place in truth.places)
 
 
-def causes_in(named: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def split_causes(named: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the causes of one answer: two at once stand as "cause + cause", with their places in the same order."""
     names = str(named["cause"]).split(" + ")
     if len(names) == 1:
@@ -299,25 +299,25 @@ def causes_in(named: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [{"cause": n, "target": p, "words": w} for n, p, w in zip(names, places, words, strict=True)]
 
 
-def answers(named: Mapping[str, Any], fault: Fault) -> Literal["right", "near", "wrong"]:
+def judge_answer(named: Mapping[str, Any], fault: Fault) -> Literal["right", "near", "wrong"]:
     """Return the worth of one answer: right if its causes are all the planted ones and no other; near if half right."""
-    found = causes_in(named)
-    if any(parts and _whole(found, parts) for parts in (fault.parts, fault.same)):
+    found = split_causes(named)
+    if any(parts and _is_complete(found, parts) for parts in (fault.parts, fault.same)):
         return "right"
     half = [*(truth for part in (*fault.parts, *fault.same) for truth in part), *fault.near]
-    return "near" if all(any(fits(cause, truth) for truth in half) for cause in found) else "wrong"
+    return "near" if all(any(is_true_cause(cause, truth) for truth in half) for cause in found) else "wrong"
 
 
-def _whole(found: Sequence[Mapping[str, Any]], parts: Sequence[Sequence[Truth]]) -> bool:
+def _is_complete(found: Sequence[Mapping[str, Any]], parts: Sequence[Sequence[Truth]]) -> bool:
     """Return True if the causes give every part, and nothing else."""
-    met = [any(fits(cause, truth) for cause in found for truth in part) for part in parts]
-    true = [any(fits(cause, truth) for part in parts for truth in part) for cause in found]
+    met = [any(is_true_cause(cause, truth) for cause in found for truth in part) for part in parts]
+    true = [any(is_true_cause(cause, truth) for part in parts for truth in part) for cause in found]
     return all(met) and all(true)
 
 
-def named_outcome(named: Sequence[Mapping[str, Any]], fault: Fault) -> Outcome:
+def judge_named_causes(named: Sequence[Mapping[str, Any]], fault: Fault) -> Outcome:
     """Return the outcome of an answer that names something: alone, in a set, in a set too wide, half right, wrong."""
-    worth = [answers(one, fault) for one in named]
+    worth = [judge_answer(one, fault) for one in named]
     if "right" in worth:
         if len(named) > LARGEST:
             return "wide"
@@ -327,7 +327,7 @@ def named_outcome(named: Sequence[Mapping[str, Any]], fault: Fault) -> Outcome:
     return "near" if worth and worth[0] == "near" else "wrong"
 
 
-def outcome(
+def judge_fault(
     named: Sequence[Mapping[str, Any]], fault: Fault, effect: Literal["above", "between", "below"], alarm: bool
 ) -> Outcome:
     """Return the outcome of one fault.
@@ -335,7 +335,7 @@ def outcome(
     effect : of the fault, against the error bars; alarm : whether the run ended with a deviation or a failed certificate
     """
     if named:
-        return named_outcome(named, fault)
+        return judge_named_causes(named, fault)
     if effect == "above":
         return "unknown" if alarm else "accepted"
     return "unknown" if alarm and effect == "between" else "silent"
@@ -346,7 +346,7 @@ def is_new(row: Mapping[str, Any]) -> bool:
     return any(not OLD & {k for truth in part for k in truth["kinds"]} for part in row.get("right", ()))
 
 
-def shares(outcomes: Iterable[tuple[Outcome, str]]) -> dict[str, Any]:
+def compute_shares(outcomes: Iterable[tuple[Outcome, str]]) -> dict[str, Any]:
     """Return the number of faults by outcome, and the share of those above the bars named right or in a set [-].
 
     outcomes : of every fault, with its effect against the bars

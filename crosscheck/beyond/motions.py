@@ -34,7 +34,7 @@ class Other:
         return getattr(self._motion, name)
 
 
-def other_motion(case: Case, change: Change) -> Case:
+def replace_motion(case: Case, change: Change) -> Case:
     """Return the case with q, qd and qdd changed sample by sample."""
     old = case.motion
 
@@ -44,7 +44,7 @@ def other_motion(case: Case, change: Change) -> Case:
     return replace(case, motion=cast(Motion, Other(old, evaluate)))
 
 
-def other_time(case: Case, clock: Callable[[Array], Array], rate: float = 1.0) -> Case:
+def replace_time(case: Case, clock: Callable[[Array], Array], rate: float = 1.0) -> Case:
     """Return the case with its motion read at other times [s]; rate : of the other clock [-]."""
     old = case.motion
 
@@ -55,7 +55,7 @@ def other_time(case: Case, clock: Callable[[Array], Array], rate: float = 1.0) -
     return replace(case, motion=cast(Motion, Other(old, evaluate)))
 
 
-def differenced(case: Case, step: float, backward: bool) -> Case:
+def replace_by_differences(case: Case, step: float, backward: bool) -> Case:
     """Return the case with rates and accelerations from differences of the rates over a step [s].
 
     backward : from this and the last sample, as a controller does it; else from both neighbours

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any, cast
 
-from crosscheck.beyond.fault import Fault, options_with
+from crosscheck.beyond.fault import Fault, join_options
 from crosscheck.engines import ENGINES
 from crosscheck.engines.base import Adapter, Options, offered
 from crosscheck.measures.record import Record
@@ -29,7 +29,7 @@ RUNS = (
 
 
 @contextlib.contextmanager
-def planted(fault: Fault, engine: str) -> Iterator[None]:
+def apply_fault(fault: Fault, engine: str) -> Iterator[None]:
     """Make every run and every certificate of one engine those of a user who made the mistake; undone at the end.
 
     Whoever asks the engine meanwhile, a diagnosis too, gets the harmed one: a bug is there whoever looks.
@@ -37,20 +37,24 @@ def planted(fault: Fault, engine: str) -> Iterator[None]:
     name = ENGINES[engine].module
     with contextlib.ExitStack() as stack:
         module = importlib.import_module(name)
-        stack.enter_context(replaced(module, "run", functools.partial(_run, module.run, fault, engine)))
+        stack.enter_context(replace_in_module(module, "run", functools.partial(_run, module.run, fault, engine)))
         if (certify := offered(cast(Adapter, module), "certify")) is not None:
-            stack.enter_context(replaced(module, "certify", functools.partial(_certify, certify, fault, engine)))
+            stack.enter_context(
+                replace_in_module(module, "certify", functools.partial(_compute_certificate, certify, fault, engine))
+            )
         for other in BUILDERS.get(engine, ()) if fault.built is not None else ():
             home = importlib.import_module(other)
-            stack.enter_context(replaced(home, "build", functools.partial(_build, home.build, fault)))
+            stack.enter_context(replace_in_module(home, "build", functools.partial(_build, home.build, fault)))
         for other, function in RUNS if fault.raw is not None else ():
             home = importlib.import_module(other)
-            stack.enter_context(replaced(home, function, functools.partial(_raw, getattr(home, function), fault)))
+            stack.enter_context(
+                replace_in_module(home, function, functools.partial(_compute_series, getattr(home, function), fault))
+            )
         yield
 
 
 @contextlib.contextmanager
-def replaced(module: ModuleType, name: str, new: Callable[..., Any]) -> Iterator[None]:
+def replace_in_module(module: ModuleType, name: str, new: Callable[..., Any]) -> Iterator[None]:
     """Put something else in a module for a while."""
     old = getattr(module, name)
     setattr(module, name, new)
@@ -72,11 +76,13 @@ def _run(
     if engine != harmed:
         return old(mechanism, case, engine, options)
     other = fault.mechanism(mechanism)
-    record = old(other, fault.case(other, case), engine, options_with(options, fault))
+    record = old(other, fault.case(other, case), engine, join_options(options, fault))
     return fault.record(record, mechanism, case) if record.status == "ok" else record
 
 
-def _certify(old: Callable[..., Any], fault: Fault, harmed: str, mechanism: Mechanism, case: Case, engine: str) -> Any:
+def _compute_certificate(
+    old: Callable[..., Any], fault: Fault, harmed: str, mechanism: Mechanism, case: Case, engine: str
+) -> Any:
     """The certificate of the harmed model: where it is asked comes from primary data, whatever motion the user ran."""
     return old(fault.mechanism(mechanism) if engine == harmed else mechanism, case, engine)
 
@@ -88,6 +94,6 @@ def _build(old: Callable[..., Any], fault: Fault, mechanism: Mechanism, *words: 
     return built
 
 
-def _raw(old: Callable[..., Any], fault: Fault, *words: Any, **named: Any) -> Any:
+def _compute_series(old: Callable[..., Any], fault: Fault, *words: Any, **named: Any) -> Any:
     series = old(*words, **named)
     return series if fault.raw is None else fault.raw(series)

@@ -12,7 +12,7 @@ from crosscheck.beyond.judge import BAD, GOOD, OUTCOMES
 SHORT = 110  # [characters] of what was named in a line
 
 
-def sums_table(results: Mapping[str, Any], key: str) -> Table:
+def make_outcome_table(results: Mapping[str, Any], key: str) -> Table:
     """Return the outcomes by topic, engine or mechanism ("by topic", ...)."""
     table = Table(key.removeprefix("by "), box=None, header_style="dim", padding=(0, 1, 0, 0))
     used = [o for o in OUTCOMES if o in results["sums"]["counts"]]
@@ -25,7 +25,7 @@ def sums_table(results: Mapping[str, Any], key: str) -> Table:
     return table
 
 
-def line(row: Mapping[str, Any]) -> str:
+def describe_fault(row: Mapping[str, Any]) -> str:
     """Return one fault in a line: number, outcome, where, what was planted, how large it is, and what was named."""
     named = "; ".join(f"{n['cause']} ({n['target']})" if n["target"] else str(n["cause"]) for n in row.get("named", ()))
     said = named or ("nothing named" if row["outcome"] not in ("refused", "failed") else row.get("words", ""))
@@ -37,19 +37,19 @@ def line(row: Mapping[str, Any]) -> str:
     return f"{row['number']:4d} {row['outcome']:11s} {where:40s} {row['fault']} [{how}] -> {said[:SHORT]}{certificate}"
 
 
-def text(results: Mapping[str, Any]) -> Iterator[str]:
+def describe_campaign(results: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a readable account: the bad ones first, then every fault."""
-    yield verdict(results)
+    yield describe_verdict(results)
     for title, chosen in (("bad", BAD), ("good", GOOD)):
         rows = [row for row in results["rows"] if row["outcome"] in chosen]
         yield f"\n{title}: {len(rows)}"
-        yield from map(line, rows)
+        yield from map(describe_fault, rows)
     rest = [row for row in results["rows"] if row["outcome"] not in (*BAD, *GOOD)]
     yield f"\nothers: {len(rest)}"
-    yield from map(line, rest)
+    yield from map(describe_fault, rest)
 
 
-def verdict(results: Mapping[str, Any]) -> str:
+def describe_verdict(results: Mapping[str, Any]) -> str:
     """Return the last line: how many faults ended how, and whether that is good enough."""
     sums = results["sums"]
     counts = ", ".join(f"{sums['counts'][o]} {o}" for o in OUTCOMES if o in sums["counts"])

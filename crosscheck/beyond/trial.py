@@ -13,10 +13,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from crosscheck.beyond.catalogue import Drawn, made
+from crosscheck.beyond.catalogue import Drawn, make_fault
 from crosscheck.beyond.fault import Fault, Scene
-from crosscheck.beyond.judge import Outcome, outcome
-from crosscheck.beyond.planting import planted
+from crosscheck.beyond.judge import Outcome, judge_fault
+from crosscheck.beyond.planting import apply_fault
 from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES
 from crosscheck.measures.certificate import Check
@@ -82,7 +82,7 @@ def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
     return rows
 
 
-def trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lines: str, scratch: str) -> int:
+def run_trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lines: str, scratch: str) -> int:
     """Try faults one after the other, adding a line of JSON to a file for each; return how many were tried.
 
     A fault of number 0 is none: the unharmed engine, which has to be left alone.
@@ -93,14 +93,16 @@ def trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lines: 
     for words in drawn:
         one = Drawn(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
         with Path(lines).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(trial(here, scene, one, Path(scratch), columns)) + "\n")
+            file.write(json.dumps(run_trial(here, scene, one, Path(scratch), columns)) + "\n")
     return len(drawn)
 
 
-def trial(place: Place, scene: Scene, drawn: Drawn, scratch: Path, columns: Columns | None = None) -> dict[str, Any]:
+def run_trial(
+    place: Place, scene: Scene, drawn: Drawn, scratch: Path, columns: Columns | None = None
+) -> dict[str, Any]:
     """Return everything about one fault: what was planted, what it changed, what was said, and the outcome."""
     start = clock.perf_counter()
-    fault = made(drawn, scene) if drawn.number else Fault("nothing", ())
+    fault = make_fault(drawn, scene) if drawn.number else Fault("nothing", ())
     if fault is None:
         raise ValueError(f"fault {drawn.number} cannot be made again: the mechanism or the catalogue is another one")
     row: dict[str, Any] = {
@@ -115,15 +117,15 @@ def trial(place: Place, scene: Scene, drawn: Drawn, scratch: Path, columns: Colu
         "right": [[asdict(truth) for truth in part] for part in fault.parts],
     }
     try:
-        with planted(fault, place.engine):
-            row |= _said(place, scene, fault, scratch / f"fault{drawn.number}-{place.engine}", columns)
+        with apply_fault(fault, place.engine):
+            row |= _run_harmed_engine(place, scene, fault, scratch / f"fault{drawn.number}-{place.engine}", columns)
     except Exception as error:
         traceback.print_exc()
         row |= {"outcome": "failed", "words": f"{type(error).__name__}: {error}"}
     return row | {"seconds": round(clock.perf_counter() - start, 2)}
 
 
-def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns | None) -> dict[str, Any]:
+def _run_harmed_engine(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns | None) -> dict[str, Any]:
     """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
     task = place.task
     stem.parent.mkdir(parents=True, exist_ok=True)
@@ -143,10 +145,10 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns
         again = {REFERENCE: reference, place.engine: _read(twice, task)}
         rows = [by_repetition(row, records, again) if doubtful(row) else row for row in rows]
     series = {REFERENCE: str(place.stem(REFERENCE).resolve()), place.engine: str(stem.resolve())}
-    results = _results(task, records, rows, lines, series)
-    answers = [_asked(question.job, columns) for question in questions(results, Plan((task,)), Path("/"))]
+    results = _make_results(task, records, rows, lines, series)
+    answers = [_ask_question(question.job, columns) for question in questions(results, Plan((task,)), Path("/"))]
     named = [one for answer in answers for one in answer.get("named", ())]
-    effect, most = size_of(fault, task, reference, unharmed, record)
+    effect, most = compute_effect(fault, task, reference, unharmed, record)
     failed = [line.what for line in lines if not line.holds]
     alarm = results.exit_code != 0 or bool(failed)
     deviate |= any(row.verdict in TOLD and not row.uncertified for row in rows)
@@ -158,11 +160,11 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns
         "certificate_fails": failed,
         "named": [{k: one.get(k) for k in ("cause", "target", "words")} for one in named],
         "words": " ".join(str(answer.get("words", "")) for answer in answers),
-        "outcome": _outcome(named, fault, effect, alarm, deviate, failed),
+        "outcome": _judge_trial(named, fault, effect, alarm, deviate, failed),
     }
 
 
-def _outcome(
+def _judge_trial(
     named: Sequence[Mapping[str, Any]],
     fault: Fault,
     effect: Effect,
@@ -176,7 +178,7 @@ def _outcome(
     """
     if not fault.parts:  # nothing was planted
         return "wrong" if named else "false alarm" if deviate or failed else "silent"
-    found = outcome(named, fault, effect, alarm)
+    found = judge_fault(named, fault, effect, alarm)
     if effect != "below" or found != "silent":
         return found
     return "false alarm" if deviate else "seen" if failed else "silent"
@@ -191,7 +193,7 @@ def _read(stem: Path, task: Task) -> Record:
     return record
 
 
-def _results(
+def _make_results(
     task: Task,
     records: Mapping[str, Record],
     rows: Sequence[Comparison],
@@ -211,14 +213,14 @@ def _results(
     )
 
 
-def _asked(job: Mapping[str, Any], columns: Columns | None) -> dict[str, Any]:
+def _ask_question(job: Mapping[str, Any], columns: Columns | None) -> dict[str, Any]:
     """Return the answer of a question, asked in this process, where the fault is planted."""
     function = getattr(importlib.import_module(job["module"]), job["function"])
     answer: dict[str, Any] = json.loads(json.dumps(function(**job["options"], columns=columns)))
     return answer
 
 
-def size_of(
+def compute_effect(
     fault: Fault, task: Task, reference: Record, unharmed: Record, harmed: Record
 ) -> tuple[Effect, float | None]:
     """Return the rank of a fault's effect (above, between or below the bars), and the largest over its bar [-].
@@ -239,8 +241,8 @@ def size_of(
                 continue
             scale = scale_of(reference, quantity, [reference.series[n].values for n in names])
             for n in known:
-                change = _over(harmed, unharmed, n, scale)
-                distance = _over(unharmed, reference, n, scale)
+                change = _compute_difference(harmed, unharmed, n, scale)
+                distance = _compute_difference(unharmed, reference, n, scale)
                 owners = (unharmed, harmed) if fault.bars else (unharmed,)
                 bars = [sum(checked_bar(side, n) or 0.0 for side in (one, reference)) for one in owners]
                 bar = max(limit.maximum, fraction(max(bars), scale))
@@ -250,5 +252,5 @@ def size_of(
     return "above" if seen else "below" if below else "between", float(f"{most:.3g}") if np.isfinite(most) else None
 
 
-def _over(one: Record, other: Record, name: str, scale: float) -> float:
+def _compute_difference(one: Record, other: Record, name: str, scale: float) -> float:
     return fraction(float(np.abs(one.series[name].values - other.series[name].values).max()), scale)

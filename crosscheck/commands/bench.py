@@ -12,7 +12,7 @@ from rich.table import Table
 
 from crosscheck import output_folder as owned
 from crosscheck.bench import parts as known
-from crosscheck.bench.targets import metrics, text
+from crosscheck.bench.targets import describe_measurement, list_metrics
 from crosscheck.commands.shared.terminal import COLOURS, MODELS, TIMEOUT, Console, Failure, progress, terminated
 from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.report import render
@@ -76,7 +76,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
         with owned.report(out):
             with terminated(), progress(Console(stderr=True)) as notify:
                 line = command_line(sys.argv[1:])
-                results = known.measure(known.studies(models, parts, quick), timeout, out, notify, line)
+                results = known.run_parts(known.list_studies(models, parts, quick), timeout, out, notify, line)
             store.write(results, out / RESULTS)
             render(results, out)
     except (InputError, OSError) as error:
@@ -92,7 +92,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
 def _show(results: Results) -> None:
     """Print the table of targets, and what failed."""
     console = Console()
-    console.print(text().split("\n\n")[0], highlight=False)
+    console.print(describe_measurement().split("\n\n")[0], highlight=False)
     table = Table("", "what", "measured", "asked", "", box=None, header_style="dim")
     for row in results.studies[0].rows:
         sign = f"[{COLOURS[row['verdict']]}]{SIGNS[row['verdict']]}[/]"
@@ -106,6 +106,6 @@ def _show(results: Results) -> None:
 
 def _remember(results: Results, url: str) -> None:
     try:
-        history.add_metrics(history.connect(url), metrics(results.studies), elapsed=results.elapsed)
+        history.add_metrics(history.connect(url), list_metrics(results.studies), elapsed=results.elapsed)
     except history.HistoryError as error:
         raise Failure(str(error)) from error

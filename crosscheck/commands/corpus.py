@@ -26,11 +26,11 @@ from crosscheck.commands.shared.terminal import (
     terminated,
 )
 from crosscheck.commands.shared.terminal import out as out_option
-from crosscheck.corpus.audit import TARGET, Audited, audit, by_class, holds, write_audit
+from crosscheck.corpus.audit import TARGET, Audited, collect_by_class, is_target_met, run_audit, write_audit
 from crosscheck.corpus.consensus import DISAGREEMENT
-from crosscheck.corpus.folder import Corpus, written
-from crosscheck.corpus.gather import asked_engines, cases
-from crosscheck.corpus.judging import INSIDE, SKIPPED, exit_code, judged
+from crosscheck.corpus.folder import Corpus, write_corpus
+from crosscheck.corpus.gather import find_all_consensus, run_panel
+from crosscheck.corpus.judging import INSIDE, SKIPPED, find_exit_code, judge_answers
 from crosscheck.corpus.notes import check_published, read_notes
 from crosscheck.corpus.pages import render
 from crosscheck.measures.record import RecordError
@@ -115,15 +115,15 @@ def command(
         notes = read_notes(models)
         check_published(notes, work.plan.tasks, models, whole=not names)
         with owned.report(out), scratch() as place, terminated(), progress(console) as notify:
-            panel = asked_engines(work, notes, place / "run", notify, command_line(sys.argv[1:]))
+            panel = run_panel(work, notes, place / "run", notify, command_line(sys.argv[1:]))
             if not panel.results.finished:
                 raise Failure(
                     f"{panel.results.message or 'interrupted'}; nothing was written, and what was computed is kept"
                 )
-            found = list(cases(work, panel, place / "run"))
-            rows = audit(work, found, place, notify) if audited else []
+            found = list(find_all_consensus(work, panel, place / "run"))
+            rows = run_audit(work, found, place, notify) if audited else []
             owned.begin(out)
-            corpus = written(found, notes, panel.results, out)
+            corpus = write_corpus(found, notes, panel.results, out)
             if audited:
                 write_audit(rows, out)
             render(corpus, found, rows)
@@ -149,7 +149,7 @@ def _leave(console: Console, corpus: Corpus, results: Results, rows: Sequence[Au
     more = [f"{len(failed)} runs failed"] if failed else []
     console.print(f"[bold]{'; '.join([words, *more])}.[/]", highlight=False, soft_wrap=True)
     console.print(f"corpus: {corpus.folder / 'index.html'}", highlight=False, soft_wrap=True)
-    missed = rows is not None and not holds(rows)
+    missed = rows is not None and not is_target_met(rows)
     sys.exit(2 if failed or broken or not corpus.entries else 1 if split or missed else 0)
 
 
@@ -158,7 +158,7 @@ def _audit_table(rows: Sequence[Audited]) -> Table:
     table = Table(title=f"Error bars: values of the finer run inside them, target {100 * TARGET:g} %")
     for name in ("class", "engine", "what was finer", "series", "samples", "inside", "worst series"):
         table.add_column(name, justify="right" if name in ("series", "samples", "inside") else "left")
-    for one in [*rows, *by_class(rows)]:
+    for one in [*rows, *collect_by_class(rows)]:
         style = "bold" if one.engine == "all" else ""
         worst = f"{one.worst} {100 * one.worst_share:.1f} %"
         cells = (one.kind, one.engine, one.how, str(one.series), str(one.samples), f"{100 * one.share:.2f} %", worst)
@@ -169,7 +169,7 @@ def _audit_table(rows: Sequence[Audited]) -> Table:
 def _judge(answers: Path, corpus: Path) -> NoReturn:
     """Judge answers, print what they are worth, and leave with the exit code."""
     try:
-        rows = judged(answers, corpus)
+        rows = judge_answers(answers, corpus)
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
     for row in rows:
@@ -183,4 +183,4 @@ def _judge(answers: Path, corpus: Path) -> NoReturn:
     counted = sum(row.verdict != SKIPPED for row in rows)
     among = len({row.id for row in rows if row.verdict != SKIPPED})
     click.echo(f"{inside} of {counted} series lie inside the consensus, in {among} cases.")
-    sys.exit(exit_code(rows))
+    sys.exit(find_exit_code(rows))

@@ -9,7 +9,7 @@ from typing import NoReturn
 import click
 from rich.markup import escape
 
-from crosscheck.bench.parts import studies_of_night as bench_studies
+from crosscheck.bench.parts import list_night_studies as bench_studies
 from crosscheck.commands.shared.options import Asked, running
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, progress, terminated, unread
 from crosscheck.report.words import sentence

@@ -16,10 +16,10 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.beyond import campaign as beyond
 from crosscheck.beyond.judge import BAD
-from crosscheck.beyond.shown import line as beyond_line
-from crosscheck.beyond.shown import sums_table
-from crosscheck.beyond.shown import text as beyond_text
-from crosscheck.beyond.shown import verdict as beyond_verdict
+from crosscheck.beyond.shown import describe_campaign as beyond_text
+from crosscheck.beyond.shown import describe_fault as beyond_line
+from crosscheck.beyond.shown import describe_verdict as beyond_verdict
+from crosscheck.beyond.shown import make_outcome_table
 from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, progress, terminated
 from crosscheck.commands.shared.terminal import out as out_option
@@ -29,7 +29,7 @@ from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import run
 from crosscheck.run.work import Event, Options, Work
 from crosscheck.secrets import command_line
-from crosscheck.studies.selftest import ALONE, studies, summary, targets
+from crosscheck.studies.selftest import ALONE, build_summary, judge_targets, list_studies
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.plan import Plan
 from crosscheck.verdicts.results import StudyRow
@@ -95,14 +95,16 @@ def command(
         with owned.report(out):
             with terminated(), progress(Console(stderr=True)) as notify:
                 line = command_line(sys.argv[1:])
-                results = run(Work(Plan(()), {}, studies(folder, names), Options(timeout, jobs)), out, notify, line)
-            whole = summary(results.studies, whole=not names)
+                results = run(
+                    Work(Plan(()), {}, list_studies(folder, names), Options(timeout, jobs)), out, notify, line
+                )
+            whole = build_summary(results.studies, whole=not names)
             results = replace(results, studies=(whole, *results.studies))
             store.write(results, out / RESULTS)
             render(results, out)
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
-    met = targets(results.studies[1:], whole=not names)
+    met = judge_targets(results.studies[1:], whole=not names)
     _show(whole, met)
     Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
     if not results.finished:
@@ -152,7 +154,7 @@ def _beyond(names: tuple[str, ...], said: Path | None, out: Path, jobs: int, ask
             raise Failure(str(error)) from error
     (out / "beyond.txt").write_text("\n".join(beyond_text(results)) + "\n", encoding="utf-8")
     for key in ("by topic", "by mechanism", "by engine", "by newness"):
-        Console().print(sums_table(results, key))
+        Console().print(make_outcome_table(results, key))
     console.print(beyond_verdict(results), highlight=False)
     console.print(f"every fault: {out / 'beyond.json'}, {out / 'beyond.txt'}", highlight=False)
     sys.exit(int(not results["met"]))

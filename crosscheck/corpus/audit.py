@@ -16,10 +16,10 @@ import numpy as np
 
 from crosscheck import output_folder as owned
 from crosscheck.corpus.consensus import AGREES, CaseConsensus
-from crosscheck.corpus.entry import CLASSES, class_of
-from crosscheck.corpus.folder import json_text
-from crosscheck.corpus.gather import records
-from crosscheck.corpus.intervals import Given, inside, interval
+from crosscheck.corpus.entry import CLASSES, find_class
+from crosscheck.corpus.folder import format_json
+from crosscheck.corpus.gather import read_records
+from crosscheck.corpus.intervals import Given, find_samples_inside, make_interval
 from crosscheck.engines.shared.rounding import NAME as ROUNDING_BARS
 from crosscheck.measures.record import Record
 from crosscheck.run.runner import run
@@ -54,23 +54,23 @@ class Audited:
         return self.inside / self.samples if self.samples else 0.0
 
 
-def audit(work: Work, cases: Sequence[CaseConsensus], folder: Path, notify: Notify) -> list[Audited]:
+def run_audit(work: Work, cases: Sequence[CaseConsensus], folder: Path, notify: Notify) -> list[Audited]:
     """Run engines again and return the audit by class and engine; folder : scratch for the runs.
 
     Raises InputError as a run does.
     """
     found: dict[tuple[str, str, str], list[tuple[str, int, int]]] = {}
-    for k, (how, part) in enumerate(parts(work, cases)):
+    for k, (how, part) in enumerate(split_work(work, cases)):
         place = folder / f"finer{k}"
         results = run(part, place, notify)
         for case in (c for c in cases if c.task.folder.name in {t.folder.name for t in part.plan.tasks}):
-            for name, record in records(results, case.task, place).items():
-                rows = found.setdefault((class_of(case.task.mechanism), name, how), [])
-                rows += lines(case, name, record)
-    return [_sum(*key, rows) for key, rows in sorted(found.items(), key=_place) if rows]
+            for name, record in read_records(results, case.task, place).items():
+                rows = found.setdefault((find_class(case.task.mechanism), name, how), [])
+                rows += compare_with_finer_run(case, name, record)
+    return [_add_rows(*key, rows) for key, rows in sorted(found.items(), key=_make_sort_key) if rows]
 
 
-def parts(work: Work, cases: Sequence[CaseConsensus]) -> Iterator[tuple[str, Work]]:
+def split_work(work: Work, cases: Sequence[CaseConsensus]) -> Iterator[tuple[str, Work]]:
     """Yield what runs again: how it differs, and cases with the engines that agree there; cases with the same share a run."""
     asked: dict[tuple[str, tuple[str, ...]], list[Task]] = {}
     for case in cases:
@@ -79,7 +79,7 @@ def parts(work: Work, cases: Sequence[CaseConsensus]) -> Iterator[tuple[str, Wor
         for name in agree:
             if work.engines[name].settings is None:  # a record or a program gives what it gave
                 split.setdefault(
-                    "other last digits" if _closed(case.records[name]) else "half step and mesh", []
+                    "other last digits" if _has_closed_form(case.records[name]) else "half step and mesh", []
                 ).append(name)
         for how, mine in split.items():
             asked.setdefault((how, tuple(mine)), []).append(case.task)
@@ -91,11 +91,11 @@ def parts(work: Work, cases: Sequence[CaseConsensus]) -> Iterator[tuple[str, Wor
         yield how, Work(Plan(plain), engines, (), told)
 
 
-def _closed(record: Record) -> bool:
+def _has_closed_form(record: Record) -> bool:
     return any(ROUNDING_BARS in line.get("how", {}) for line in record.budget.values())
 
 
-def lines(case: CaseConsensus, engine: str, finer: Record) -> Iterator[tuple[str, int, int]]:
+def compare_with_finer_run(case: CaseConsensus, engine: str, finer: Record) -> Iterator[tuple[str, int, int]]:
     """Yield for every series on which an engine agrees: its name, the samples, and those of the finer run inside its bars [-]."""
     coarse = case.records[engine].series
     for one in case.series:
@@ -103,24 +103,24 @@ def lines(case: CaseConsensus, engine: str, finer: Record) -> Iterator[tuple[str
         if agrees and one.name in finer.series:
             base = coarse[one.name]
             bar = np.zeros_like(base.values) if base.error is None else base.error
-            where = interval(Given(engine, "", base.values, bar), one.size)
-            within = inside(finer.series[one.name].values, where)
+            where = make_interval(Given(engine, "", base.values, bar), one.size)
+            within = find_samples_inside(finer.series[one.name].values, where)
             yield f"{case.task.folder.name}/{case.task.case.name} {one.name}", within.size, int(within.sum())
 
 
-def _sum(kind: str, engine: str, how: str, rows: Sequence[tuple[str, int, int]]) -> Audited:
+def _add_rows(kind: str, engine: str, how: str, rows: Sequence[tuple[str, int, int]]) -> Audited:
     worst = min(rows, key=lambda row: row[2] / row[1])
     samples = sum(row[1] for row in rows)
     within = sum(row[2] for row in rows)
     return Audited(kind, engine, how, len(rows), samples, within, worst[0], worst[2] / worst[1])
 
 
-def _place(item: tuple[tuple[str, str, str], Any]) -> tuple[int, str, str]:
+def _make_sort_key(item: tuple[tuple[str, str, str], Any]) -> tuple[int, str, str]:
     kind, engine, how = item[0]
     return CLASSES.index(kind), how, engine
 
 
-def by_class(audited: Iterable[Audited]) -> list[Audited]:
+def collect_by_class(audited: Iterable[Audited]) -> list[Audited]:
     """Return the audit of each class over all its engines [-]."""
     rows = list(audited)
     found = []
@@ -133,14 +133,16 @@ def by_class(audited: Iterable[Audited]) -> list[Audited]:
     return found
 
 
-def holds(audited: Iterable[Audited]) -> bool:
+def is_target_met(audited: Iterable[Audited]) -> bool:
     """Return True if in every class enough values lie inside the bars [-]."""
-    totals = by_class(audited)
+    totals = collect_by_class(audited)
     return bool(totals) and all(one.share >= TARGET for one in totals)
 
 
 def write_audit(audited: Sequence[Audited], out: Path) -> None:
     """Write ``audit.json`` into a corpus that is ours.  Raises OSError."""
     rows = [{**vars(one), "share": one.share} for one in audited]
-    totals = [{"kind": x.kind, "series": x.series, "samples": x.samples, "share": x.share} for x in by_class(audited)]
-    owned.write(out / AUDIT, json_text({"target": TARGET, "classes": totals, "engines": rows}))
+    totals = [
+        {"kind": x.kind, "series": x.series, "samples": x.samples, "share": x.share} for x in collect_by_class(audited)
+    ]
+    owned.write(out / AUDIT, format_json({"target": TARGET, "classes": totals, "engines": rows}))

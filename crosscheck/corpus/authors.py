@@ -19,7 +19,7 @@ class Author:
     closed_form: bool = False
 
 
-def author(engine: Engine, stated: Mapping[str, EngineNote]) -> Author:
+def find_author(engine: Engine, stated: Mapping[str, EngineNote]) -> Author:
     """Return the author of an engine: what corpus.toml states, else the package that it drives, else the engine itself."""
     if (note := stated.get(engine.name)) is not None:
         return Author(note.author, note.closed_form)

@@ -20,14 +20,14 @@ from crosscheck.corpus.intervals import (
     FLOOR,
     Given,
     Interval,
-    agreeing,
-    authors,
-    common,
-    hull,
-    inside,
-    interval,
-    meet,
-    sizes,
+    collect_authors,
+    compute_hull,
+    compute_intersection,
+    compute_largest_magnitudes,
+    find_agreeing_groups,
+    find_samples_inside,
+    has_common_point,
+    make_interval,
 )
 from crosscheck.engines import Engine
 from crosscheck.kit.resolved import idle
@@ -126,15 +126,19 @@ class Panel:
     results: Results
 
 
-def case_consensus(task: Task, records: Mapping[str, Record], panel: Panel) -> CaseConsensus:
+def find_case_consensus(task: Task, records: Mapping[str, Record], panel: Panel) -> CaseConsensus:
     """Return the consensus on a case from the records of its engines [units of the series]."""
     given = {name: record for name, record in records.items() if record.status == "ok"}
-    size = sizes({n: (s.unit, s.values) for n, s in record.series.items()} for record in given.values())
-    made = [_series(task, name, given, size, panel) for name in asked(task, given.values())]
+    size = compute_largest_magnitudes(
+        {n: (s.unit, s.values) for n, s in record.series.items()} for record in given.values()
+    )
+    made = [
+        _find_series_consensus(task, name, given, size, panel) for name in list_compared_series(task, given.values())
+    ]
     return CaseConsensus(task, tuple(made), given)
 
 
-def asked(task: Task, records: Iterable[Record]) -> list[str]:
+def list_compared_series(task: Task, records: Iterable[Record]) -> list[str]:
     """Return the names of the series that are compared and that some engine gives; efforts of idle joints [-] are not."""
     wanted = [q for q in COMPARED if q in task.case.quantities]
     still = {f"torque/{name}" for name in idle(task.mechanism, task.case)}
@@ -142,7 +146,7 @@ def asked(task: Task, records: Iterable[Record]) -> list[str]:
     return [n for q in wanted for n in names if n.split("/", 1)[0] == q]
 
 
-def _series(
+def _find_series_consensus(
     task: Task, name: str, given: Mapping[str, Record], size: Mapping[tuple[str, str], float], panel: Panel
 ) -> SeriesConsensus:
     """Return the consensus on one series."""
@@ -150,10 +154,10 @@ def _series(
     unit = next(iter(have.values())).series[name].unit
     have = {engine: record for engine, record in have.items() if record.series[name].unit == unit}
     own = size[name.split("/", 1)[0], unit]
-    hindered = {e: _hindrance(task, name, r, own, panel) for e, r in have.items()}
-    takes = [_given(e, r.series[name], panel) for e, r in have.items() if not hindered[e]]
-    found = _found(takes, own, panel)
-    voices = tuple(_voice(task, have[e].series[name], have[e], hindered[e], found, panel) for e in have)
+    hindered = {e: _describe_hindrance(task, name, r, own, panel) for e, r in have.items()}
+    takes = [_make_contribution(e, r.series[name], panel) for e, r in have.items() if not hindered[e]]
+    found = _find_consensus(takes, own, panel)
+    voices = tuple(_make_voice(task, have[e].series[name], have[e], hindered[e], found, panel) for e in have)
     sole = next(have[e].series[name] for e in (REFERENCE, *have) if e in have)
     cause = "" if found.status != DISAGREEMENT else "; ".join(f"{v.engine}: {v.reason}" for v in voices if v.reason)
     return SeriesConsensus(name, unit, found.status, own, voices, found.interval, sole, cause or found.cause)
@@ -169,30 +173,32 @@ class Found:
     cause: str = ""
 
 
-def _found(takes: Sequence[Given], size: float, panel: Panel) -> Found:
+def _find_consensus(takes: Sequence[Given], size: float, panel: Panel) -> Found:
     """Return the consensus of engines with bars, or why there is none; size : largest magnitude of the quantity [unit]."""
     exact = next((one for one in takes if panel.authors[one.engine].closed_form), None)
     if exact is not None:
-        where = interval(exact, size)
-        return Found(CLOSED_FORM, where, frozenset(g.engine for g in takes if meet(interval(g, size), where)))
-    if len(authors(takes)) < 2:
+        where = make_interval(exact, size)
+        return Found(
+            CLOSED_FORM, where, frozenset(g.engine for g in takes if has_common_point(make_interval(g, size), where))
+        )
+    if len(collect_authors(takes)) < 2:
         return Found(SINGLE)
-    groups = agreeing(takes, size)
+    groups = find_agreeing_groups(takes, size)
     if not groups:
         return Found(DISAGREEMENT, cause="no two authors meet at every sample")
-    if len({authors(group) for group in groups}) > 1:
+    if len({collect_authors(group) for group in groups}) > 1:
         words = " or ".join(" and ".join(one.engine for one in group) for group in groups)
         return Found(DISAGREEMENT, cause=f"{words} agree, and nobody tells which")
-    met = [common([interval(one, size) for one in group]) for group in groups]
-    return Found(CONSENSUS, hull(met), frozenset(one.engine for group in groups for one in group))
+    met = [compute_intersection([make_interval(one, size) for one in group]) for group in groups]
+    return Found(CONSENSUS, compute_hull(met), frozenset(one.engine for group in groups for one in group))
 
 
-def _given(engine: str, one: Series, panel: Panel) -> Given:
+def _make_contribution(engine: str, one: Series, panel: Panel) -> Given:
     bar = np.zeros_like(one.values) if one.error is None else one.error
     return Given(engine, panel.authors[engine].name, one.values, bar)
 
 
-def _hindrance(task: Task, name: str, record: Record, size: float, panel: Panel) -> str:
+def _describe_hindrance(task: Task, name: str, record: Record, size: float, panel: Panel) -> str:
     """Return the reason for which a bar takes no part, "" where it does; size : of the quantity [unit]."""
     one = record.series[name]
     if lines := failing(panel.results, task.folder.name, task.case.name, record.engine):
@@ -212,22 +218,24 @@ def _hindrance(task: Task, name: str, record: Record, size: float, panel: Panel)
     return ""
 
 
-def _voice(task: Task, one: Series, record: Record, hindrance: str, found: Found, panel: Panel) -> Voice:
+def _make_voice(task: Task, one: Series, record: Record, hindrance: str, found: Found, panel: Panel) -> Voice:
     """Return the part of an engine in what was found on a series."""
     who = record.engine, panel.authors[record.engine].name, record.version
     if found.interval is None:
-        why_not = _cause(task, one, record, panel) if found.status == DISAGREEMENT else ""
+        why_not = _find_cause(task, one, record, panel) if found.status == DISAGREEMENT else ""
         return Voice(*who, part=NO_PART if hindrance else ALONE, reason=hindrance or why_not)
-    off = 1.0 - float(inside(one.values, found.interval).mean())
+    off = 1.0 - float(find_samples_inside(one.values, found.interval).mean())
     if record.engine in found.agree:
         return Voice(*who, part=AGREES, outside=off)
     if hindrance:
-        reason = hindrance if off == 0.0 else "; ".join(filter(None, [hindrance, _cause(task, one, record, panel)]))
+        reason = (
+            hindrance if off == 0.0 else "; ".join(filter(None, [hindrance, _find_cause(task, one, record, panel)]))
+        )
         return Voice(*who, part=INSIDE if off == 0.0 else OUTSIDE, reason=reason, outside=off)
-    return Voice(*who, part=DISAGREES, reason=_cause(task, one, record, panel) or UNNAMED, outside=off)
+    return Voice(*who, part=DISAGREES, reason=_find_cause(task, one, record, panel) or UNNAMED, outside=off)
 
 
-def _cause(task: Task, one: Series, record: Record, panel: Panel) -> str:
+def _find_cause(task: Task, one: Series, record: Record, panel: Panel) -> str:
     """Return the cause of an engine's difference in a series, as diagnosis or verdict name it; "" where nothing does."""
     here = task.folder.name, task.case.name, record.engine
     found = diagnosed(panel.results, *here)

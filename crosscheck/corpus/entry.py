@@ -24,7 +24,7 @@ FLOOR_REASON = (
 )
 
 
-def class_of(mechanism: Mechanism) -> str:
+def find_class(mechanism: Mechanism) -> str:
     """Return the class of a mechanism: rigid, loops, beams or flexible loops; a coupling of joints is a loop."""
     looped = bool(mechanism.closures)
     if mechanism.is_rigid:
@@ -32,22 +32,22 @@ def class_of(mechanism: Mechanism) -> str:
     return "flexible loops" if looped else "beams"
 
 
-def identity(mechanism: str, case: str) -> str:
+def make_case_id(mechanism: str, case: str) -> str:
     """Return the id of a case: a name for files and links that changes only where mechanism or case is called otherwise."""
     return slug(f"{mechanism}-{case}")
 
 
-def entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) -> dict[str, Any]:
+def make_entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) -> dict[str, Any]:
     """Return one case of the corpus as plain data [units of its series]."""
     task = case.task
     counts = Counter(one.status for one in case.series)
     return {
         "format": FORMAT,
-        "id": identity(task.folder.name, task.case.name),
+        "id": make_case_id(task.folder.name, task.case.name),
         "mechanism": task.folder.name,
         "case": task.case.name,
         "title": task.case.title or task.mechanism.title,
-        "class": class_of(task.mechanism),
+        "class": find_class(task.mechanism),
         "status": case.status,
         "every series": case.whole,
         "counts": dict(sorted(counts.items())),
@@ -58,19 +58,19 @@ def entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) -> di
         "licence": note.licence,
         "attribution": note.attribution,
         "redistribute": note.redistribute,
-        **({} if note.redistribute else {"recipe": steps(task.folder.name, task.case.name, note)}),
+        **({} if note.redistribute else {"recipe": list_kit_steps(task.folder.name, task.case.name, note)}),
         "floor": {"share": FLOOR, "reason": FLOOR_REASON},
-        "series": [_series(one) for one in case.series],
-        "published": [_published(one) for one in numbers],
+        "series": [_describe_series(one) for one in case.series],
+        "published": [_describe_published(one) for one in numbers],
     }
 
 
-def steps(mechanism: str, case: str, note: MechanismNote) -> list[str]:
+def list_kit_steps(mechanism: str, case: str, note: MechanismNote) -> list[str]:
     """Return the steps that lead to a kit [-] whose data may not be passed on."""
     return [note.recipe or "Ask who made it.", f"crosscheck kit {mechanism} --case {case} --blind --out kit"]
 
 
-def _series(one: SeriesConsensus) -> dict[str, Any]:
+def _describe_series(one: SeriesConsensus) -> dict[str, Any]:
     where = one.interval
     known: dict[str, Any] = {} if where is None else {"half-width": float(where.half.max())}
     return {
@@ -81,11 +81,11 @@ def _series(one: SeriesConsensus) -> dict[str, Any]:
         **known,
         **({"range": signal_range([where.middle])} if where is not None else {}),
         **({"cause": one.cause} if one.cause else {}),
-        "engines": [_voice(v) for v in one.voices],
+        "engines": [_describe_voice(v) for v in one.voices],
     }
 
 
-def _voice(voice: Voice) -> dict[str, Any]:
+def _describe_voice(voice: Voice) -> dict[str, Any]:
     plain = {
         "engine": voice.engine,
         "author": voice.author,
@@ -97,14 +97,14 @@ def _voice(voice: Voice) -> dict[str, Any]:
     return {key: value for key, value in plain.items() if value not in ("", None)}
 
 
-def _published(one: Beside) -> dict[str, Any]:
+def _describe_published(one: Beside) -> dict[str, Any]:
     value = one.value
     said = {"series": value.series, "when": one.when, "value": value.value, "unit": value.unit, "source": value.source}
     why = {"note": value.note} if value.note else {}
     return {**said, **why, "low": one.low, "high": one.high, "agrees": one.agrees, "distance": one.distance}
 
 
-def expected(case: CaseConsensus, reference: Record | None) -> Record:
+def make_expected_record(case: CaseConsensus, reference: Record | None) -> Record:
     """Return the consensus as a record: middle and half-width [unit of each series], with the reference's own certificate."""
     found = {
         one.name: Series(one.name, one.unit, one.interval.middle, one.interval.half)
@@ -116,6 +116,6 @@ def expected(case: CaseConsensus, reference: Record | None) -> Record:
     return Record(engine="consensus", version=FORMAT, time=case.task.time, series=found, certificate=kept)
 
 
-def alone(case: CaseConsensus) -> list[Series]:
+def list_single_author_series(case: CaseConsensus) -> list[Series]:
     """Return the values [unit] of series that one author alone gives: no consensus, and told apart from it."""
     return [one.sole for one in case.series if one.status == SINGLE and one.sole is not None]

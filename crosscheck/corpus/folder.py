@@ -15,9 +15,9 @@ from typing import Any
 
 from crosscheck import output_folder as owned
 from crosscheck.corpus.consensus import REACHED, CaseConsensus
-from crosscheck.corpus.entry import FLOOR_REASON, FORMAT, alone, entry, expected
+from crosscheck.corpus.entry import FLOOR_REASON, FORMAT, list_single_author_series, make_entry, make_expected_record
 from crosscheck.corpus.notes import CorpusTable, MechanismNote
-from crosscheck.corpus.published import beside
+from crosscheck.corpus.published import compare_published
 from crosscheck.kit.write import write as write_kit
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.series_csv import write as write_series
@@ -68,24 +68,26 @@ class Corpus:
         return sum(one["status"] in REACHED for one in self.entries)
 
 
-def written(cases: Iterable[CaseConsensus], notes: CorpusTable, results: Results, out: Path) -> Corpus:
+def write_corpus(cases: Iterable[CaseConsensus], notes: CorpusTable, results: Results, out: Path) -> Corpus:
     """Write kits, consensus and manifest below a folder that is ours.  Raises InputError where two cases have one id."""
     entries: dict[str, dict[str, Any]] = {}
     for case in cases:
-        note = notes.licence_of(case.task)
-        one = entry(case, note, list(beside(case, notes.published)))
+        note = notes.find_licence(case.task)
+        one = make_entry(case, note, list(compare_published(case, notes.published)))
         if (other := entries.get(one["id"])) is not None:
             names = " and ".join(f"{x['mechanism']}/{x['case']}" for x in (other, one))
             raise InputError(f"{names} would have the same id {one['id']}: give one of them another name")
         entries[one["id"]] = one
-        _kit(case, note, one, out / KITS / one["id"])
-    return _listed(tuple(entries.values()), results, out)
+        _write_case_kit(case, note, one, out / KITS / one["id"])
+    return _write_manifest(tuple(entries.values()), results, out)
 
 
-def _listed(entries: tuple[dict[str, Any], ...], results: Results, out: Path) -> Corpus:
+def _write_manifest(entries: tuple[dict[str, Any], ...], results: Results, out: Path) -> Corpus:
     short = [{key: one[key] for key in one if key not in ("series", "floor", "format")} for one in entries]
     files = [
-        [file.relative_to(out).as_posix(), digest(file)] for file in sorted((out / KITS).rglob("*")) if file.is_file()
+        [file.relative_to(out).as_posix(), compute_digest(file)]
+        for file in sorted((out / KITS).rglob("*"))
+        if file.is_file()
     ]
     hashes = {one["id"]: {n: h for n, h in files if n.startswith(f"{KITS}/{one['id']}/")} for one in entries}
     plain = {
@@ -94,28 +96,28 @@ def _listed(entries: tuple[dict[str, Any], ...], results: Results, out: Path) ->
         "floor": FLOOR_REASON,
         "cases": [{**one, "files": hashes[one["id"]]} for one in short],
     }
-    owned.write(out / MANIFEST, json_text(plain))
+    owned.write(out / MANIFEST, format_json(plain))
     facts = {"started": results.started, "machine": dict(results.machine), "versions": dict(results.versions)}
-    owned.write(out / MACHINE, json_text({**facts, "elapsed": results.elapsed}))
+    owned.write(out / MACHINE, format_json({**facts, "elapsed": results.elapsed}))
     return Corpus(out, entries)
 
 
-def _kit(case: CaseConsensus, note: MechanismNote, one: Mapping[str, Any], folder: Path) -> None:
+def _write_case_kit(case: CaseConsensus, note: MechanismNote, one: Mapping[str, Any], folder: Path) -> None:
     """Write the kit of a case, or where its data may not be passed on a recipe."""
     task = case.task
     with scratch() as place:
         kit = place / "kit"
-        file = write_kit(task.mechanism, task.case, kit, expected(case, case.records.get(REFERENCE)))
-        if single := alone(case):
+        file = write_kit(task.mechanism, task.case, kit, make_expected_record(case, case.records.get(REFERENCE)))
+        if single := list_single_author_series(case):
             write_series(kit / "expected" / "single.csv", task.time, single)
-        (kit / "consensus.json").write_text(json_text(one), encoding="utf-8")
-        (kit / "LICENCE.md").write_text(licence(task, note), encoding="utf-8")
+        (kit / "consensus.json").write_text(format_json(one), encoding="utf-8")
+        (kit / "LICENCE.md").write_text(render_licence(task, note), encoding="utf-8")
         if not note.redistribute:
             words = {"mechanism": task.folder.name, "case": task.case.name, "digest": file.digest}
             lines = "\n".join(f"{k}. {step}" for k, step in enumerate(one["recipe"], 1))
             recipe = RECIPE.format(**words, licence=note.licence, steps=lines)
             (kit / "RECIPE.md").write_text(recipe, encoding="utf-8")
-        texts = [_text(task.folder.parent, name) for name in note.licence_files]
+        texts = [_find_licence_text(task.folder.parent, name) for name in note.licence_files]
         for text in texts:
             (kit / text.name).write_bytes(text.read_bytes())
         kept = (*OURS, *(text.name for text in texts))
@@ -127,7 +129,7 @@ def _kit(case: CaseConsensus, note: MechanismNote, one: Mapping[str, Any], folde
                 owned.write(target, source.read_bytes())
 
 
-def licence(task: Task, note: MechanismNote) -> str:
+def render_licence(task: Task, note: MechanismNote) -> str:
     """Return the page of source and licence of a case [-]."""
     return LICENCE.format(
         mechanism=task.folder.name,
@@ -140,7 +142,7 @@ def licence(task: Task, note: MechanismNote) -> str:
     )
 
 
-def _text(models: Path, name: str) -> Path:
+def _find_licence_text(models: Path, name: str) -> Path:
     """Return a licence text of a folder of models.  Raises InputError where it is not there, or leads out."""
     file = models / name
     if not file.resolve().is_relative_to(models.resolve()) or not file.is_file():
@@ -151,11 +153,11 @@ def _text(models: Path, name: str) -> Path:
     return file
 
 
-def digest(file: Path) -> str:
+def compute_digest(file: Path) -> str:
     """Return the SHA-256 of a file."""
     return sha256(file.read_bytes()).hexdigest()
 
 
-def json_text(plain: Mapping[str, Any]) -> str:
+def format_json(plain: Mapping[str, Any]) -> str:
     """Return values as JSON text, the same for the same values."""
     return json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

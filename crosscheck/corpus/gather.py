@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from crosscheck.corpus.authors import author
-from crosscheck.corpus.consensus import CaseConsensus, Panel, case_consensus
+from crosscheck.corpus.authors import find_author
+from crosscheck.corpus.consensus import CaseConsensus, Panel, find_case_consensus
 from crosscheck.corpus.notes import CorpusTable
 from crosscheck.measures.record import Record, load
 from crosscheck.run.runner import run
@@ -15,21 +15,21 @@ from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import Results
 
 
-def asked_engines(work: Work, notes: CorpusTable, folder: Path, notify: Notify, command: str = "") -> Panel:
+def run_panel(work: Work, notes: CorpusTable, folder: Path, notify: Notify, command: str = "") -> Panel:
     """Run the engines of a work into a folder of its own, and return them with their authors and results."""
     results = run(work, folder, notify, command)
-    return Panel(work.engines, {name: author(one, notes.engines) for name, one in work.engines.items()}, results)
+    return Panel(work.engines, {name: find_author(one, notes.engines) for name, one in work.engines.items()}, results)
 
 
-def cases(work: Work, panel: Panel, folder: Path) -> Iterator[CaseConsensus]:
+def find_all_consensus(work: Work, panel: Panel, folder: Path) -> Iterator[CaseConsensus]:
     """Yield the consensus of every case that some engine came to an answer for [units of its series]."""
     for task in work.plan.tasks:
-        found = records(panel.results, task, folder)
+        found = read_records(panel.results, task, folder)
         if found:
-            yield case_consensus(task, found, panel)
+            yield find_case_consensus(task, found, panel)
 
 
-def records(results: Results, task: Task, folder: Path) -> dict[str, Record]:
+def read_records(results: Results, task: Task, folder: Path) -> dict[str, Record]:
     """Return the records of a case by engine [units of their series], as a run left them in a folder."""
     here = task.folder.name, task.case.name
     return {r.engine: load(folder / r.series) for r in results.runs if (r.mechanism, r.case) == here and r.series}

@@ -52,77 +52,81 @@ class Given:
     bar: Array
 
 
-def interval(given: Given, size: float) -> Interval:
+def make_interval(given: Given, size: float) -> Interval:
     """Return the interval of an engine; size : largest magnitude of its quantity [unit], of which `FLOOR` is the least bar."""
     half = np.maximum(given.bar, FLOOR * size)
     return Interval(given.values - half, given.values + half)
 
 
-def meet(first: Interval, second: Interval) -> bool:
+def has_common_point(first: Interval, second: Interval) -> bool:
     """Return True if two intervals have a point in common at every sample [-]."""
     return bool(np.all(np.maximum(first.low, second.low) <= np.minimum(first.high, second.high)))
 
 
-def inside(values: Array, where: Interval) -> NDArray[np.bool_]:
+def find_samples_inside(values: Array, where: Interval) -> NDArray[np.bool_]:
     """Return at which samples values (samples,) [unit] lie in an interval."""
     return np.asarray((where.low <= values) & (values <= where.high))
 
 
-def common(intervals: Sequence[Interval]) -> Interval:
+def compute_intersection(intervals: Sequence[Interval]) -> Interval:
     """Return the intersection of intervals that meet [unit]."""
     low, high = (np.stack([getattr(one, end) for one in intervals]) for end in ("low", "high"))
     return Interval(low.max(axis=0), high.min(axis=0))
 
 
-def hull(intervals: Sequence[Interval]) -> Interval:
+def compute_hull(intervals: Sequence[Interval]) -> Interval:
     """Return the smallest interval that holds all of them [unit]."""
     low, high = (np.stack([getattr(one, end) for one in intervals]) for end in ("low", "high"))
     return Interval(low.min(axis=0), high.max(axis=0))
 
 
-def agreeing(given: Sequence[Given], size: float) -> tuple[tuple[Given, ...], ...]:
+def find_agreeing_groups(given: Sequence[Given], size: float) -> tuple[tuple[Given, ...], ...]:
     """Return the largest groups of engines that agree [unit]: most authors first, then most engines; several where equally large.
 
     A group has two authors at least; () where no two authors agree.
     """
-    where = {one.engine: interval(one, size) for one in given}
+    where = {one.engine: make_interval(one, size) for one in given}
     linked = {
-        frozenset((a.engine, b.engine)) for a, b in combinations(given, 2) if meet(where[a.engine], where[b.engine])
+        frozenset((a.engine, b.engine))
+        for a, b in combinations(given, 2)
+        if has_common_point(where[a.engine], where[b.engine])
     }
-    groups = [group for group in _cliques(given, linked) if len(authors(group)) > 1]
+    groups = [group for group in _list_cliques(given, linked) if len(collect_authors(group)) > 1]
     if not groups:
         return ()
-    best = max(_size(group) for group in groups)
-    return tuple(group for group in groups if _size(group) == best)
+    best = max(_count_members(group) for group in groups)
+    return tuple(group for group in groups if _count_members(group) == best)
 
 
-def authors(group: Iterable[Given]) -> frozenset[str]:
+def collect_authors(group: Iterable[Given]) -> frozenset[str]:
     """Return the authors of a group [-]."""
     return frozenset(one.author for one in group)
 
 
-def _size(group: Sequence[Given]) -> tuple[int, int]:
-    return len(authors(group)), len(group)
+def _count_members(group: Sequence[Given]) -> tuple[int, int]:
+    return len(collect_authors(group)), len(group)
 
 
-def _cliques(given: Sequence[Given], linked: set[frozenset[str]]) -> Iterator[tuple[Given, ...]]:
+def _list_cliques(given: Sequence[Given], linked: set[frozenset[str]]) -> Iterator[tuple[Given, ...]]:
     """Yield the groups of engines that agree pair by pair and cannot be enlarged (Bron and Kerbosch 1973)."""
     near = {a.engine: {b.engine for b in given if frozenset((a.engine, b.engine)) in linked} for a in given}
     known = {one.engine: one for one in given}
 
-    def grown(held: tuple[str, ...], left: list[str], seen: list[str]) -> Iterator[tuple[str, ...]]:
+    def list_larger_cliques(held: tuple[str, ...], left: list[str], seen: list[str]) -> Iterator[tuple[str, ...]]:
         if not left and not seen:
             yield held
         for name in list(left):
-            yield from grown((*held, name), [n for n in left if n in near[name]], [n for n in seen if n in near[name]])
+            yield from list_larger_cliques(
+                (*held, name), [n for n in left if n in near[name]], [n for n in seen if n in near[name]]
+            )
             left.remove(name)
             seen.append(name)
 
-    for names in grown((), [one.engine for one in given], []):
+    for names in list_larger_cliques((), [one.engine for one in given], []):
         yield tuple(known[name] for name in names)
 
 
-def sizes(series: Iterable[Mapping[str, tuple[str, Array]]]) -> dict[tuple[str, str], float]:
+def compute_largest_magnitudes(series: Iterable[Mapping[str, tuple[str, Array]]]) -> dict[tuple[str, str], float]:
     """Return the largest magnitude [unit] by quantity and unit; series : of each engine, name -> (unit, values)."""
     found: dict[tuple[str, str], float] = {}
     for record in series:

@@ -16,8 +16,8 @@ import numpy as np
 
 from crosscheck.corpus.consensus import REACHED
 from crosscheck.corpus.entry import FORMAT
-from crosscheck.corpus.folder import KITS, MANIFEST, digest
-from crosscheck.corpus.intervals import Given, Interval, interval
+from crosscheck.corpus.folder import KITS, MANIFEST, compute_digest
+from crosscheck.corpus.intervals import Given, Interval, make_interval
 from crosscheck.kit.answer import inside as file_inside
 from crosscheck.kit.answer import read_table
 from crosscheck.kit.tables import MetaFile
@@ -46,12 +46,12 @@ class Judged:
     words: str = ""
 
 
-def judged(answers: Path, corpus: Path) -> list[Judged]:
+def judge_answers(answers: Path, corpus: Path) -> list[Judged]:
     """Return the judgement of every series of the answers in a folder [-].
 
     Raises InputError where there is no corpus, no answer, an unknown id, or an answer that cannot be read.
     """
-    known = manifest(corpus)
+    known = read_manifest(corpus)
     folders = sorted(f for f in answers.iterdir() if f.is_dir()) if answers.is_dir() else []
     if not folders:
         raise InputError(f"{answers} holds no answer; expected folders named by the ids of {corpus / MANIFEST}")
@@ -60,11 +60,11 @@ def judged(answers: Path, corpus: Path) -> list[Judged]:
         if folder.name not in known:
             near = find_nearest_word(folder.name, sorted(known)) or next(iter(known))
             raise InputError(f"{folder}: no case has the id {folder.name!r}; write {near!r}")
-        found += _answer(folder, known[folder.name], corpus)
+        found += _judge_answer(folder, known[folder.name], corpus)
     return found
 
 
-def manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
+def read_manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
     """Return the cases of a corpus by id.  Raises InputError where there is none, or it is of another format."""
     file = corpus / MANIFEST
     write = "write one with crosscheck corpus --out"
@@ -81,10 +81,10 @@ def manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
     return cases
 
 
-def _answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Judged]:
+def _judge_answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Judged]:
     """Yield the judgement of one answer, series by series."""
     kit = corpus / KITS / case["id"]
-    said = json.loads(_unchanged(corpus, case, "consensus.json").read_text(encoding="utf-8"))
+    said = json.loads(_check_kit_file(corpus, case, "consensus.json").read_text(encoding="utf-8"))
     rows = {row["name"]: row for row in said["series"] if row["status"] in REACHED}
     meta = read_table(file_inside(folder, "meta.json"), MetaFile) or MetaFile()
     if meta.case and meta.case != case["case.json"]:
@@ -95,7 +95,7 @@ def _answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Jud
     if meta.skipped or not rows:
         yield Judged(case["id"], "all", SKIPPED, words=meta.skipped or "no series of this case has a consensus")
         return
-    time, consensus = read(_unchanged(corpus, case, "expected/series.csv"))
+    time, consensus = read(_check_kit_file(corpus, case, "expected/series.csv"))
     file = file_inside(folder, "series.csv")
     if not file.is_file():
         raise InputError(f"{folder} holds no series.csv: nothing was answered")
@@ -103,12 +103,12 @@ def _answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Jud
     check_times(file, given, time, float(time[1] - time[0]) if time.size > 1 else 1.0)
     for name, row in rows.items():
         if name in series:
-            yield _series(case["id"], series[name], consensus[name], row, file)
+            yield _judge_series(case["id"], series[name], consensus[name], row, file)
         elif name.split("/", 1)[0] in WHOLE:
             yield Judged(case["id"], name, MISSING, words="every torque has to be answered")
 
 
-def _series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], file: Path) -> Judged:
+def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], file: Path) -> Judged:
     """Return the judgement of one series [unit of it]."""
     if one.unit != consensus.unit:
         raise InputError(f"{file}: column {one.name!r} is in {one.unit}, expected {consensus.unit}")
@@ -121,23 +121,23 @@ def _series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], fi
     span = row["range"] or row["size"] or 1.0
     if wide := float(bar.max()) > WIDEST_BAR * span:
         bar = np.zeros_like(bar)
-    own = interval(Given("answer", "", one.values, bar), row["size"])
+    own = make_interval(Given("answer", "", one.values, bar), row["size"])
     gap = np.maximum(np.maximum(own.low - where.high, where.low - own.high), 0.0)
     off = float((gap > 0.0).mean())
     words = f"its bar is wider than {WIDEST_BAR:g} of the range and excuses nothing" if wide else ""
     return Judged(id_, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)
 
 
-def _unchanged(corpus: Path, case: Mapping[str, Any], name: str) -> Path:
+def _check_kit_file(corpus: Path, case: Mapping[str, Any], name: str) -> Path:
     """Return a file of a kit.  Raises InputError where it is not what the manifest says."""
     stated = f"{KITS}/{case['id']}/{name}"
     file = corpus / stated
-    if not file.is_file() or digest(file) != case["files"].get(stated):
+    if not file.is_file() or compute_digest(file) != case["files"].get(stated):
         raise InputError(f"{file} is not what {corpus / MANIFEST} says: it was changed or lost; write the corpus anew")
     return file
 
 
-def exit_code(rows: list[Judged]) -> int:
+def find_exit_code(rows: list[Judged]) -> int:
     """Return 0 where all that was answered lies inside, 1 where not, 2 where nothing was judged."""
     if not any(row.verdict in (INSIDE, OUTSIDE, MISSING) for row in rows):
         return 2

@@ -85,16 +85,16 @@ class CorpusTable(Table):
     engines: dict[str, EngineNote] = make_key("tables [engines.NAME]", "[engines.simscape]", default={})
     published: list[PublishedValue] = make_key("tables [[published]]", "[[published]]", default=[])
 
-    def licence_of(self, task: Task) -> MechanismNote:
+    def find_licence(self, task: Task) -> MechanismNote:
         """Return the licence of a mechanism: its own table, that of the file, or that nobody has stated one."""
         if (own := self.mechanisms.get(task.folder.name)) is not None:
             return own
-        if packaged(task.folder):
+        if is_from_package(task.folder):
             return MechanismNote(licence=NOT_STATED, redistribute=False, recipe=FOREIGN)
         return MechanismNote(licence=self.licence or NOT_STATED, licence_files=self.licence_files)
 
 
-def packaged(folder: Path) -> bool:
+def is_from_package(folder: Path) -> bool:
     """Return True if a mechanism is made from a file of a package."""
     table: Any = read_toml(folder / "mechanism.toml").get("urdf")
     return isinstance(table, dict) and "package" in table

@@ -41,8 +41,8 @@ def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Aud
         view: dict[str, Any] = {
             "root": "../",
             "one": one,
-            "groups": groups(one),
-            "sketches": sketches(case),
+            "groups": collect_groups(one),
+            "sketches": draw_sketches(case),
             "neighbours": (before, after),
         }
         write_page(env, "corpus_case.html.j2", corpus.folder / "cases" / f"{one['id']}.html", **view)
@@ -59,17 +59,17 @@ def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Aud
     write_page(env, "corpus_index.html.j2", corpus.folder / "index.html", **view)
 
 
-def groups(one: Mapping[str, Any]) -> list[dict[str, Any]]:
+def collect_groups(one: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the series of a case gathered: those of one quantity and unit with the same status and the same voices."""
     found: dict[Any, list[Mapping[str, Any]]] = {}
     for row in one["series"]:
         heard = tuple((v["engine"], v["part"], v.get("reason", "")) for v in row["engines"])
         key = row["name"].split("/", 1)[0], row["unit"], row["status"], heard, row.get("cause", "")
         found.setdefault(key, []).append(row)
-    return [_group(rows) for rows in found.values()]
+    return [_make_group(rows) for rows in found.values()]
 
 
-def _group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _make_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     first = rows[0]
     widths = [row["half-width"] for row in rows if "half-width" in row]
     shares = [row["half-width"] / row["size"] for row in rows if "half-width" in row and row["size"] > 0.0]
@@ -86,14 +86,14 @@ def _group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def sketches(case: CaseConsensus) -> list[dict[str, Any]]:
+def draw_sketches(case: CaseConsensus) -> list[dict[str, Any]]:
     """Return a sketch of every torque that has a consensus: points of its band in a picture [px], and its ends [unit]."""
     found = []
     for one in case.series:
         if one.quantity in WHOLE and one.status in REACHED and one.interval is not None:
             low = float(one.interval.low.min())
             high = float(one.interval.high.max())
-            edge, line = band(case.task.time, one.interval.low, one.interval.high)
+            edge, line = draw_band(case.task.time, one.interval.low, one.interval.high)
             end = float(case.task.time[-1])
             found.append(
                 {"name": one.name, "unit": one.unit, "low": low, "high": high, "end": end, "band": edge, "line": line}
@@ -101,7 +101,7 @@ def sketches(case: CaseConsensus) -> list[dict[str, Any]]:
     return found
 
 
-def band(time: Array, low: Array, high: Array) -> tuple[str, str]:
+def draw_band(time: Array, low: Array, high: Array) -> tuple[str, str]:
     """Return the points of a band and of its middle in a picture [px]; time : (samples,) [s], low, high : (samples,) [unit]."""
     rows = np.unique(np.linspace(0, time.size - 1, min(time.size, POINTS)).astype(int))
     bottom = float(low.min())
@@ -110,8 +110,8 @@ def band(time: Array, low: Array, high: Array) -> tuple[str, str]:
     x = WIDTH * (time[rows] - time[0]) / ((time[-1] - time[0]) or 1.0)
     y = [HEIGHT * (top - values[rows]) / span for values in (low, high, 0.5 * (low + high))]
     edge = [*zip(x, y[1], strict=True), *reversed(list(zip(x, y[0], strict=True)))]
-    return _points(edge), _points(zip(x, y[2], strict=True))
+    return _format_points(edge), _format_points(zip(x, y[2], strict=True))
 
 
-def _points(pairs: Iterable[tuple[float, float]]) -> str:
+def _format_points(pairs: Iterable[tuple[float, float]]) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in pairs)

@@ -31,15 +31,15 @@ class Beside:
         return "largest magnitude" if self.value.at_s is None else f"at {self.value.at_s:g} s"
 
 
-def beside(case: CaseConsensus, values: Iterable[PublishedValue]) -> Iterator[Beside]:
+def compare_published(case: CaseConsensus, values: Iterable[PublishedValue]) -> Iterator[Beside]:
     """Yield the published numbers of a case [unit of each] with its consensus."""
     known = {one.name: one for one in case.series}
     for value in values:
         if (value.mechanism, value.case) == (case.task.folder.name, case.task.case.name):
-            yield _beside(case, value, known.get(value.series))
+            yield _compare_value(case, value, known.get(value.series))
 
 
-def _beside(case: CaseConsensus, value: PublishedValue, one: SeriesConsensus | None) -> Beside:
+def _compare_value(case: CaseConsensus, value: PublishedValue, one: SeriesConsensus | None) -> Beside:
     if one is None or one.interval is None or one.unit != value.unit:
         return Beside(value, None, None, None, None)
     low = one.interval.low

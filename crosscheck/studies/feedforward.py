@@ -47,7 +47,7 @@ COLUMNS = (
 )
 
 
-def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return the table of the report; distances over the length of the path [-].
 
     engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`), of which those take part that replay
@@ -60,44 +60,46 @@ def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, A
         except InputError:
             continue  # the matrix of models says so
         for task in tasks.values():
-            rows += task_rows(mechanism, task, [{**job, "mechanism": str(folder)} for job in engines])
+            rows += list_task_rows(mechanism, task, [{**job, "mechanism": str(folder)} for job in engines])
     if not rows:
         return {"status": "skipped", "message": "no model has a task: a table [tasks.NAME] in its cases.toml"}
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def task_rows(
+def list_task_rows(
     mechanism: Mechanism, task: PathTask, engines: Sequence[Mapping[str, Any]] = ()
 ) -> Iterator[dict[str, Any]]:
     """Yield one row per engine and feed-forward; distances over the length of the path [-]."""
     flexible = not mechanism.is_rigid
     mechanism = task.meshed(mechanism)
-    found = followed(mechanism, task)
+    found = solve_path_following(mechanism, task)
     names = found.feed_forwards if flexible else (RIGID_BODY,)
-    for engine, replayed in {**replays(flexible), **outside(engines)}.items():
+    for engine, replayed in {**collect_replays(flexible), **collect_outside_replays(engines)}.items():
         try:
-            errors = {name: error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names}
+            errors = {
+                name: compute_tip_error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names
+            }
         except InputError as why:  # of an engine that was not asked for this mechanism, or cannot do it
-            yield no_row(mechanism.name, task.name, engine, "skipped", str(why))
+            yield make_empty_row(mechanism.name, task.name, engine, "skipped", str(why))
             continue
         except ReplayError as why:
-            yield no_row(mechanism.name, task.name, engine, "error", str(why))
+            yield make_empty_row(mechanism.name, task.name, engine, "error", str(why))
             continue
         for name in names:
-            yield row(mechanism.name, task.name, engine, name, errors)
+            yield make_row(mechanism.name, task.name, engine, name, errors)
 
 
-def followed(mechanism: Mechanism, task: PathTask) -> Following:
+def solve_path_following(mechanism: Mechanism, task: PathTask) -> Following:
     """Return the solution that follows the path of a task [m, rad, s, N m]; the mechanism has the task's mesh already."""
     return follow(mechanism, task.path, task.frame, task.step, task.before, task.after, task.start)
 
 
-def no_row(model: str, task: str, engine: str, verdict: str, message: str) -> dict[str, Any]:
+def make_empty_row(model: str, task: str, engine: str, verdict: str, message: str) -> dict[str, Any]:
     """Return a row of the table without numbers [-], and why: an engine that cannot do the task, or failed."""
     return {"mechanism": model, "task": task, "engine": engine, "verdict": verdict, "message": message}
 
 
-def row(model: str, task: str, engine: str, name: str, errors: Mapping[str, float]) -> dict[str, Any]:
+def make_row(model: str, task: str, engine: str, name: str, errors: Mapping[str, float]) -> dict[str, Any]:
     """Return a row of the table; errors of all feed-forwards over the length of the path [-]."""
     best = errors.get(INVERSION)
     better = None if best is None or name == INVERSION else errors[name] / best
@@ -118,7 +120,7 @@ def row(model: str, task: str, engine: str, name: str, errors: Mapping[str, floa
     return made | ({"verdict": "deviation", "message": bad} if bad else {"verdict": "within"})
 
 
-def error(found: Following, tip: Array) -> float:
+def compute_tip_error(found: Following, tip: Array) -> float:
     """Return the largest distance of a tip (samples, 3) [m] from where it shall be, over the length of the path [-]."""
     return float(np.linalg.norm(tip - found.wanted, axis=1).max() / found.path.length)
 
@@ -126,12 +128,12 @@ def error(found: Following, tip: Array) -> float:
 Replayed = Callable[[Mechanism, Following, str], dict[str, Array]]
 
 
-def replays(flexible: bool) -> dict[str, Replayed]:
+def collect_replays(flexible: bool) -> dict[str, Replayed]:
     """Return the replays of a feed-forward, by engine, flexinv itself first: tips by link (samples, 3) [m]."""
     out: dict[str, Replayed] = {"flexinv": lambda m, found, name: found.replay(name).tip}
     for engine in ("exudyn-ge",) if flexible else ("pinocchio", "mujoco"):
         if describe_missing_package(ENGINES[engine]) is None:
-            out[engine] = {"exudyn-ge": _exudyn, "pinocchio": _pinocchio, "mujoco": _mujoco}[engine]
+            out[engine] = {"exudyn-ge": _run_exudyn, "pinocchio": _run_pinocchio, "mujoco": _run_mujoco}[engine]
     return out
 
 
@@ -139,15 +141,15 @@ class ReplayError(RuntimeError):
     """A replay that came to no end, in words: its engine crashed, hung or gave no numbers."""
 
 
-def outside(engines: Sequence[Mapping[str, Any]]) -> dict[str, Replayed]:
+def collect_outside_replays(engines: Sequence[Mapping[str, Any]]) -> dict[str, Replayed]:
     """Return the replays of the project's own engines, by name: tips by link (samples, 3) [m].
 
     Each runs in a process of its own: native code that crashes or hangs there is a row of the table and no more.
     """
-    return {str(job["engine"]): functools.partial(_outside, job) for job in engines if _replays(job)}
+    return {str(job["engine"]): functools.partial(_run_outside_replay, job) for job in engines if _has_replay(job)}
 
 
-def _replays(job: Mapping[str, Any]) -> bool:
+def _has_replay(job: Mapping[str, Any]) -> bool:
     """Return True if an engine has a replay, or cannot even be opened: then its row says why."""
     try:
         return offered(open_adapter(job), "replay") is not None
@@ -155,11 +157,11 @@ def _replays(job: Mapping[str, Any]) -> bool:
         return True
 
 
-def _outside(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
     """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
     from crosscheck.run.isolation import Children, ask, scratch
 
-    drive = _drive(found, name)
+    drive = _make_drive(found, name)
     with scratch() as folder:
         given = folder / "given.pickle"
         given.write_bytes(pickle.dumps((dict(job), m, drive)))
@@ -172,7 +174,7 @@ def _outside(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) 
     return {link: np.array(tip) for link, tip in answer["tips"].items()}
 
 
-def replay_given(file: str) -> dict[str, Any]:
+def run_replay_file(file: str) -> dict[str, Any]:
     """Return the answer of a child process about the replay in a file: tips by link (samples, 3) [m], or why there are none."""
     job, mechanism, drive = pickle.loads(Folder(file).read_bytes())
     replay = offered(open_adapter(job), "replay")
@@ -187,25 +189,25 @@ def replay_given(file: str) -> dict[str, Any]:
     return {"tips": {name: np.asarray(tip).tolist() for name, tip in tips.items()}}
 
 
-def _drive(found: Following, name: str) -> Drive:
+def _make_drive(found: Following, name: str) -> Drive:
     spacing = float(found.time[1] - found.time[0])
     return Drive(found.solution.q[0], spacing, found.feed_forwards[name].torque)
 
 
-def _exudyn(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    drive = _drive(found, name)
-    return _replayed("exudyn-ge", m, drive, elements=8, step=drive.spacing / 2)
+def _run_exudyn(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+    drive = _make_drive(found, name)
+    return _run_replay("exudyn-ge", m, drive, elements=8, step=drive.spacing / 2)
 
 
-def _pinocchio(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    return _replayed("pinocchio", m, _drive(found, name))
+def _run_pinocchio(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+    return _run_replay("pinocchio", m, _make_drive(found, name))
 
 
-def _mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    return _replayed("mujoco", m, _drive(found, name))
+def _run_mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+    return _run_replay("mujoco", m, _make_drive(found, name))
 
 
-def _replayed(engine: str, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+def _run_replay(engine: str, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
     replay = offered(adapter(ENGINES[engine]), "replay")
     assert replay is not None
     tips: dict[str, Array] = replay(mechanism, drive, **settings)

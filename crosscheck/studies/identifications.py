@@ -18,29 +18,29 @@ judged by what the others tell, and that all parts are pooled."""
 HEADS = (("mechanism", "mechanism", ""), *(c for c in COLUMNS if c[0] not in ("part",)))
 
 
-def study(models: str) -> dict[str, Any]:
+def run_study(models: str) -> dict[str, Any]:
     """Return the table of the report: how well logs held out are explained [-], with verdicts by the limits."""
     rows: list[dict[str, Any]] = []
     for folder in sorted(file.parent for file in Path(models).glob(f"*/{FILE}")):
-        rows += _rows(folder)
+        rows += _list_judged_rows(folder)
     if not rows:
         return {"status": "skipped", "message": f"no {FILE} among the models has a table [night]"}
     return {"text": TEXT.replace("\n", " "), "columns": HEADS, "rows": rows}
 
 
-def _rows(folder: Path) -> Iterator[dict[str, Any]]:
+def _list_judged_rows(folder: Path) -> Iterator[dict[str, Any]]:
     try:
         settings = read_machine(folder).settings
         if settings.night is None:
             return
-        for row in judged(folder):
+        for row in judge_night(folder):
             word, message = judge_channel([*settings.limits, *settings.night.limits], row)
             yield vars(row) | {"mechanism": folder.name, "verdict": word, "message": message}
     except InputError as error:
         yield {"mechanism": folder.name, "verdict": "error", "message": str(error)}
 
 
-def judged(folder: Path) -> list[Judged]:
+def judge_night(folder: Path) -> list[Judged]:
     """Return the judged channels of a mechanism's [night], of logs that did not identify [-].  Raises InputError."""
     machine = read_machine(folder)
     night = machine.settings.night

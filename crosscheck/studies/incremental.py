@@ -43,21 +43,23 @@ COLUMNS = (
 PLOT = {"x": "steps", "y": "error", "group": "law", "log": True}
 
 
-def study(models: str) -> dict[str, Any]:
+def run_study(models: str) -> dict[str, Any]:
     """Return the table of the report; errors over the range of the torque [-]."""
     folder = Path(models) / MODEL
     if not folder.is_dir():
         return {"status": "skipped", "message": f"there is no {MODEL} among the models"}
     mechanism = read_mechanism(folder)
     cases = [case for name, case in load_cases(folder, mechanism).items() if name in LAWS]
-    rows = [row for case in cases for row in case_rows(mechanism, case)]
+    rows = [row for case in cases for row in list_case_rows(mechanism, case)]
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
-def case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
+def list_case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
     """Return one row per number of steps; errors over the range [-]."""
-    errors = [error(mechanism, case, steps) for steps in STEPS]
-    orders = [None] + [observed_order(*pair) for pair in pairwise(zip(STEPS, (e for e, _ in errors), strict=True))]
+    errors = [compute_incremental_error(mechanism, case, steps) for steps in STEPS]
+    orders = [None] + [
+        compute_observed_order(*pair) for pair in pairwise(zip(STEPS, (e for e, _ in errors), strict=True))
+    ]
     rows: list[dict[str, Any]] = [
         {"law": case.name, "steps": n, "error": e, "rms": rms, "order": p, "verdict": "within"}
         for n, (e, rms), p in zip(STEPS, errors, orders, strict=True)
@@ -68,7 +70,7 @@ def case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
     return rows
 
 
-def error(mechanism: Mechanism, case: Case, steps: int) -> tuple[float, float]:
+def compute_incremental_error(mechanism: Mechanism, case: Case, steps: int) -> tuple[float, float]:
     """Return the largest and the RMS error of the incremental mode with so many steps, over the torque's range [-]."""
     solution = solve(mechanism, case.motion, case.motion.duration / steps, incremental=True)
     exact = joint_torques(mechanism, solution.q, solution.qd, solution.qdd)
@@ -77,6 +79,6 @@ def error(mechanism: Mechanism, case: Case, steps: int) -> tuple[float, float]:
     return float(np.abs(difference).max()), float(np.sqrt(np.mean(difference[:, worst] ** 2)))
 
 
-def observed_order(coarse: tuple[int, float], fine: tuple[int, float]) -> float:
+def compute_observed_order(coarse: tuple[int, float], fine: tuple[int, float]) -> float:
     """Return ``log(e_coarse / e_fine) / log(n_fine / n_coarse)`` [-] of two (steps, error)."""
     return float(np.log(coarse[1] / fine[1]) / np.log(fine[0] / coarse[0]))

@@ -85,32 +85,32 @@ class RobotRow:
     repaired: float | None = None
 
 
-def robot_names() -> list[str]:
+def list_robot_names() -> list[str]:
     """Return every URDF of example-robot-data, as a path below ``find_robots_folder()``."""
     folder = find_robots_folder()
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.urdf"))
 
 
-def robot_table(
+def build_robot_table(
     names: Sequence[str] | None = None, samples: int = 20, seed: int = 1, progress: Progress | None = None
 ) -> list[RobotRow]:
     """Return the rows of every robot: with a fixed base where it has joints, and a free one where it walks or flies.
 
-    names : of ``robot_names()``, all by default; samples : random states of each robot and base
+    names : of ``list_robot_names()``, all by default; samples : random states of each robot and base
     progress : called with (name, robots done, robots in all)
     """
     folder = find_robots_folder()
-    chosen = robot_names() if names is None else list(names)
+    chosen = list_robot_names() if names is None else list(names)
     rows = []
     for done, name in enumerate(chosen):
         if progress is not None:
             progress(name, done, len(chosen))
-        found = [robot_row(folder / name, name, base, samples, seed) for base in bases(name)]
+        found = [make_robot_row(folder / name, name, base, samples, seed) for base in list_bases(name)]
         rows += [row for row in found if row.nv or row.words]
     return rows
 
 
-def bases(name: str) -> tuple[str, ...]:
+def list_bases(name: str) -> tuple[str, ...]:
     """Return the bases that a robot is computed with."""
     folder = name.split("/", 1)[0]
     stem = Path(name).stem
@@ -118,17 +118,17 @@ def bases(name: str) -> tuple[str, ...]:
     return ("fixed", "free") if moves else ("fixed",)
 
 
-def robot_row(path: Path, name: str, base: str = "fixed", samples: int = 20, seed: int = 1) -> RobotRow:
+def make_robot_row(path: Path, name: str, base: str = "fixed", samples: int = 20, seed: int = 1) -> RobotRow:
     """Return one robot's row; what a program cannot read is words in it, not an exception."""
     pinocchio = importlib.import_module("crosscheck.engines.pinocchio.adapter")
-    with silent() as printed:
+    with collect_parser_output() as printed:
         try:
             mechanism = _read(path, base)
             built = pinocchio.build(mechanism)
         except (ValueError, RuntimeError) as error:
-            words = _words(error, printed()).replace(f"{path.parent}{os.sep}", "")
-            return RobotRow(name, base, empty=_empty(path), words=words)
-    state = random_states(mechanism, samples, np.random.default_rng(seed))
+            words = _describe_error(error, printed()).replace(f"{path.parent}{os.sep}", "")
+            return RobotRow(name, base, empty=_is_empty_robot(path), words=words)
+    state = sample_states(mechanism, samples, np.random.default_rng(seed))
     tau = joint_torques(mechanism, *state, passive=False)
     theirs = pinocchio.inverse_dynamics(built, *state).torque
     largest = float(np.abs(theirs).max(initial=0.0))
@@ -138,30 +138,30 @@ def robot_row(path: Path, name: str, base: str = "fixed", samples: int = 20, see
         nq=mechanism.nq,
         nv=mechanism.nv,
         mass=float(sum(inertia.mass for inertia in list(built.model.inertias)[1:])),
-        mimic=mimic_joints(path),
+        mimic=list_mimic_joints(path),
         largest=largest,
-        pinocchio=_error(tau, theirs, largest),
+        pinocchio=_compute_error(tau, theirs, largest),
     )
-    return _with_mujoco(row, mechanism, state, tau)
+    return _add_mujoco(row, mechanism, state, tau)
 
 
 def _read(path: Path, base: str) -> Mechanism:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # mimic joints and odd inertias are columns of the table
-        return undamped(from_urdf(path, base=base))
+        return remove_damping(from_urdf(path, base=base))
 
 
-def undamped(mechanism: Mechanism) -> Mechanism:
+def remove_damping(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without damping and dry friction."""
     return replace(mechanism, joints=tuple(replace(j, damping=0.0, friction=0.0) for j in mechanism.joints))
 
 
-def _error(a: Array, b: Array, largest: float) -> float | None:
+def _compute_error(a: Array, b: Array, largest: float) -> float | None:
     """Largest difference over the largest effort; None where there is no effort at all."""
     return float(np.abs(a - b).max()) / largest if largest else None
 
 
-def _empty(path: Path) -> bool:
+def _is_empty_robot(path: Path) -> bool:
     """Return True for a file that is sound XML and has no link in it, whatever a reader says of it."""
     try:
         return parse(path).getroot().find("link") is None
@@ -169,7 +169,7 @@ def _empty(path: Path) -> bool:
         return False
 
 
-def _words(error: BaseException, printed: str = "") -> str:
+def _describe_error(error: BaseException, printed: str = "") -> str:
     lines = [line.strip() for line in f"{error}\n{printed}".splitlines() if line.strip()]
     return " | ".join(dict.fromkeys(lines))
 
@@ -177,32 +177,32 @@ def _words(error: BaseException, printed: str = "") -> str:
 # ---------------------------------------------------------------------------------------------------------- MuJoCo
 
 
-def _with_mujoco(row: RobotRow, mechanism: Mechanism, state: State, tau: Array) -> RobotRow:
+def _add_mujoco(row: RobotRow, mechanism: Mechanism, state: State, tau: Array) -> RobotRow:
     """Add what MuJoCo says of the file as it reads it by default, and why, where that is not rounding."""
     try:
         mujoco = importlib.import_module("crosscheck.engines.mujoco.adapter")
     except ImportError as error:
         return replace(row, mujoco_words=str(error))
     try:
-        found = _mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=True)
+        found = _compute_mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=True)
         if found is None or found <= LARGEST_ERROR:
             return replace(row, mujoco=found)
-        repaired = _mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=False)
+        repaired = _compute_mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=False)
     except ValueError as error:
-        return replace(row, mujoco_words=_words(error))
-    cause = _fusing(mechanism) if repaired is not None and repaired <= LARGEST_ERROR else ""
+        return replace(row, mujoco_words=_describe_error(error))
+    cause = _describe_fusing_loss(mechanism) if repaired is not None and repaired <= LARGEST_ERROR else ""
     return replace(row, mujoco=found, cause=cause, repaired=repaired)
 
 
-def _mujoco_error(
+def _compute_mujoco_error(
     mujoco: ModuleType, mechanism: Mechanism, state: State, tau: Array, largest: float, fuse: bool
 ) -> float | None:
     with mujoco.warnings_caught():
         built = mujoco.build(mechanism, fuse=fuse)
-        return _error(tau, mujoco.inverse_dynamics(mechanism, built, *state).torque, largest)
+        return _compute_error(tau, mujoco.inverse_dynamics(mechanism, built, *state).torque, largest)
 
 
-def _fusing(mechanism: Mechanism) -> str:
+def _describe_fusing_loss(mechanism: Mechanism) -> str:
     """Say what fusing lost, from the inertias of MuJoCo's two models; "" unless that explains all that is missing."""
     losses = importlib.import_module("crosscheck.engines.mujoco.fuse").losses(mechanism)
     if not losses or not all(loss.explained for loss in losses):
@@ -218,7 +218,7 @@ def _fusing(mechanism: Mechanism) -> str:
 # ---------------------------------------------------------------------------------------------------------- samples
 
 
-def random_states(mechanism: Mechanism, samples: int, random: np.random.Generator) -> State:
+def sample_states(mechanism: Mechanism, samples: int, random: np.random.Generator) -> State:
     """Return q (samples, nq), qd, qdd (samples, nv): angles in +-pi, places in +-1 m, rates in +-1, any rotation."""
     q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
     for joint in mechanism.joints:
@@ -233,28 +233,28 @@ def random_states(mechanism: Mechanism, samples: int, random: np.random.Generato
     return q, qd, qdd
 
 
-def mimic_joints(path: Path) -> tuple[str, ...]:
+def list_mimic_joints(path: Path) -> tuple[str, ...]:
     """Return the names of the joints that the URDF couples to others."""
     joints = parse(str(path)).getroot().iter("joint")
     return tuple(joint.get("name", "") for joint in joints if joint.find("mimic") is not None)
 
 
 @contextmanager
-def silent() -> Iterator[Callable[[], str]]:
+def collect_parser_output() -> Iterator[Callable[[], str]]:
     """Keep what C++ parsers write to stdout and stderr off the console; the value returns what came so far."""
     sys.stdout.flush()
     sys.stderr.flush()
     with tempfile.TemporaryFile("w+b") as sink:
         kept = [(fd, os.dup(fd)) for fd in (1, 2)]
 
-        def printed() -> str:
+        def read_output() -> str:
             sink.seek(0)
             return sink.read().decode(errors="replace")
 
         try:
             for fd, _ in kept:
                 os.dup2(sink.fileno(), fd)
-            yield printed
+            yield read_output
         finally:
             for fd, saved in kept:
                 os.dup2(saved, fd)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from crosscheck.measures.limits import Verdict
-from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow, robot_table
+from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow, build_robot_table
 
 TEXT = f"""Joint torques at random states, flexinv against Pinocchio and against MuJoCo: the largest difference over the
 largest torque of that robot. At most {LARGEST_ERROR:g} is within. Damping and dry friction are left out everywhere;
@@ -26,12 +26,12 @@ COLUMNS = (
 )
 
 
-def study(models: str) -> dict[str, Any]:
+def run_study(models: str) -> dict[str, Any]:
     """Return the table of the report: masses [kg], torques [N m] or [N]."""
-    return {"text": TEXT, "columns": COLUMNS, "rows": [table_row(row) for row in robot_table()]}
+    return {"text": TEXT, "columns": COLUMNS, "rows": [make_table_row(row) for row in build_robot_table()]}
 
 
-def table_row(row: RobotRow) -> dict[str, Any]:
+def make_table_row(row: RobotRow) -> dict[str, Any]:
     """Return one line of the table."""
     notes = ["the file is a stub: a <robot> without links" if row.empty else row.words, row.mujoco_words, row.cause]
     if row.repaired is not None:
@@ -50,11 +50,11 @@ def table_row(row: RobotRow) -> dict[str, Any]:
         "pinocchio": row.pinocchio,
         "mujoco": row.mujoco,
         "message": "; ".join(filter(None, notes)),
-        "verdict": verdict(row),
+        "verdict": judge_robot(row),
     }
 
 
-def verdict(row: RobotRow) -> Verdict:
+def judge_robot(row: RobotRow) -> Verdict:
     """Return the verdict on a robot's row.
 
     A difference from MuJoCo whose cause is known, and that is gone once the cause is repaired, is within; a robot that

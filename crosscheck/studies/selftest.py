@@ -40,16 +40,16 @@ COLUMNS = (
 )
 
 
-def study(models: str, bench: int, sizes: Sequence[float] = SIZES, targets: int = 2) -> dict[str, Any]:
+def run_study(models: str, bench: int, sizes: Sequence[float] = SIZES, targets: int = 2) -> dict[str, Any]:
     """Return the table of one bench, by its number; sizes [-] of the sizes that matter."""
     rows = run_bench(BENCHES[bench], Path(models), sizes, targets=targets)
     table = [
-        asdict(row) | {"named": "; ".join(row.named) or row.words, "verdict": verdict(asdict(row))} for row in rows
+        asdict(row) | {"named": "; ".join(row.named) or row.words, "verdict": judge_fault(asdict(row))} for row in rows
     ]
     return {"text": TEXT, "columns": COLUMNS, "rows": table}
 
 
-def studies(models: Path, names: Sequence[str]) -> tuple[Study, ...]:
+def list_studies(models: Path, names: Sequence[str]) -> tuple[Study, ...]:
     """Return the studies of the benches whose mechanism is named, of all where none is."""
     return tuple(
         Study(
@@ -63,55 +63,57 @@ def studies(models: Path, names: Sequence[str]) -> tuple[Study, ...]:
     )
 
 
-def verdict(row: Mapping[str, Any]) -> Verdict:
+def judge_fault(row: Mapping[str, Any]) -> Verdict:
     """Return the verdict on a planted fault: found, missed, or too small to have to be found."""
     if row["outcome"] in FOUND:
         return "within"
     return "deviation" if row["change"] >= MATTERS or row["cause"] == CLEAN else "skipped"
 
 
-def summary(tables: Iterable[StudyRow], whole: bool = True) -> StudyRow:
+def build_summary(tables: Iterable[StudyRow], whole: bool = True) -> StudyRow:
     """Return the matrix planted x named: a row per cause, a column per bench, and at the end a row per target.
 
     whole : all benches ran, so that every cause has to be planted and named alone somewhere
     """
-    rows = faults_of(tables)
+    rows = collect_faults(tables)
     benches = list(dict.fromkeys(row["bench"] for row in rows))
     planted = dict.fromkeys(row["cause"] for row in rows)
     causes = dict.fromkeys((*planted, *ALL)) if whole else planted
-    matrix = [_line(cause, benches, rows, whole) for cause in causes]
+    matrix = [_make_cause_row(cause, benches, rows, whole) for cause in causes]
     numbered = ((b, str(k + 1), "") for k, b in enumerate(benches))
     columns = (("cause", "planted", ""), *numbered, (ALONE, "named alone on", ""))
     blank = dict.fromkeys((key for key, _, _ in columns), "")
     return StudyRow(
         "selftest",
         "The checker is checked: planted causes by mechanism",
-        text=f"{sentence(rows)}\n\n{WORDS}",
+        text=f"{describe_outcomes(rows)}\n\n{WORDS}",
         columns=columns,
-        rows=tuple(blank | line for line in (*matrix, *_targets(rows, whole))),
-        tables=({"title": "Where faults were planted", "columns": PLACES, "rows": _places(benches)},),
+        rows=tuple(blank | line for line in (*matrix, *_list_target_rows(rows, whole))),
+        tables=({"title": "Where faults were planted", "columns": PLACES, "rows": _list_bench_places(benches)},),
     )
 
 
-def _places(benches: Sequence[str]) -> tuple[dict[str, str], ...]:
+def _list_bench_places(benches: Sequence[str]) -> tuple[dict[str, str], ...]:
     return tuple({"number": str(k + 1), "bench": bench} for k, bench in enumerate(benches))
 
 
-def _line(cause: str, benches: Sequence[str], rows: Sequence[Mapping[str, Any]], whole: bool) -> dict[str, Any]:
+def _make_cause_row(
+    cause: str, benches: Sequence[str], rows: Sequence[Mapping[str, Any]], whole: bool
+) -> dict[str, Any]:
     mine = [row for row in rows if row["cause"] == cause]
-    shown = {b: _mark([r for r in mine if r["bench"] == b]) for b in benches}
+    shown = {b: _choose_mark([r for r in mine if r["bench"] == b]) for b in benches}
     alone = next((row["bench"] for row in mine if row["outcome"] == "alone"), NOWHERE if cause != CLEAN else "")
     missed = any(row["verdict"] == "deviation" for row in mine) or (whole and alone == NOWHERE)
     return {"cause": cause, **shown, ALONE: alone, "verdict": "deviation" if missed else "within"}
 
 
-def _mark(rows: Sequence[Mapping[str, Any]]) -> str:
+def _choose_mark(rows: Sequence[Mapping[str, Any]]) -> str:
     counted = [r for r in rows if r["change"] >= MATTERS or r["outcome"] in FOUND]
     outcomes = {r["outcome"] for r in (counted or rows)}
     return next((MARKS[o] for o in ORDER if o in outcomes), "")
 
 
-def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+def count_outcomes(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     """Return the counts that the targets are stated for."""
     planted = [r for r in rows if r["cause"] != CLEAN]
     matter = [r for r in planted if r["change"] >= MATTERS]
@@ -127,19 +129,19 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     }
 
 
-def faults_of(tables: Iterable[StudyRow]) -> list[dict[str, Any]]:
+def collect_faults(tables: Iterable[StudyRow]) -> list[dict[str, Any]]:
     """Return the rows of all benches that ran."""
     return [dict(row) for table in tables if table.status == "ok" for row in table.rows]
 
 
-def targets(tables: Iterable[StudyRow], whole: bool = True) -> list[dict[str, Any]]:
+def judge_targets(tables: Iterable[StudyRow], whole: bool = True) -> list[dict[str, Any]]:
     """Return the demands on the benches, the values reached, and the verdict, one line each."""
-    return _targets(faults_of(tables), whole)
+    return _list_target_rows(collect_faults(tables), whole)
 
 
-def _targets(rows: Sequence[Mapping[str, Any]], whole: bool) -> list[dict[str, Any]]:
+def _list_target_rows(rows: Sequence[Mapping[str, Any]], whole: bool) -> list[dict[str, Any]]:
     """Return the demands, the values reached, and the verdict, one line each."""
-    counts = figures(rows)
+    counts = count_outcomes(rows)
     alone = {r["cause"] for r in rows if r["outcome"] == "alone"}
     missing = [cause for cause in ALL if cause not in alone]
     share = counts["named"] / counts["matter"] if counts["matter"] else 0.0
@@ -163,9 +165,9 @@ def _targets(rows: Sequence[Mapping[str, Any]], whole: bool) -> list[dict[str, A
     return [{"cause": what, ALONE: found, "verdict": "within" if good else "deviation"} for what, found, good in lines]
 
 
-def sentence(rows: Sequence[Mapping[str, Any]]) -> str:
+def describe_outcomes(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the figures in words."""
-    counts = figures(rows)
+    counts = count_outcomes(rows)
     share = counts["named"] / counts["matter"] if counts["matter"] else 0.0
     return (
         f"{counts['causes']} causes planted {counts['planted']} times; of {counts['matter']} faults that change an effort by 1 % "

@@ -93,7 +93,7 @@ class Separate:
     at_rest: bool
 
 
-def study(models: str) -> dict[str, Any]:
+def run_study(models: str) -> dict[str, Any]:
     """Return the table of the report; differences over the range of the torque [-]."""
     rows: list[dict[str, Any]] = []
     for folder in sorted(path.parent for path in Path(models).glob("*/mechanism.toml")):
@@ -103,7 +103,7 @@ def study(models: str) -> dict[str, Any]:
             continue  # the matrix of models says so
         if mechanism.is_rigid and any(c.active for c in mechanism.closures):
             for case in load_cases(folder, mechanism).values():
-                rows += case_rows(mechanism, case)
+                rows += list_case_rows(mechanism, case)
     if not rows:
         return {
             "status": "skipped",
@@ -112,19 +112,19 @@ def study(models: str) -> dict[str, Any]:
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
+def list_case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
     """Return one row per engine and phase; differences over the range [-]."""
-    parts = separate(mechanism, case)
+    parts = split_phases(mechanism, case)
     rest = all(part.at_rest for part in parts)
     return [
         row
         for name in BOUNDS
         if describe_missing_package(ENGINES[name]) is None and (rest or name not in IN_TIME)
-        for row in engine_rows(name, mechanism, case, parts, BOUNDS[name] if rest else CONTRADICTION)
+        for row in list_engine_rows(name, mechanism, case, parts, BOUNDS[name] if rest else CONTRADICTION)
     ]
 
 
-def engine_rows(
+def list_engine_rows(
     name: str, mechanism: Mechanism, case: Case, parts: list[Separate], bound: float
 ) -> Iterator[dict[str, Any]]:
     """Yield one row per phase of an engine; differences over the range of the whole torque, and their bound [-]."""
@@ -134,7 +134,7 @@ def engine_rows(
     span = max(np.ptp(one.values) for one in whole.series.values() if one.quantity == "torque")
     for part in parts:
         own = module.run(part.mechanism, part.case, name, OPTIONS)
-        error = float(difference(whole, own, part) / span)
+        error = float(compute_largest_difference(whole, own, part) / span)
         ends = time[part.samples][[0, -1]]
         yield {
             "mechanism": mechanism.name,
@@ -149,7 +149,7 @@ def engine_rows(
         }
 
 
-def difference(whole: Record, own: Record, part: Separate) -> float:
+def compute_largest_difference(whole: Record, own: Record, part: Separate) -> float:
     """Return the largest difference of any torque that both give [N m], [N]."""
     names = [n for n, one in own.series.items() if one.quantity == "torque"]
     samples = len(own.series[names[0]].values)
@@ -168,18 +168,18 @@ def describe(part: Separate) -> str:
 # ------------------------------------------------------------------------------------------- the separate mechanisms
 
 
-def separate(mechanism: Mechanism, case: Case) -> list[Separate]:
+def split_phases(mechanism: Mechanism, case: Case) -> list[Separate]:
     """Return the mechanism of every phase with its case; times [s] start anew in each."""
     time = sample_times(case)
     s = solve(mechanism, case.motion, case.sample, end=case.end, start=case.start)
     bounds = phases.list_phase_bounds(mechanism, time)
-    return [_separate(s, case, first, last) for first, last in pairwise(bounds)]
+    return [_take_phase(s, case, first, last) for first, last in pairwise(bounds)]
 
 
-def _separate(solution: Solution, case: Case, first: int, last: int) -> Separate:
+def _take_phase(solution: Solution, case: Case, first: int, last: int) -> Separate:
     time = sample_times(case)
-    now = _left_alone(phases.apply_active_closures(solution.mechanism, float(time[first])), case)
-    names = _given(solution, now, case, (first + last) // 2)
+    now = _remove_idle_bodies(phases.apply_active_closures(solution.mechanism, float(time[first])), case)
+    names = _choose_driven_joints(solution, now, case, (first + last) // 2)
     motion = Excerpt(case.motion.tracks, case.motion.duration, float(time[first]), frozenset(names))
     start = {
         j.name: solution.q[first, solution.mechanism.q_slices[j.name]]
@@ -193,7 +193,7 @@ def _separate(solution: Solution, case: Case, first: int, last: int) -> Separate
     return Separate(now, own, slice(first, last), acting, still)
 
 
-def _left_alone(mechanism: Mechanism, case: Case) -> Mechanism:
+def _remove_idle_bodies(mechanism: Mechanism, case: Case) -> Mechanism:
     """Without the bodies that nothing drives and that closures tie to the world or to each other only."""
     given = set(case.motion.joints(mechanism))
     idle: set[str] = set()
@@ -214,7 +214,7 @@ def _left_alone(mechanism: Mechanism, case: Case) -> Mechanism:
     )
 
 
-def _given(solution: Solution, now: Mechanism, case: Case, sample: int) -> set[str]:
+def _choose_driven_joints(solution: Solution, now: Mechanism, case: Case, sample: int) -> set[str]:
     """As many joints of the motion as the closed mechanism has freedoms, those that tell them apart best."""
     names = [j.name for j in now.joints if j.name in case.motion.joints(now)]
     if not now.closures:

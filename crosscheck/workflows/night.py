@@ -17,8 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from crosscheck import output_folder as owned
-from crosscheck.bench.parts import measure
-from crosscheck.bench.targets import metrics
+from crosscheck.bench.parts import run_parts
+from crosscheck.bench.targets import list_metrics
 from crosscheck.measures.record import RecordError
 from crosscheck.report import changed, render, trends
 from crosscheck.run.run_state import RESULTS
@@ -93,7 +93,7 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
 def with_speed(results: Results, night: Nightly, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
-        speed = measure(night.bench, night.work.options.timeout, Path(folder), notify)
+        speed = run_parts(night.bench, night.work.options.timeout, Path(folder), notify)
     tables = (*results.studies, *speed.studies)
     whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
     return whole if speed.finished else replace(failed(whole, speed.message), finished=False)
@@ -179,7 +179,7 @@ def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
             if results.settings.get("night") and not history.holds(database, results):
                 label = str(results.settings["night"]["label"])
                 signals = baseline.signals_of(results, file.parent)
-                history.add_night(database, results, file.parent.name, label, metrics(results.studies), signals)
+                history.add_night(database, results, file.parent.name, label, list_metrics(results.studies), signals)
                 tell(f"added {file.parent.name} to the history, which was missing there")
         except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
             tell(f"{file.parent.name} could not be added to the history: {error}")
@@ -193,7 +193,7 @@ def remember(database: Any, night: Nightly, results: Results, folder: Path, tell
         return results
     try:
         signals = baseline.signals_of(results, folder)
-        number = history.add_night(database, results, folder.name, night.label, metrics(results.studies), signals)
+        number = history.add_night(database, results, folder.name, night.label, list_metrics(results.studies), signals)
         before = changes.previous(database, number, night.against)
         if before is None:
             return results

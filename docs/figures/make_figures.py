@@ -97,8 +97,8 @@ def feed_forward() -> Figure:
     arm = flexinv.load_mechanism(folder)
     task = load_tasks(folder, arm)["arc"]
     arm = task.meshed(arm)
-    found = feedforward.followed(arm, task)
-    replayed = feedforward.replays(True)["exudyn-ge"]
+    found = feedforward.solve_path_following(arm, task)
+    replayed = feedforward.collect_replays(True)["exudyn-ge"]
     tips = {way: replayed(arm, found, way)[found.frame.name] for way in WAYS}
     figure = Figure(figsize=(9, 3.3), layout="constrained")
     plane, off, joints = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))

@@ -10,7 +10,7 @@ from loop_examples import Example
 from rigid_trees import TREE, tree, unit
 
 import flexinv
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian, evaluate_closures
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
@@ -63,7 +63,7 @@ def closed_tree(
     """
     random = np.random.default_rng(seed)
     mechanism, (near, far) = tree(parts, seed), bodies
-    q = random_states(mechanism, 1, random)[0]
+    q = sample_states(mechanism, 1, random)[0]
     one, other = bodies if seed % 2 and kind != "fixed" else (WORLD, near if seed % 2 else far)
     rest = np.zeros((1, mechanism.nv))
     motion, mesh = compute_rigid_motion(build(mechanism), q, rest, rest), build(mechanism)

@@ -14,12 +14,12 @@ import pytest
 from click.testing import CliRunner
 
 from crosscheck.beyond import judge
-from crosscheck.beyond.campaign import CAMPAIGNS, OWN, Bench, Campaign, Wanted, run, summed
-from crosscheck.beyond.catalogue import RECIPES, draw, made
-from crosscheck.beyond.fault import ALL, Fault, Scene, Truth, both
-from crosscheck.beyond.planting import RUNS, planted
-from crosscheck.beyond.shown import text
-from crosscheck.beyond.trial import _outcome, size_of
+from crosscheck.beyond.campaign import CAMPAIGNS, OWN, Bench, Campaign, Wanted, make_results, run
+from crosscheck.beyond.catalogue import RECIPES, draw, make_fault
+from crosscheck.beyond.fault import ALL, Fault, Scene, Truth, join_faults
+from crosscheck.beyond.planting import RUNS, apply_fault
+from crosscheck.beyond.shown import describe_campaign
+from crosscheck.beyond.trial import _judge_trial, compute_effect
 from crosscheck.commands.selftest import command
 from crosscheck.engines import ENGINES
 from crosscheck.measures.mechanisms import read_mechanism
@@ -68,7 +68,7 @@ MASS2, COM2, MASS1 = (
     ],
 )  # fmt: skip
 def test_an_answer_is_judged_by_quantity_and_place(named: list[dict[str, str]], expected: str) -> None:
-    assert judge.outcome(named, HEAVY, "above", alarm=True) == expected
+    assert judge.judge_fault(named, HEAVY, "above", alarm=True) == expected
 
 
 @pytest.mark.parametrize(
@@ -83,42 +83,42 @@ def test_an_answer_is_judged_by_quantity_and_place(named: list[dict[str, str]], 
     ],
 )
 def test_nothing_named_is_judged_by_the_exit_code(effect: Any, alarm: bool, expected: str) -> None:
-    assert judge.outcome([], HEAVY, effect, alarm) == expected
+    assert judge.judge_fault([], HEAVY, effect, alarm) == expected
 
 
 def test_a_name_below_the_bars_has_to_be_true_as_well() -> None:
-    assert judge.outcome([MASS1], HEAVY, "below", alarm=True) == "wrong"
-    assert judge.outcome([MASS2], HEAVY, "below", alarm=True) == "right"
+    assert judge.judge_fault([MASS1], HEAVY, "below", alarm=True) == "wrong"
+    assert judge.judge_fault([MASS2], HEAVY, "below", alarm=True) == "right"
 
 
 def test_a_fault_of_all_places_is_not_named_by_one() -> None:
     lost = Fault("rotors", ((Truth(("rotor",), (ALL,)),),))
-    assert judge.answers(answer("rotor inertia dropped"), lost) == "right"
-    assert judge.answers(answer("rotor inertia", "joint1"), lost) == "wrong"
+    assert judge.judge_answer(answer("rotor inertia dropped"), lost) == "right"
+    assert judge.judge_answer(answer("rotor inertia", "joint1"), lost) == "wrong"
 
 
 def test_what_is_said_of_all_efforts_is_said_of_all_places() -> None:
     tared = Fault("means taken off", ((Truth(("effort offset",), (ALL, "joint1")),),))
     said = answer("effort offset taken off", "the mean", "of all efforts the mean is taken off")
-    assert judge.answers(said, tared) == "right"
-    assert judge.answers({**said, "words": "of one effort the mean is taken off"}, tared) == "wrong"
-    assert judge.answers(said, Fault("offset", ((Truth(("effort offset",), ("joint1",)),),))) == "wrong"
+    assert judge.judge_answer(said, tared) == "right"
+    assert judge.judge_answer({**said, "words": "of one effort the mean is taken off"}, tared) == "wrong"
+    assert judge.judge_answer(said, Fault("offset", ((Truth(("effort offset",), ("joint1",)),),))) == "wrong"
 
 
 def test_which_stiffness_is_read_from_the_target() -> None:
     softer = Fault("EI_z", ((Truth(("EI_z",), ("link",)),),))
-    assert judge.answers(answer("section stiffness", "link: EI_z"), softer) == "right"
-    assert judge.answers(answer("section stiffness", "link: EI_y"), softer) == "wrong"
-    assert judge.answers(answer("section stiffness", "other: EI_z"), softer) == "wrong"
+    assert judge.judge_answer(answer("section stiffness", "link: EI_z"), softer) == "right"
+    assert judge.judge_answer(answer("section stiffness", "link: EI_y"), softer) == "wrong"
+    assert judge.judge_answer(answer("section stiffness", "other: EI_z"), softer) == "wrong"
 
 
 def test_two_faults_want_both_names_in_one_answer() -> None:
-    two = both(HEAVY, ROTOR)
+    two = join_faults(HEAVY, ROTOR)
     rotor = answer("rotor inertia", "joint1")
-    assert judge.answers(answer("body mass + rotor inertia", "link2 + joint1"), two) == "right"
-    assert judge.answers(answer("body mass + rotor inertia", "link1 + joint1"), two) == "wrong"
-    assert judge.answers(rotor, two) == "near"
-    assert judge.answers(answer("body mass + rotor inertia", "link2 + joint1"), HEAVY) == "wrong"
+    assert judge.judge_answer(answer("body mass + rotor inertia", "link2 + joint1"), two) == "right"
+    assert judge.judge_answer(answer("body mass + rotor inertia", "link1 + joint1"), two) == "wrong"
+    assert judge.judge_answer(rotor, two) == "near"
+    assert judge.judge_answer(answer("body mass + rotor inertia", "link2 + joint1"), HEAVY) == "wrong"
 
 
 def test_what_together_is_the_same_is_right_together_only() -> None:
@@ -126,14 +126,14 @@ def test_what_together_is_the_same_is_right_together_only() -> None:
         HEAVY, same=((Truth(("beam mass",), ("link",)),), (Truth(("EI_z",), ("link",)),)), parts=((Truth(("section size",)),),)
     )  # fmt: skip
     weight, bends = answer("beam mass", "link"), answer("section stiffness", "link: EI_z")
-    assert judge.answers(weight, wider) == judge.answers(bends, wider) == "near"
-    assert judge.answers(answer("beam mass + section stiffness", "link + link: EI_z"), wider) == "right"
+    assert judge.judge_answer(weight, wider) == judge.judge_answer(bends, wider) == "near"
+    assert judge.judge_answer(answer("beam mass + section stiffness", "link + link: EI_z"), wider) == "right"
 
 
 def test_later_names_are_read_by_their_words() -> None:
-    assert "load friction" in judge.kinds_of(answer("friction by load", "joint1"))
-    assert "effort offset" in judge.kinds_of(answer("bias", "joint1", "a constant effort of 2 N m"))
-    assert judge.kinds_of(answer("zzz", "joint1")) == ()
+    assert "load friction" in judge.find_kinds(answer("friction by load", "joint1"))
+    assert "effort offset" in judge.find_kinds(answer("bias", "joint1", "a constant effort of 2 N m"))
+    assert judge.find_kinds(answer("zzz", "joint1")) == ()
 
 
 def scenes() -> Iterator[Scene]:
@@ -170,7 +170,7 @@ def test_faults_are_drawn_again_from_their_seed(everywhere: Sequence[Scene]) -> 
     first, again, other = (draw(known, [1.0] * len(known), 60, seed) for seed in (3, 3, 4))
     assert first == again
     assert first != other
-    assert [made(d, known[d.scene]).words for d in first] == [made(d, known[d.scene]).words for d in again]  # type: ignore[union-attr]
+    assert [make_fault(d, known[d.scene]).words for d in first] == [make_fault(d, known[d.scene]).words for d in again]  # type: ignore[union-attr]
     assert {d.number for d in first} == set(range(1, 61))
     assert len({d.recipes[0] for d in first}) == 60  # every recipe before any twice
     assert any(len(d.recipes) == 2 for d in first)
@@ -194,7 +194,7 @@ def test_a_planted_fault_is_in_runs_and_certificates_and_gone_afterwards() -> No
         return float(np.abs(record.series["torque/pivot"].values).max()), float(np.abs(gravity).max())
 
     before = asked()
-    with planted(fault, "pinocchio"):
+    with apply_fault(fault, "pinocchio"):
         during = asked()
     assert before == asked()
     assert all(a != b for a, b in zip(before, during, strict=True))
@@ -205,7 +205,7 @@ def test_another_engine_is_left_alone_while_a_fault_is_planted() -> None:
     module = importlib.import_module("crosscheck.engines.mujoco.adapter")
     run_it = lambda: module.run(here.mechanism, here.case, "mujoco", {}).series["torque/pivot"].values  # noqa: E731
     before = run_it()
-    with planted(next(f for f in _of("no gravity", here) if f is not None), "pinocchio"):
+    with apply_fault(next(f for f in _of("no gravity", here) if f is not None), "pinocchio"):
         assert np.array_equal(before, run_it())
 
 
@@ -213,7 +213,7 @@ def test_another_engine_is_left_alone_while_a_fault_is_planted() -> None:
 def test_noise_of_every_run_goes_where_an_adapter_makes_its_series(module: str, function: str) -> None:
     home, noise = importlib.import_module(module), Fault("noise", (), raw=dict)
     own = getattr(home, function)
-    with planted(noise, "exudyn-ancf"):
+    with apply_fault(noise, "exudyn-ancf"):
         assert getattr(home, function) is not own
     assert getattr(home, function) is own
 
@@ -245,7 +245,7 @@ def test_an_effect_is_measured_against_the_bars(by: float, expected: str) -> Non
 
     unharmed = record("mujoco", 0.001 if by < 0.01 else 0.0005)
     harmed = record("mujoco", by + (0.001 if by < 0.01 else 0.0005))
-    assert size_of(HEAVY, here, record("flexinv", 0.0), unharmed, harmed)[0] == expected
+    assert compute_effect(HEAVY, here, record("flexinv", 0.0), unharmed, harmed)[0] == expected
 
 
 @pytest.mark.parametrize(
@@ -262,7 +262,7 @@ def test_a_certificate_may_see_what_no_motion_shows(
     planted_one: bool, deviate: bool, failed: tuple[str, ...], expected: str
 ) -> None:
     fault = HEAVY if planted_one else replace(HEAVY, parts=())
-    assert _outcome((), fault, "below", bool(failed) or deviate, deviate, failed) == expected
+    assert _judge_trial((), fault, "below", bool(failed) or deviate, deviate, failed) == expected
 
 
 def test_sums_count_and_judge() -> None:
@@ -271,13 +271,13 @@ def test_sums_count_and_judge() -> None:
         for k, (o, e) in enumerate([("silent", "below"), ("right", "above"), ("unknown", "above"), ("silent", "below")])
     ]  # fmt: skip
     wanted = Wanted(CAMPAIGNS["first"], MODELS, Path("."))
-    good = summed(wanted, rows, 1.0)
+    good = make_results(wanted, rows, 1.0)
     assert (good["sums"]["above"], good["sums"]["share"], good["met"], good["unharmed"]["tried"]) == (2, 0.5, True, 1)
     for outcome in judge.BAD:
-        spoilt = summed(wanted, [*rows, {**rows[1], "number": 9, "outcome": outcome}], 1.0)
+        spoilt = make_results(wanted, [*rows, {**rows[1], "number": 9, "outcome": outcome}], 1.0)
         assert not spoilt["met"], outcome
-    assert not summed(wanted, [{**rows[0], "outcome": "false alarm"}, *rows[1:]], 1.0)["met"]
-    assert "NOT met" in next(text(summed(wanted, [*rows, {**rows[2], "number": 9}], 1.0)))
+    assert not make_results(wanted, [{**rows[0], "outcome": "false alarm"}, *rows[1:]], 1.0)["met"]
+    assert "NOT met" in next(describe_campaign(make_results(wanted, [*rows, {**rows[2], "number": 9}], 1.0)))
 
 
 @pytest.mark.slow

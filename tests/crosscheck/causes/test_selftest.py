@@ -16,7 +16,7 @@ from crosscheck.causes.model import make_model
 from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, _list_fault_sizes, run_bench
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.mechanisms import read_mechanism
-from crosscheck.studies.selftest import ALL, figures, summary, targets, verdict
+from crosscheck.studies.selftest import ALL, build_summary, count_outcomes, judge_fault, judge_targets
 from crosscheck.verdicts.results import StudyRow
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
@@ -152,12 +152,12 @@ ROWS = [
     ],
 )
 def test_the_targets_can_be_missed(more: list[Planted], enough: bool) -> None:
-    rows = [asdict(row) | {"verdict": verdict(asdict(row))} for row in [*ROWS, *more]]
-    assert figures(rows)["matter"] == 19 + sum(row.change >= MATTERS for row in more)
+    rows = [asdict(row) | {"verdict": judge_fault(asdict(row))} for row in [*ROWS, *more]]
+    assert count_outcomes(rows)["matter"] == 19 + sum(row.change >= MATTERS for row in more)
     table = StudyRow("one", "one", rows=tuple(rows))
-    some = summary([table], whole=False)
+    some = build_summary([table], whole=False)
     assert some.verdict == ("within" if not more else "deviation")
-    met = targets([table], whole=False)
+    met = judge_targets([table], whole=False)
     assert all(line["verdict"] == "within" for line in met) is enough
     assert [row["verdict"] for row in some.rows[-len(met) :]] == [line["verdict"] for line in met]
 
@@ -167,17 +167,17 @@ def test_every_cause_has_to_be_named_alone_somewhere() -> None:
     rows = [asdict(Planted("a", cause, "x", 0.1, 0.02, "alone", (cause,))) | {"verdict": "within"} for cause in ALL]
     rows.append(asdict(ROWS[0]) | {"verdict": "within"})
     complete = StudyRow("one", "one", rows=tuple(rows))
-    assert {line["verdict"] for line in targets([complete])} == {"within"}
-    assert summary([complete]).verdict == "within"
-    assert [row["alone"] for row in summary([complete]).rows if row["cause"] == "beam mass"] == ["a"]
+    assert {line["verdict"] for line in judge_targets([complete])} == {"within"}
+    assert build_summary([complete]).verdict == "within"
+    assert [row["alone"] for row in build_summary([complete]).rows if row["cause"] == "beam mass"] == ["a"]
     together = [*rows[:-2], rows[-1], rows[-2] | {"outcome": "in the set"}]
     for less, missing in ((together, ALL[-1]), (rows[1:], ALL[0])):
-        found = {line["cause"]: line for line in targets([StudyRow("one", "one", rows=tuple(less))])}
+        found = {line["cause"]: line for line in judge_targets([StudyRow("one", "one", rows=tuple(less))])}
         line = found["each cause named alone on at least one mechanism"]
         assert (line["verdict"], line["alone"]) == ("deviation", f"not {missing}")
-        shown = [r for r in summary([StudyRow("one", "one", rows=tuple(less))]).rows if r["cause"] == missing]
+        shown = [r for r in build_summary([StudyRow("one", "one", rows=tuple(less))]).rows if r["cause"] == missing]
         assert [(r["alone"], r["verdict"]) for r in shown] == [("nowhere", "deviation")]
-    few = targets([StudyRow("one", "one", rows=tuple(rows[:24]))])
+    few = judge_targets([StudyRow("one", "one", rows=tuple(rows[:24]))])
     assert {line["cause"]: line["verdict"] for line in few}["at least 25 causes"] == "deviation"
 
 

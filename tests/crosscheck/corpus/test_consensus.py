@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crosscheck.corpus.authors import Author, author
+from crosscheck.corpus.authors import Author, find_author
 from crosscheck.corpus.consensus import (
     CLOSED_FORM,
     CONSENSUS,
@@ -18,11 +18,20 @@ from crosscheck.corpus.consensus import (
     CaseConsensus,
     Panel,
     SeriesConsensus,
-    case_consensus,
+    find_case_consensus,
 )
-from crosscheck.corpus.intervals import FLOOR, Given, Interval, agreeing, common, hull, inside, interval
+from crosscheck.corpus.intervals import (
+    FLOOR,
+    Given,
+    Interval,
+    compute_hull,
+    compute_intersection,
+    find_agreeing_groups,
+    find_samples_inside,
+    make_interval,
+)
 from crosscheck.corpus.notes import CorpusTable, EngineNote, PublishedValue, check_published, read_notes
-from crosscheck.corpus.published import beside
+from crosscheck.corpus.published import compare_published
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.budget import UNORDERED, stated
 from crosscheck.measures.record import Record, Series
@@ -40,26 +49,26 @@ def given(engine: str, value: float, bar: float) -> Given:
 
 def test_authors_that_meet_at_every_sample_agree_and_one_sample_apart_is_apart() -> None:
     a, b = given("a", 1.0, 0.1), given("b", 1.15, 0.1)
-    (group,) = agreeing([a, b], 1.0)
+    (group,) = find_agreeing_groups([a, b], 1.0)
     assert [one.engine for one in group] == ["a", "b"]
-    met = common([interval(one, 1.0) for one in group])
+    met = compute_intersection([make_interval(one, 1.0) for one in group])
     assert met.low == pytest.approx(1.05)
     assert met.high == pytest.approx(1.1)
     off = replace(b, values=np.array([1.15, 1.15, 1.21]))
-    assert agreeing([a, off], 1.0) == ()
+    assert find_agreeing_groups([a, off], 1.0) == ()
 
 
 def test_two_engines_of_one_author_are_no_consensus_and_more_authors_win() -> None:
-    assert agreeing([given("a", 1.0, 0.1), given("a2", 1.0, 0.1)], 1.0) == ()
+    assert find_agreeing_groups([given("a", 1.0, 0.1), given("a2", 1.0, 0.1)], 1.0) == ()
     everyone = [given("a", 1.0, 0.1), given("a2", 2.0, 0.1), given("b", 1.0, 0.1), given("c", 1.1, 0.1)]
-    (group,) = agreeing(everyone, 1.0)
+    (group,) = find_agreeing_groups(everyone, 1.0)
     assert {one.engine for one in group} == {"a", "b", "c"}
 
 
 def test_the_floor_lets_rounding_meet_and_nothing_more() -> None:
     """Two bars of nothing meet up to twice the floor of the quantity's size."""
     for apart, groups in ((1.9 * FLOOR, 1), (2.1 * FLOOR, 0)):
-        assert len(agreeing([given("a", 10.0, 0.0), given("b", 10.0 * (1.0 + apart), 0.0)], 10.0)) == groups
+        assert len(find_agreeing_groups([given("a", 10.0, 0.0), given("b", 10.0 * (1.0 + apart), 0.0)], 10.0)) == groups
 
 
 def test_an_interval_is_written_as_middle_and_half_width_that_reach_its_ends() -> None:
@@ -69,8 +78,8 @@ def test_an_interval_is_written_as_middle_and_half_width_that_reach_its_ends() -
     again = Interval(where.middle - where.half, where.middle + where.half)
     assert (again.low <= where.low).all()
     assert (again.high >= where.high).all()
-    assert inside(where.low, again).all()
-    wide = hull([where, Interval(where.low + 1.0, where.high + 1.0)])
+    assert find_samples_inside(where.low, again).all()
+    wide = compute_hull([where, Interval(where.low + 1.0, where.high + 1.0)])
     assert (wide.low == where.low).all()
     assert (wide.high == where.high + 1.0).all()
 
@@ -99,7 +108,7 @@ def record(task: Task, engine: str, shift: float = 0.0, bar: float | None = 1e-3
 
 
 def found(task: Task, who: Panel, *records: Record) -> tuple[CaseConsensus, SeriesConsensus]:
-    case = case_consensus(task, {one.engine: one for one in records}, who)
+    case = find_case_consensus(task, {one.engine: one for one in records}, who)
     return case, case.series[0]
 
 
@@ -173,11 +182,13 @@ def test_a_closed_form_needs_nobody(task: Task) -> None:
 
 def test_authors_are_packages_unless_the_file_says_otherwise() -> None:
     names = ("exudyn", "exudyn-ancf", "exudyn-ge", "exudyn-dae")
-    assert {author(ENGINES[name], {}).name for name in names} == {"exudyn"}
-    assert len({author(one, {}).name for one in ENGINES.values()}) == 5  # flexinv, pinocchio, mujoco, exudyn, measured
+    assert {find_author(ENGINES[name], {}).name for name in names} == {"exudyn"}
+    assert (
+        len({find_author(one, {}).name for one in ENGINES.values()}) == 5
+    )  # flexinv, pinocchio, mujoco, exudyn, measured
     stated = {"mine": EngineNote(author="somebody", closed_form=True)}
-    assert author(Engine("mine", "", "", ""), stated) == Author("somebody", True)
-    assert author(Engine("mine", "", "", ""), {}).name == "mine"
+    assert find_author(Engine("mine", "", "", ""), stated) == Author("somebody", True)
+    assert find_author(Engine("mine", "", "", ""), {}).name == "mine"
 
 
 # --- published numbers and corpus.toml ----------------------------------------------------------------------------------
@@ -195,7 +206,7 @@ def test_published_numbers_stand_beside_the_consensus(
     told = PublishedValue(
         mechanism="rigid_one_link", case="cycloid", series="torque/hub", value=value, unit="N m", source="x", at_s=when
     )
-    (one,) = beside(case, [told])
+    (one,) = compare_published(case, [told])
     assert one.agrees is agrees
     assert (one.distance == 0.0) is agrees
 
@@ -232,6 +243,6 @@ def test_the_notes_of_our_models_fit_them(root: Path) -> None:
     tasks = discover(root / "models").tasks
     check_published(notes, tasks, root / "models", whole=True)
     for one in tasks:
-        note = notes.licence_of(one)
+        note = notes.find_licence(one)
         assert all((root / "models" / name).is_file() for name in note.licence_files)
         assert note.licence_files or not note.redistribute  # a licence of others goes with its text

@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from crosscheck.cli import main
-from crosscheck.corpus.audit import Audited, by_class, holds
-from crosscheck.corpus.folder import MANIFEST, digest
-from crosscheck.corpus.judging import judged, manifest
+from crosscheck.corpus.audit import Audited, collect_by_class, is_target_met
+from crosscheck.corpus.folder import MANIFEST, compute_digest
+from crosscheck.corpus.judging import judge_answers, read_manifest
 from crosscheck.measures.series_csv import read, table
 from crosscheck.verdicts.plan import discover
 from flexinv.errors import InputError
@@ -94,7 +94,7 @@ def test_every_case_has_a_kit_a_page_and_a_line_of_the_manifest(written: Path) -
         assert (written / "cases" / f"{one['id']}.html").is_file()
         files = {f.relative_to(written).as_posix() for f in (written / "kits" / one["id"]).rglob("*") if f.is_file()}
         assert files == set(one["files"])
-        assert all(digest(written / name) == stated for name, stated in one["files"].items())
+        assert all(compute_digest(written / name) == stated for name, stated in one["files"].items())
     time, series = read(written / "kits" / "double_pendulum-swing" / "expected" / "series.csv")
     assert time.size == 121
     assert all(one.error is not None and (one.error >= 0.0).all() for one in series.values())
@@ -159,16 +159,16 @@ def test_answers_that_cannot_be_judged_are_explained(
     written: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     with pytest.raises(InputError, match="holds no answer"):
-        judged(tmp_path, written)
+        judge_answers(tmp_path, written)
     (tmp_path / "double_pendulum-swin").mkdir()
     with pytest.raises(InputError, match="write 'double_pendulum-swing'"):
-        judged(tmp_path, written)
+        judge_answers(tmp_path, written)
     (tmp_path / "double_pendulum-swin").rename(tmp_path / "double_pendulum-swing")
     with pytest.raises(InputError, match="nothing was answered"):
-        judged(tmp_path, written)
+        judge_answers(tmp_path, written)
     (tmp_path / "double_pendulum-swing" / "meta.json").write_text('{"case": "0123456789abcdef"}')
     with pytest.raises(InputError, match="an answer for the case 0123456789abcdef"):
-        judged(tmp_path, written)
+        judge_answers(tmp_path, written)
     assert corpus("--judge", str(tmp_path), "--against", str(tmp_path)).exit_code == 2
     (tmp_path / "double_pendulum-swing" / "meta.json").write_text('{"skipped": "too hard"}')
     assert corpus("--judge", str(tmp_path), "--against", str(written)).exit_code == 2  # skipped is not passed
@@ -177,7 +177,7 @@ def test_answers_that_cannot_be_judged_are_explained(
     with (changed / "kits" / "double_pendulum-swing" / "consensus.json").open("a") as file:
         file.write("\n")
     with pytest.raises(InputError, match="changed or lost"):
-        judged(tmp_path, changed)
+        judge_answers(tmp_path, changed)
 
 
 def test_a_folder_of_others_is_left_alone(models: Path, tmp_path: Path) -> None:
@@ -205,10 +205,10 @@ def test_the_same_input_gives_the_same_bytes_and_the_audit_holds(models: Path, w
 
 def test_an_audit_misses_its_target_by_class() -> None:
     rows = [Audited("rigid", "a", "x", 1, 100, 100, "w", 1.0), Audited("beams", "b", "x", 1, 100, 94, "w", 0.94)]
-    assert [one.share for one in by_class(rows)] == [1.0, 0.94]
-    assert not holds(rows)
-    assert holds(rows[:1])
-    assert not holds([])
+    assert [one.share for one in collect_by_class(rows)] == [1.0, 0.94]
+    assert not is_target_met(rows)
+    assert is_target_met(rows[:1])
+    assert not is_target_met([])
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_what_is_no_manifest_is_refused_in_words(text: str | None, expected: str
     if text is not None:
         (tmp_path / MANIFEST).write_text(text)
     with pytest.raises(InputError) as refused:
-        manifest(tmp_path)
+        read_manifest(tmp_path)
     said = str(refused.value)
     assert said.startswith(f"{tmp_path / MANIFEST}")
     assert expected in said

@@ -85,11 +85,11 @@ def test_it_stands_in_the_table_of_feed_forwards(root: Path, tmp_path: Path, kin
     (task,) = load_tasks(folder, mechanism).values()
     settings = {"fmu": str(file), "cases": ["rigid_3r/*"]}
     job = {"module": registry.FMU, "settings": settings, "engine": "plant"}
-    rows = list(feedforward.task_rows(mechanism, task, [{**job, "mechanism": str(folder)}]))
+    rows = list(feedforward.list_task_rows(mechanism, task, [{**job, "mechanism": str(folder)}]))
     (row,) = [row for row in rows if row["engine"] == "plant"]
     assert row["verdict"] == "within"
     elsewhere = [{**job, "mechanism": str(root / "models" / "rigid_one_link")}]
-    (row,) = [row for row in feedforward.task_rows(mechanism, task, elsewhere) if row["engine"] == "plant"]
+    (row,) = [row for row in feedforward.list_task_rows(mechanism, task, elsewhere) if row["engine"] == "plant"]
     assert (row["verdict"], row["message"]) == ("skipped", "crosscheck.toml asks it for rigid_3r/* only")
 
 
@@ -102,7 +102,8 @@ def test_native_code_that_crashes_is_a_row_and_no_more(root: Path, tmp_path: Pat
     (task,) = load_tasks(folder, mechanism).values()
     door = {"module": registry.FMU, "settings": {"fmu": str(file), "cases": ["*"]}, "engine": "plant"}
     rows = {
-        str(row["engine"]): row for row in feedforward.task_rows(mechanism, task, [{**door, "mechanism": str(folder)}])
+        str(row["engine"]): row
+        for row in feedforward.list_task_rows(mechanism, task, [{**door, "mechanism": str(folder)}])
     }
     assert (rows["plant"]["verdict"], rows["plant"]["message"]) == ("error", "killed by signal 6 (SIGABRT)")
     assert {rows[name]["verdict"] for name in ("flexinv", "pinocchio", "mujoco")} == {"within"}

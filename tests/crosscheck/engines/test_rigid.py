@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.mujoco import adapter as mujoco
 from crosscheck.engines.pinocchio import adapter as pinocchio
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv import joint_torques
 from flexinv.model.mechanism import Body, Inertia, Joint, Mechanism, Placement
 
@@ -58,7 +58,7 @@ def engine(request: pytest.FixtureRequest) -> Engine:
 
 
 def states(mechanism: Mechanism, samples: int = 5) -> tuple[Array, Array, Array]:
-    return random_states(mechanism, samples, np.random.default_rng(11))
+    return sample_states(mechanism, samples, np.random.default_rng(11))
 
 
 def first_principles(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> Array:
@@ -162,7 +162,7 @@ def test_tips_of_all_links(engine: Engine) -> None:
 def test_the_two_engines_agree() -> None:
     """To 1e-12 of the largest effort, over more states than the judge has time for."""
     mechanism = trees.tree()
-    state = random_states(mechanism, 100, np.random.default_rng(5))
+    state = sample_states(mechanism, 100, np.random.default_rng(5))
     assert error(by_pinocchio(mechanism, *state).torque, by_mujoco(mechanism, *state).torque) < 1e-12
 
 

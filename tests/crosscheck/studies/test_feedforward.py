@@ -21,7 +21,7 @@ from flexinv.tracking.task_file import load_tasks
 def rows_of(root: Path, model: str) -> dict[tuple[str, str], dict[str, object]]:
     mechanism = load_mechanism(root / "models" / model)
     (task,) = load_tasks(root / "models" / model, mechanism).values()
-    rows = feedforward.task_rows(mechanism, task)
+    rows = feedforward.list_task_rows(mechanism, task)
     return {(str(row["engine"]), str(row["feed_forward"])): row for row in rows}
 
 
@@ -59,15 +59,15 @@ def test_a_wrong_torque_is_seen(root: Path, engine: object) -> None:
 def test_rows_judge() -> None:
     """What is off by more than its bound, and what is not so much worse than stable inversion, deviates."""
     errors = {RIGID_BODY: 3e-2, JOINT_SPACE: 5e-2, INVERSION: 9e-4}
-    verdicts = [feedforward.row("arm", "arc", "engine", name, errors)["verdict"] for name in errors]
+    verdicts = [feedforward.make_row("arm", "arc", "engine", name, errors)["verdict"] for name in errors]
     assert verdicts == ["within", "within", "within"]
-    worse = feedforward.row("arm", "arc", "engine", INVERSION, errors | {INVERSION: 1.1e-3})
+    worse = feedforward.make_row("arm", "arc", "engine", INVERSION, errors | {INVERSION: 1.1e-3})
     assert worse["verdict"] == "deviation"
     assert "more than 0.001" in worse["message"]
-    near = feedforward.row("arm", "arc", "engine", RIGID_BODY, errors | {RIGID_BODY: 2e-2})
+    near = feedforward.make_row("arm", "arc", "engine", RIGID_BODY, errors | {RIGID_BODY: 2e-2})
     assert near["verdict"] == "deviation"
     assert "less than 30 times" in near["message"]
-    nan = feedforward.row("arm", "arc", "engine", RIGID_BODY, {RIGID_BODY: float("nan")})
+    nan = feedforward.make_row("arm", "arc", "engine", RIGID_BODY, {RIGID_BODY: float("nan")})
     assert nan["verdict"] == "deviation"
 
 
@@ -79,7 +79,7 @@ def test_what_exudyn_cannot_be_given_is_said(root: Path) -> None:
 
 
 def test_without_its_models_the_study_is_skipped(tmp_path: Path) -> None:
-    assert feedforward.study(str(tmp_path))["status"] == "skipped"
+    assert feedforward.run_study(str(tmp_path))["status"] == "skipped"
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def of_rogues(root: Path) -> dict[str, dict[str, object]]:
     jobs = [{"module": f"rogue_replays:{name}", "path": here, "engine": name} for name in names]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(feedforward, "LONGEST", 6.0)  # [s]: a child process begins within some of them
-        return {str(row["engine"]): row for row in feedforward.task_rows(mechanism, task, jobs)}
+        return {str(row["engine"]): row for row in feedforward.list_task_rows(mechanism, task, jobs)}
 
 
 @pytest.mark.slow

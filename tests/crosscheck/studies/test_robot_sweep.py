@@ -16,11 +16,11 @@ from crosscheck.studies import robot_sweep as robots
 from crosscheck.studies.robot_sweep import (
     LARGEST_ERROR,
     RobotRow,
-    bases,
-    random_states,
-    robot_names,
-    robot_row,
-    robot_table,
+    build_robot_table,
+    list_bases,
+    list_robot_names,
+    make_robot_row,
+    sample_states,
 )
 from flexinv.files.from_urdf import from_urdf
 
@@ -29,13 +29,13 @@ BOLT = "bolt_description/robots/bolt.urdf"
 
 @pytest.fixture(scope="module")
 def table() -> list[RobotRow]:
-    return robot_table()
+    return build_robot_table()
 
 
 def test_every_robot_that_pinocchio_loads(table: list[RobotRow]) -> None:
     """68 of 69 files (example-robot-data 6.0.0); the other one is a stub without links."""
-    assert len(robot_names()) == 69
-    assert {row.name for row in table} == set(robot_names())
+    assert len(list_robot_names()) == 69
+    assert {row.name for row in table} == set(list_robot_names())
     refused = {row.name: row.words for row in table if row.words}
     assert list(refused) == ["ur_description/urdf/ur3.urdf"]
     assert "without links" in refused["ur_description/urdf/ur3.urdf"]
@@ -57,7 +57,7 @@ def test_every_robot_that_pinocchio_loads(table: list[RobotRow]) -> None:
 def test_only_a_sound_file_without_links_is_empty(text: str, empty: bool, tmp_path: Path) -> None:
     """What is broken, or has a link that cannot be read, is an error of the table and not skipped."""
     (tmp_path / "a.urdf").write_text(text)
-    row = robot_row(tmp_path / "a.urdf", "a.urdf")
+    row = make_robot_row(tmp_path / "a.urdf", "a.urdf")
     assert row.words
     assert row.empty is empty
 
@@ -96,10 +96,10 @@ def test_the_table_is_json(table: list[RobotRow]) -> None:
 
 
 def test_walkers_have_a_free_base() -> None:
-    assert bases("talos_data/robots/talos_full_v2.urdf") == ("fixed", "free")
-    assert bases("talos_data/robots/talos_left_arm.urdf") == ("fixed",)
-    assert bases("ur_description/urdf/ur5_robot.urdf") == ("fixed",)
-    assert [row.base for row in robot_table(["hector_description/robots/quadrotor_base.urdf"])] == ["free"]
+    assert list_bases("talos_data/robots/talos_full_v2.urdf") == ("fixed", "free")
+    assert list_bases("talos_data/robots/talos_left_arm.urdf") == ("fixed",)
+    assert list_bases("ur_description/urdf/ur5_robot.urdf") == ("fixed",)
+    assert [row.base for row in build_robot_table(["hector_description/robots/quadrotor_base.urdf"])] == ["free"]
 
 
 # --------------------------------------------------------------------------------------------- the table can fail
@@ -109,7 +109,7 @@ def test_a_wrong_inertia_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """flexinv computes with a rounded number in one link: far beyond the limit, in both columns."""
     path = urdf(tmp_path)
     monkeypatch.setattr(robots, "joint_torques", lambda m, *state, **k: TORQUES(m, *state, **k) * (1 + 1e-9))
-    row = robot_row(path, "robot")
+    row = make_robot_row(path, "robot")
     assert row.pinocchio is not None
     assert row.pinocchio > LARGEST_ERROR
     assert row.mujoco is not None
@@ -124,10 +124,10 @@ TORQUES = robots.joint_torques
 
 def test_a_foot_without_mass_is_named(tmp_path: Path) -> None:
     footed(tmp_path, 0.0)
-    row = robot_row(tmp_path / "robot.urdf", "robot")
+    row = make_robot_row(tmp_path / "robot.urdf", "robot")
     assert "tool (0.025 kg m^2) in hand" in row.cause
     footed(tmp_path, 0.5)
-    row = robot_row(tmp_path / "robot.urdf", "robot")
+    row = make_robot_row(tmp_path / "robot.urdf", "robot")
     assert row.cause == ""
     assert row.mujoco is not None
     assert row.mujoco <= LARGEST_ERROR
@@ -137,7 +137,7 @@ def test_no_cause_without_evidence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """The difference goes away without fusing, but the inertias do not say why: then nothing is claimed."""
     footed(tmp_path, 0.0)
     monkeypatch.setattr(mujoco_fuse, "list_losses", lambda mechanism: ())
-    row = robot_row(tmp_path / "robot.urdf", "robot")
+    row = make_robot_row(tmp_path / "robot.urdf", "robot")
     assert row.cause == ""
     assert row.mujoco is not None
     assert row.mujoco > LARGEST_ERROR
@@ -148,7 +148,7 @@ def test_nothing_reaches_the_console(tmp_path: Path, capfd: pytest.CaptureFixtur
     path = urdf(tmp_path)
     path.write_text(path.read_text().replace('<limit effort="9" velocity="9" lower="-9" upper="9"/>', ""))
     os.write(2, b"before|")
-    row = robot_row(path, "odd")
+    row = make_robot_row(path, "odd")
     os.write(2, b"after")
     assert capfd.readouterr() == ("", "before|after")
     assert "does not specify limits" in row.words
@@ -159,7 +159,7 @@ def test_states_cover_what_they_say() -> None:
     mechanism = from_urdf(
         robots.find_robots_folder() / "double_pendulum_description/urdf/double_pendulum_continuous.urdf"
     )
-    q, qd, qdd = random_states(mechanism, 1000, np.random.default_rng(0))
+    q, qd, qdd = sample_states(mechanism, 1000, np.random.default_rng(0))
     np.testing.assert_allclose(q[:, 0] ** 2 + q[:, 1] ** 2, 1.0, rtol=0, atol=1e-15)
     assert np.abs(np.arctan2(q[:, 1], q[:, 0])).max() > 3.1
     assert qd.shape == qdd.shape == (1000, 2)

@@ -25,7 +25,7 @@ ROBOT = RobotRow("arm_description/urdf/arm.urdf", "fixed", 6, 6, 10.0, (), 50.0,
 
 @pytest.fixture(scope="module")
 def table(root: Path) -> dict[str, Any]:
-    return incremental.study(str(root / "models"))
+    return incremental.run_study(str(root / "models"))
 
 
 def test_the_incremental_mode_falls_at_the_order_of_its_formula(table: dict[str, Any]) -> None:
@@ -40,7 +40,7 @@ def test_the_incremental_mode_falls_at_the_order_of_its_formula(table: dict[str,
 
 def test_another_order_is_a_deviation(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(incremental, "ORDER", 3)
-    rows = incremental.study(str(root / "models"))["rows"]
+    rows = incremental.run_study(str(root / "models"))["rows"]
     assert rows[-1]["verdict"] == "deviation"
     assert "expected 3" in rows[-1]["message"]
 
@@ -52,13 +52,13 @@ def test_the_columns_are_those_of_the_rows(table: dict[str, Any]) -> None:
 
 
 def test_without_its_model_a_study_is_skipped(tmp_path: Path) -> None:
-    answer = incremental.study(str(tmp_path))
+    answer = incremental.run_study(str(tmp_path))
     assert answer["status"] == "skipped"
     assert "rigid_3r" in answer["message"]
 
 
 def test_observed_order() -> None:
-    assert incremental.observed_order((10, 4e-2), (20, 1e-2)) == pytest.approx(2.0)
+    assert incremental.compute_observed_order((10, 4e-2), (20, 1e-2)) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
@@ -78,18 +78,18 @@ def test_observed_order() -> None:
 )
 def test_verdicts_of_robots(change: dict[str, Any], verdict: str) -> None:
     row = replace(ROBOT, **change)
-    assert robots.verdict(row) == verdict
+    assert robots.judge_robot(row) == verdict
     if not np.isnan(row.pinocchio or 0.0):
-        line = robots.table_row(row)
+        line = robots.make_table_row(row)
         assert line["verdict"] == verdict
         assert row.mujoco_words in line["message"]
 
 
 def test_one_robot_in_all_engines() -> None:
     pytest.importorskip("pinocchio")
-    from crosscheck.studies.robot_sweep import robot_table
+    from crosscheck.studies.robot_sweep import build_robot_table
 
-    line = robots.table_row(robot_table(["ur_description/urdf/ur5_robot.urdf"], samples=2)[0])
+    line = robots.make_table_row(build_robot_table(["ur_description/urdf/ur5_robot.urdf"], samples=2)[0])
     assert line["robot"] == "ur/ur5_robot"
     assert line["verdict"] == "within"
 
@@ -109,7 +109,7 @@ def carried(root: Path) -> tuple[Mechanism, Case]:
 
 def test_separate_mechanisms_are_other_mechanisms(root: Path) -> None:
     """Two open arms without the bar, then a closed mechanism that is given as many joints as it has freedoms."""
-    reach, carry, back = switching.separate(*carried(root))
+    reach, carry, back = switching.split_phases(*carried(root))
     for part in (reach, back):
         assert not part.mechanism.closures
         assert "bar" not in part.mechanism.link_of
@@ -125,8 +125,8 @@ def test_separate_mechanisms_are_other_mechanisms(root: Path) -> None:
 )
 def test_phases_equal_their_separate_mechanisms(root: Path, engine: str) -> None:
     """The issue's bound of 1e-9."""
-    parts = switching.separate(*carried(root))
-    rows = list(switching.engine_rows(engine, *carried(root), parts, switching.BOUNDS[engine]))
+    parts = switching.split_phases(*carried(root))
+    rows = list(switching.list_engine_rows(engine, *carried(root), parts, switching.BOUNDS[engine]))
     assert [row["closures"] for row in rows] == ["lies", "left, right", "lies_again"]
     assert all(row["verdict"] == "within" and row["error"] <= 1e-9 for row in rows)
     assert {key for key, _, _ in switching.COLUMNS} <= set(rows[0])
@@ -137,13 +137,13 @@ def test_another_bar_is_a_deviation_of_the_closed_phase(root: Path) -> None:
     mechanism, case = carried(root)
     links = [replace(x, bodies=(replace(b, inertia=b.inertia.replace_unchecked(mass=4.001)),)) if x.name == "bar" else x
              for x in mechanism.links for b in x.bodies[:1] or (None,)]  # fmt: skip
-    parts = switching.separate(replace(mechanism, links=tuple(links)), case)
-    rows = list(switching.engine_rows("pinocchio", mechanism, case, parts, 1e-9))
+    parts = switching.split_phases(replace(mechanism, links=tuple(links)), case)
+    rows = list(switching.list_engine_rows("pinocchio", mechanism, case, parts, 1e-9))
     assert [row["verdict"] for row in rows] == ["within", "deviation", "within"]
 
 
 def test_without_switched_closures_the_study_is_skipped(tmp_path: Path) -> None:
-    assert switching.study(str(tmp_path))["status"] == "skipped"
+    assert switching.run_study(str(tmp_path))["status"] == "skipped"
 
 
 def test_a_night_identifies_and_judges_logs_of_machines(tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_a_night_identifies_and_judges_logs_of_machines(tmp_path: Path) -> None:
         (base / "identify.toml").write_text(window + text + night if judge else text)
         for seed, log in enumerate(("one", "two")):
             logged_arm.frame(base, seed).to_csv(base / f"{log}.csv", index=False)
-    rows = identifications.study(str(tmp_path))["rows"]
+    rows = identifications.run_study(str(tmp_path))["rows"]
     told = {(row["mechanism"], row.get("channel")): row for row in rows}
     json.dumps(rows, allow_nan=False)  # as a night hands them over: a window leaves samples that nothing predicts
     for name in ("held", "parts"):
@@ -172,4 +172,4 @@ def test_a_night_identifies_and_judges_logs_of_machines(tmp_path: Path) -> None:
 
 
 def test_models_without_logs_are_skipped(tmp_path: Path) -> None:
-    assert identifications.study(str(tmp_path))["status"] == "skipped"
+    assert identifications.run_study(str(tmp_path))["status"] == "skipped"

@@ -10,7 +10,7 @@ import pytest
 from loop_examples import Example, five_bar, four_bar, platform, slider_crank, spatial
 from rigid_trees import tree
 
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.analysis.solve import solve
 from flexinv.constraints import continuation as loops
 from flexinv.constraints.closures import Rows, compute_constraint_jacobian
@@ -90,7 +90,7 @@ def tied() -> Mechanism:
 
 
 def one_state(mesh: Mesh) -> tuple[Array, Array, Array]:
-    return random_states(replace(mesh.mechanism, closures=()), 1, np.random.default_rng(0))
+    return sample_states(replace(mesh.mechanism, closures=()), 1, np.random.default_rng(0))
 
 
 def test_nodes_move_as_in_rigid_motion() -> None:

@@ -10,7 +10,7 @@ import pytest
 from rigid_trees import tree
 
 import flexinv
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.files.load_cases import load_cases
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
@@ -25,7 +25,7 @@ def test_of_a_tree() -> None:
     whole = tree()
     wound = tuple(replace(j, stiffness=0.6, rest=0.2) if j.name in WOUND else j for j in whole.joints)
     mechanism = replace(whole, joints=wound)
-    f, state = flexinv.prepare(mechanism), random_states(mechanism, 20, np.random.default_rng(1))
+    f, state = flexinv.prepare(mechanism), sample_states(mechanism, 20, np.random.default_rng(1))
     found, tau = f.nodal(*state), f.torques(*state)
     assert np.abs(found.torque - tau).max() < ROUNDING * np.abs(tau).max()
     base = found.node["base"]
@@ -52,7 +52,7 @@ def test_no_samples_give_no_efforts(mechanism: flexinv.Mechanism) -> None:
 
 def test_without_what_resists() -> None:
     mechanism = tree()
-    f, state = flexinv.prepare(mechanism, passive=False), random_states(mechanism, 5, np.random.default_rng(2))
+    f, state = flexinv.prepare(mechanism, passive=False), sample_states(mechanism, 5, np.random.default_rng(2))
     tau = f.torques(*state)
     assert np.abs(f.nodal(*state).torque - tau).max() < ROUNDING * np.abs(tau).max()
 

@@ -15,7 +15,7 @@ from loop_examples import loaded_tree
 from rigid_trees import KINDS, chain, tree, without_drives
 
 import flexinv
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.inverse.inverse_dynamics import compute_applied_forces, compute_inverse_dynamics, compute_spring_efforts
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import build
@@ -31,7 +31,7 @@ ROUNDING = 1e-13
 
 
 def states(mechanism: Mechanism, samples: int, seed: int = 0) -> State:
-    return random_states(mechanism, samples, np.random.default_rng(seed))
+    return sample_states(mechanism, samples, np.random.default_rng(seed))
 
 
 def by_nodes(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, passive: bool = True) -> Array:

@@ -16,7 +16,7 @@ from loop_examples import loaded_tree
 from rigid_trees import chain, tree
 
 import flexinv
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.kernels.threads.worker_pool import CELLS, DONE, EMPTY, OWNER, STATE, TAKEN
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.blocks import HELPERS
@@ -28,7 +28,7 @@ SAMPLES = 700
 
 
 def states(mechanism: Mechanism, samples: int = SAMPLES) -> list[Array]:
-    return list(random_states(mechanism, samples, np.random.default_rng(0)))
+    return list(sample_states(mechanism, samples, np.random.default_rng(0)))
 
 
 def python(code: str, *words: str, **more: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from rigid_trees import tree
 
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.kernels.threads.affinity import (
     _make_processor_finder,
     count_processors,
@@ -39,7 +39,7 @@ OTHERS = 12345  # the owner of an offer that somebody else has made
 
 def function() -> tuple[TorqueFunction, list[Array], Array]:
     mechanism = tree()
-    state = list(random_states(mechanism, SAMPLES, np.random.default_rng(0)))
+    state = list(sample_states(mechanism, SAMPLES, np.random.default_rng(0)))
     return prepare(mechanism, threads=2), state, prepare(mechanism, threads=1).torques(*state)
 
 
@@ -55,7 +55,7 @@ def call(f: TorqueFunction, state: list[Array], mails: np.ndarray) -> tuple[Arra
 
 def test_a_helper_takes_part() -> None:
     f = prepare(tree(), threads=2)
-    state = [np.repeat(a, 100, axis=0) for a in random_states(f.mechanism, SAMPLES, np.random.default_rng(0))]
+    state = [np.repeat(a, 100, axis=0) for a in sample_states(f.mechanism, SAMPLES, np.random.default_rng(0))]
     alone = prepare(tree(), threads=1).torques(*state)
     f.torques(*state)  # which compiles what helpers do before there are any
     end = time.monotonic() + PATIENCE

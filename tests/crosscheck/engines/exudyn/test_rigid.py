@@ -18,7 +18,7 @@ from crosscheck.engines.exudyn import rigid as exudyn_rigid
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.measures.record import Record, check
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism, Section
 from flexinv.model.motion import Motion
@@ -33,7 +33,7 @@ SECOND_ORDER = 4e-4
 
 def moved(mechanism: Mechanism, samples: int = 11) -> Case:
     """A quintic in 0.5 s from one random configuration to another."""
-    q = random_states(mechanism, 2, np.random.default_rng(2))[0]
+    q = sample_states(mechanism, 2, np.random.default_rng(2))[0]
     case = trees.case_of(Motion.point_to_point(q[0], q[1], 0.5, law="quintic"), 0.5, 0.5 / (samples - 1))
     return replace(case, quantities=("torque", "wrench", "tip"))
 
@@ -122,7 +122,7 @@ def test_why_prismatic_joints_stand_on_frames_that_move() -> None:
     """The engine's own Pz moves the child to -q: its transformation is the inverse of what the name says."""
     np.testing.assert_array_equal(TranslationZ2T66Inverse(2.0), Translation2T66([0.0, 0.0, -2.0]))
     mechanism = trees.chain("prismatic")
-    q, qd, qdd = random_states(mechanism, 3, np.random.default_rng(5))
+    q, qd, qdd = sample_states(mechanism, 3, np.random.default_rng(5))
     expected = np.array([kane.torque(mechanism, *row) for row in zip(q, qd, qdd, strict=True)])
     right = exudyn_rigid.compute_inverse_dynamics(mechanism, q, qd, qdd).torque
     wrong = exudyn_rigid.compute_inverse_dynamics(mechanism, q * (1, -1), qd, qdd).torque

@@ -18,7 +18,7 @@ from crosscheck.engines.mujoco import adapter as mujoco
 from crosscheck.engines.mujoco import joints as mujoco_joints
 from crosscheck.engines.mujoco.fuse import list_losses
 from crosscheck.measures.record import check
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.files.from_urdf import from_urdf
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism
 from flexinv.model.motion import Motion
@@ -33,7 +33,7 @@ def judged(mechanism: Mechanism, state: tuple[Any, ...]) -> Any:
 def test_a_record_of_all_quantities(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     mechanism = trees.tree()
-    q = random_states(mechanism, 2, np.random.default_rng(2))[0]
+    q = sample_states(mechanism, 2, np.random.default_rng(2))[0]
     case = trees.case_of(Motion.point_to_point(q[0], q[1], 0.5), 0.5, 0.05)
     assert mujoco.unsupported(mechanism, case, "mujoco") is None
     record = mujoco.run(mechanism, case, "mujoco", {})
@@ -90,7 +90,7 @@ def test_free_joints_that_mujoco_has_not() -> None:
 def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str, payload: bool) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
     mechanism = trees.overlaid(mechanism) if payload else mechanism
-    state = random_states(mechanism, 5, np.random.default_rng(1))
+    state = sample_states(mechanism, 5, np.random.default_rng(1))
     found = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
     expected = judged(mechanism, state)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
@@ -158,7 +158,7 @@ MAP_FAULTS: dict[str, tuple[str, Callable[..., Any]]] = {
 @pytest.mark.parametrize("fault", MAP_FAULTS)
 def test_a_fault_in_the_map_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism = trees.tree()
-    state = random_states(mechanism, 5, np.random.default_rng(1))
+    state = sample_states(mechanism, 5, np.random.default_rng(1))
     for module in (mujoco, mujoco_joints):
         monkeypatch.setattr(module, *MAP_FAULTS[fault], raising=False)
     wrong = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
@@ -169,7 +169,7 @@ def test_a_fault_in_the_map_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch)
 def test_default_friction_would_be_soft(monkeypatch: pytest.MonkeyPatch) -> None:
     """With MuJoCo's own solref, friction at a crawl is a fraction of what it is: the stiff setting is needed."""
     mechanism = trees.chain("revolute")
-    q, qd, qdd = random_states(mechanism, 5, np.random.default_rng(1))
+    q, qd, qdd = sample_states(mechanism, 5, np.random.default_rng(1))
     qd = 1e-6 * np.sign(qd)
     expected = judged(mechanism, (q, qd, qdd))
     monkeypatch.setattr(mujoco_joints, "STIFF_FRICTION", (0.02, 1.0))

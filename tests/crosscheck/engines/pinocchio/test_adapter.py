@@ -14,7 +14,7 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.pinocchio import adapter as pinocchio
 from crosscheck.engines.pinocchio import model as pinocchio_model
 from crosscheck.measures.record import check
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.files.from_urdf import from_urdf
 from flexinv.model.mechanism import Beam, Body, Inertia, Mechanism, Section
 from flexinv.model.motion import Motion
@@ -23,7 +23,7 @@ ROUNDING = 1e-13  # a few hundred roundings of the largest effort
 
 
 def moved(mechanism: Mechanism) -> Motion:
-    q = random_states(mechanism, 2, np.random.default_rng(2))[0]
+    q = sample_states(mechanism, 2, np.random.default_rng(2))[0]
     return Motion.point_to_point(q[0], q[1], 0.5)
 
 
@@ -83,7 +83,7 @@ def test_a_body_has_the_moments_that_are_stated(moment: float) -> None:
 @pytest.mark.parametrize("root", ["pelvis", "world"])
 def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
-    state = random_states(mechanism, 5, np.random.default_rng(1))
+    state = sample_states(mechanism, 5, np.random.default_rng(1))
     found = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state).torque
     found += pinocchio.passive_effort(mechanism, state[1])
     expected = np.array([kane.torque(mechanism, *row) for row in zip(*state, strict=True)])
@@ -94,7 +94,7 @@ def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str) -> None:
 def test_what_is_laid_over_a_urdf_reaches_the_model(tmp_path: Path, base: str) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path), base=base)
     loaded = trees.overlaid(mechanism)
-    state = random_states(mechanism, 5, np.random.default_rng(1))
+    state = sample_states(mechanism, 5, np.random.default_rng(1))
     found = pinocchio.compute_inverse_dynamics(pinocchio.build(loaded), *state).torque
     found += pinocchio.passive_effort(loaded, state[1])
     expected = np.array([kane.torque(loaded, *row) for row in zip(*state, strict=True)])
@@ -117,7 +117,7 @@ def test_a_urdf_that_is_not_the_mechanism_is_refused(tmp_path: Path) -> None:
 def test_the_turn_of_a_continuous_joint_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without A the joint turns about z instead of its axis."""
     mechanism = trees.chain("continuous")
-    state = random_states(mechanism, 5, np.random.default_rng(1))
+    state = sample_states(mechanism, 5, np.random.default_rng(1))
     right = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state)
     monkeypatch.setattr(pinocchio_model, "_build_z_frame", lambda joint: pinocchio.pin.SE3.Identity())
     wrong = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state)
@@ -132,7 +132,7 @@ def test_the_order_of_joints_matters(tmp_path: Path) -> None:
         links=tuple(sorted(mechanism.links, key=lambda k: ["pelvis", "z_arm", "hand", "tool", "a_arm"].index(k.name))),
         joints=tuple(sorted(mechanism.joints, key=lambda j: ["root_joint", "zed", "mid", "end", "abe"].index(j.name))),
     )
-    state = random_states(turned, 5, np.random.default_rng(1))
+    state = sample_states(turned, 5, np.random.default_rng(1))
     built = pinocchio.build(turned)
     found = pinocchio.compute_inverse_dynamics(built, *state).torque + pinocchio.passive_effort(turned, state[1])
     expected = np.array([kane.torque(turned, *row) for row in zip(*state, strict=True)])
