@@ -11,8 +11,8 @@ import click
 
 from crosscheck import commands
 from crosscheck.commands.shared.terminal import Console, Failure
-from crosscheck.secrets import without_passwords
-from crosscheck.start import needed
+from crosscheck.secrets import remove_passwords
+from crosscheck.start import describe_missing_package
 
 
 class Main(click.Group):
@@ -29,7 +29,7 @@ class Main(click.Group):
         try:
             module = importlib.import_module(f"{commands.__name__}.{name.replace('-', '_')}")
         except ModuleNotFoundError as error:
-            return _lacking(name, needed(error))
+            return _make_refusing_command(name, describe_missing_package(error))
         return cast(click.Command, module.command)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -43,22 +43,27 @@ class Main(click.Group):
         except BrokenPipeError:  # the reader has seen enough
             Console().on_broken_pipe()
         except ModuleNotFoundError as error:
-            raise Failure(needed(error)) from error
+            raise Failure(describe_missing_package(error)) from error
         except Exception as error:
-            click.echo(without_passwords(traceback.format_exc()), err=True)
+            click.echo(remove_passwords(traceback.format_exc()), err=True)
             raise Failure(f"the harness failed: {type(error).__name__}: {error}") from error
 
 
-def _lacking(name: str, words: str) -> click.Command:
+def _make_refusing_command(name: str, words: str) -> click.Command:
     """Return a command that says what it needs; the others work."""
 
-    def say(**_: object) -> None:
+    def refuse_command(**_: object) -> None:
         raise Failure(words)
 
     anything = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
     loose = {"ignore_unknown_options": True, "allow_extra_args": True}
     return click.Command(
-        name, loose, say, [anything], help=words, short_help="Needs what is not installed; its --help names it."
+        name,
+        loose,
+        refuse_command,
+        [anything],
+        help=words,
+        short_help="Needs what is not installed; its --help names it.",
     )
 
 

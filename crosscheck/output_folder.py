@@ -37,15 +37,15 @@ def begin(folder: Path, keep: str = "") -> None:
     Raises InputError where it cannot be made, or holds files and no list: they are not ours.
     """
     check(folder)
-    with said(folder):
-        adopt(folder)
+    with convert_os_errors(folder):
+        make_listed_folder(folder)
         remove(folder, keep=keep)
 
 
 def check(folder: Path) -> None:
     """Raise InputError where a folder cannot be a report's: it holds files and no list of ours, or is no folder."""
-    with said(folder):
-        others = [] if (folder / LIST).is_file() or not folder.exists() else foreign(folder)
+    with convert_os_errors(folder):
+        others = [] if (folder / LIST).is_file() or not folder.exists() else list_foreign_files(folder)
     if others:
         raise InputError(
             f"{folder} holds {others[0]}, which crosscheck did not write: write --out with a new or an empty folder "
@@ -53,14 +53,14 @@ def check(folder: Path) -> None:
         )
 
 
-def adopt(folder: Path) -> None:
+def make_listed_folder(folder: Path) -> None:
     """Make the folder and its list, unless they are there.  Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / LIST).touch()
 
 
 @contextmanager
-def said(folder: Path) -> Iterator[None]:
+def convert_os_errors(folder: Path) -> Iterator[None]:
     """Turn what the system says about a folder into an InputError that names it."""
     try:
         yield
@@ -69,7 +69,7 @@ def said(folder: Path) -> Iterator[None]:
         raise InputError(f"{folder} cannot be written to: {reason}; write another folder") from error
 
 
-def claim(file: Path) -> Path:
+def add_to_folder_list(file: Path) -> Path:
     """Note in the list of its folder that a file is ours, and return it; where no folder above has a list, nothing is noted.
 
     Raises FileExistsError where somebody else's file has that name.
@@ -81,21 +81,21 @@ def claim(file: Path) -> Path:
     if not os.path.lexists(file):
         with (root / LIST).open("a", encoding="utf-8") as text:
             text.write(name + "\n")
-    elif name not in listed(root):
+    elif name not in list_our_files(root):
         raise FileExistsError(f"{file} is there already, and crosscheck did not write it: move it away")
     return file
 
 
-def claim_record(stem: Path) -> Path:
+def add_record_to_list(stem: Path) -> Path:
     """Note both files of a record (`crosscheck.measures.record.save`) as ours and return their stem.  Raises FileExistsError."""
     for ending in (".npz", ".json"):
-        claim(stem.with_name(stem.name + ending))
+        add_to_folder_list(stem.with_name(stem.name + ending))
     return stem
 
 
 def write(file: Path, data: str | bytes) -> None:
     """Write a file as ours: whole or not at all, whatever happens meanwhile.  Raises OSError."""
-    replace(claim(file), data)
+    replace(add_to_folder_list(file), data)
 
 
 def replace(file: Path, data: str | bytes) -> None:
@@ -105,7 +105,7 @@ def replace(file: Path, data: str | bytes) -> None:
         try:
             part.write(raw)
             part.flush()
-            os.chmod(part.name, _mode(file))
+            os.chmod(part.name, _find_file_mode(file))
             os.replace(part.name, file)
         except BaseException:
             os.unlink(part.name)
@@ -134,22 +134,22 @@ def uninterrupted() -> Iterator[None]:
         signal.raise_signal(signal.Signals(heard[0]))
 
 
-def _mode(file: Path) -> int:
+def _find_file_mode(file: Path) -> int:
     """The mode of a file; of one that is not there, or has just been removed, what a new one gets."""
     try:
         return file.stat().st_mode
     except FileNotFoundError:
-        return 0o666 & ~_umask()
+        return 0o666 & ~_read_umask()
 
 
-def _umask() -> int:
+def _read_umask() -> int:
     """Return the permissions that new files do not get (a temporary file has fewer)."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
-def listed(folder: Path) -> set[str]:
+def list_our_files(folder: Path) -> set[str]:
     """Return the names of our files in a folder, relative to it."""
     try:
         return set((folder / LIST).read_text(encoding="utf-8").splitlines())
@@ -157,9 +157,9 @@ def listed(folder: Path) -> set[str]:
         return set()
 
 
-def foreign(folder: Path) -> list[str]:
+def list_foreign_files(folder: Path) -> list[str]:
     """Return the names of files in a folder, relative to it, that are not ours."""
-    known = listed(folder)
+    known = list_our_files(folder)
     inside = (Path(top) / name for top, _, names in os.walk(folder) for name in names)
     return sorted(
         name for file in inside if (name := file.relative_to(folder).as_posix()) not in known and name not in OWN
@@ -169,10 +169,10 @@ def foreign(folder: Path) -> list[str]:
 def remove(folder: Path, below: str = "", keep: str = "") -> None:
     """Remove our files from a folder, and folders that are empty then; below, keep: only those in it, none of those in it."""
     kept = []
-    for name in sorted(listed(folder)):
+    for name in sorted(list_our_files(folder)):
         if (below and not name.startswith(f"{below}/")) or (keep and name.startswith(f"{keep}/")):
             kept.append(name)
-        elif _inside(folder, folder / name):
+        elif _is_inside(folder, folder / name):
             (folder / name).unlink(missing_ok=True)
             for above in (folder / name).parents:
                 if above == folder or not above.is_dir() or any(above.iterdir()):
@@ -181,43 +181,43 @@ def remove(folder: Path, below: str = "", keep: str = "") -> None:
     replace(folder / LIST, "".join(f"{name}\n" for name in kept))
 
 
-def _inside(folder: Path, file: Path) -> bool:
+def _is_inside(folder: Path, file: Path) -> bool:
     """Return True if a file is one in the folder itself (no link leads out of it, and a list may say anything)."""
     return file.parent.resolve().is_relative_to(folder.resolve()) and not file.is_dir()
 
 
 def move(source: Path, target: Path, name: str) -> None:
     """Move our files in the folder ``name`` of a report into another report's.  Raises OSError."""
-    adopt(target)
-    for one in sorted(listed(source)):
+    make_listed_folder(target)
+    for one in sorted(list_our_files(source)):
         if one.startswith(f"{name}/") and (source / one).is_file():
             (target / one).parent.mkdir(parents=True, exist_ok=True)
-            (source / one).rename(claim(target / one))
+            (source / one).rename(add_to_folder_list(target / one))
     remove(source, below=name)
 
 
 @contextmanager
-def report(folder: Path) -> Iterator[None]:
+def open_report_folder(folder: Path) -> Iterator[None]:
     """Be the only one who writes a report into a folder.  Raises InputError where it is not ours, Busy where it is in use."""
     check(folder)
-    with alone(folder):
+    with take_folder_lock(folder):
         yield
 
 
 @contextmanager
-def alone(
+def take_folder_lock(
     folder: Path, lock: str = LOCK, holder: str = HOLDER, what: str = "another run writes into"
 ) -> Iterator[None]:
     """Hold the lock of a folder (the system drops it when its holder dies).  Raises Busy with what is known of the other.
 
     Who holds it may take it again.  A folder that does not exist is made.
     """
-    with said(folder):
+    with convert_os_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         one = filelock.FileLock(folder.resolve() / lock, is_singleton=True)
-        busy = not _acquired(one)
+        busy = not _can_acquire(one)
     if busy:
-        raise Busy(f"{what} {folder}{_holder(folder / holder)}: wait until it has ended")
+        raise Busy(f"{what} {folder}{_describe_holder(folder / holder)}: wait until it has ended")
     first = one.lock_counter == 1
     try:
         if first:
@@ -235,7 +235,7 @@ def alone(
         one.release()
 
 
-def _acquired(lock: filelock.BaseFileLock) -> bool:
+def _can_acquire(lock: filelock.BaseFileLock) -> bool:
     try:
         lock.acquire(blocking=False)
     except filelock.Timeout:
@@ -243,9 +243,9 @@ def _acquired(lock: filelock.BaseFileLock) -> bool:
     return True
 
 
-def discard(folder: Path) -> None:
+def remove_empty_folder(folder: Path) -> None:
     """Remove a folder that holds nothing but a list of nothing; another one stays as it is."""
-    if listed(folder) or {file.name for file in folder.glob("*")} - set(OWN):
+    if list_our_files(folder) or {file.name for file in folder.glob("*")} - set(OWN):
         return
     for name in OWN:
         (folder / name).unlink(missing_ok=True)
@@ -253,7 +253,7 @@ def discard(folder: Path) -> None:
         folder.rmdir()
 
 
-def _holder(file: Path) -> str:
+def _describe_holder(file: Path) -> str:
     try:
         holder = json.loads(file.read_text(encoding="utf-8"))
         return f" since {holder['started']} (process {holder['process']})"

@@ -73,7 +73,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(optionalhook=True)
 def pytest_configure_node(node: Any) -> None:
     """Give every worker of pytest-xdist the same folder of records."""
-    node.workerinput["crosscheck_records"] = str(_records(node.config))
+    node.workerinput["crosscheck_records"] = str(_make_records_folder(node.config))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
@@ -84,13 +84,13 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         shutil.rmtree(config.stash[FOLDER], ignore_errors=True)
 
 
-def _records(config: pytest.Config) -> Path:
+def _make_records_folder(config: pytest.Config) -> Path:
     if FOLDER not in config.stash:
         config.stash[FOLDER] = tempfile.mkdtemp(prefix="crosscheck-records-")
     return Path(config.stash[FOLDER])
 
 
-def _children(config: pytest.Config) -> Children:
+def _prepare_children(config: pytest.Config) -> Children:
     """Return the processes of this run: what engines need is imported once, not for every run of one."""
     if CHILDREN not in config.stash:
         from crosscheck.run.forking import ForkServers
@@ -114,21 +114,21 @@ class CasesFile(pytest.File):
         """Yield one test per comparison that a run would make."""
         from crosscheck.doors.registry import limited
         from crosscheck.measures.limits import references
-        from crosscheck.run.pair_runner import blessed
+        from crosscheck.run.pair_runner import read_blessed_night
         from crosscheck.verdicts.baseline import BaselineError
         from crosscheck.verdicts.plan import discover
         from flexinv.errors import ModelWarning
 
         folder = self.path.parent
-        known = _engines(self.config, folder.parent)
-        wanted = _wanted(self.config, known)
+        known = _collect_engines(self.config, folder.parent)
+        wanted = _list_wanted_engines(self.config, known)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)  # a run says it in its report
             plan = limited(discover(folder.parent, [folder.name]), {name: known[name] for name in wanted})
         if plan.broken:
             raise self.CollectError(plan.broken[0][1])
         try:
-            blessed(_baseline(self.config, folder.parent))
+            read_blessed_night(_find_baseline(self.config, folder.parent))
         except BaselineError as error:
             raise self.CollectError(str(error)) from error
         for task in plan.tasks:
@@ -142,14 +142,14 @@ class CasesFile(pytest.File):
                         yield ComparisonItem.from_parent(self, name=name, task=task, pair=pair, quantity=quantity)
 
 
-def _baseline(config: pytest.Config, models: Path) -> Path | None:
-    from crosscheck.run.pair_runner import beside
+def _find_baseline(config: pytest.Config, models: Path) -> Path | None:
+    from crosscheck.run.pair_runner import find_blessed_folder
 
     said = config.getoption("--crosscheck-baseline")
-    return beside(models) if said is None else Path(said) if said else None
+    return find_blessed_folder(models) if said is None else Path(said) if said else None
 
 
-def _engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
+def _collect_engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
     """Return the engines of a folder of models; programs that are chosen have to be trusted."""
     from crosscheck.doors.registry import doors
     from flexinv.errors import InputError
@@ -157,7 +157,7 @@ def _engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
     stated = config.getoption("--crosscheck-config")
     try:
         known = doors(models, Path(stated) if stated else None, config.getoption("--crosscheck-engine"))
-        wanted = _wanted(config, known.engines)
+        wanted = _list_wanted_engines(config, known.engines)
         known.admit(
             wanted, bool(config.getoption("crosscheck_trust_commands")), config.stash.setdefault(SAID, set()).add
         )
@@ -172,7 +172,7 @@ def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
     return sorted(said)
 
 
-def _wanted(config: pytest.Config, known: Mapping[str, Engine]) -> list[str]:
+def _list_wanted_engines(config: pytest.Config, known: Mapping[str, Engine]) -> list[str]:
     from fnmatch import fnmatchcase
 
     patterns = [p.strip() for p in config.getoption("--crosscheck-engines").split(",") if p.strip()]
@@ -196,10 +196,10 @@ class ComparisonItem(pytest.Item):
     def runtest(self) -> None:
         """Run both engines unless that was done, compare, and fail with words."""
         from crosscheck.measures.limits import worst
-        from crosscheck.run.pair_runner import cause, compared
+        from crosscheck.run.pair_runner import compare_engines, describe_pair_cause
 
         shared = self._shared()
-        pair = compared(shared, self.task, *self.pair)
+        pair = compare_engines(shared, self.task, *self.pair)
         rows = [row for row in pair if row.quantity == self.quantity]
         for row in rows:
             self._note(row)
@@ -210,19 +210,19 @@ class ComparisonItem(pytest.Item):
         if verdict == "explained":
             pytest.xfail(messages)
         if verdict != "within":
-            from crosscheck.report.failure import failure
+            from crosscheck.report.failure import describe_failure
 
             wrong = [row for row in rows if row.verdict in ("deviation", "unjudged", "error")]
-            why = cause(shared, self.task, pair) if any(row.maximum is not None for row in wrong) else ""
-            raise ComparisonFailed("\n\n".join(failure(row, why) for row in wrong))
+            why = describe_pair_cause(shared, self.task, pair) if any(row.maximum is not None for row in wrong) else ""
+            raise ComparisonFailed("\n\n".join(describe_failure(row, why) for row in wrong))
 
     def _shared(self) -> Shared:
         from crosscheck.run.pair_runner import Shared
 
-        baseline = _baseline(self.config, self.task.folder.parent)
+        baseline = _find_baseline(self.config, self.task.folder.parent)
         limit = float(self.config.getoption("--crosscheck-timeout"))
         engines = {engine.name: engine for engine in self.pair}
-        return Shared(_records(self.config), baseline, limit, engines, _children(self.config))
+        return Shared(_make_records_folder(self.config), baseline, limit, engines, _prepare_children(self.config))
 
     def _note(self, row: Comparison) -> None:
         """Give the numbers to JUnit."""

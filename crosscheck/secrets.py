@@ -18,19 +18,19 @@ QUERY = re.compile(r"(?P<before>[A-Za-z][\w+.-]*://[^\s?]*)\?[^\s'\")]*")
 ADDRESSES = ("--history", "--scheduler")  # options whose value is an address, or was meant to be one
 
 
-def without_passwords(text: str) -> str:
+def remove_passwords(text: str) -> str:
     """Return a text with every password of an address in it hidden."""
     return QUERY.sub(rf"\g<before>?{HIDDEN}", PASSWORD.sub(rf"\g<before>:{HIDDEN}@", text))
 
 
-def without(text: str, password: str | None) -> str:
+def remove_password(text: str, password: str | None) -> str:
     """Return a text in which a password that is known is hidden, as it is and as it is written in an address."""
     for word in {password, unquote(password)} - {""} if password else ():
         text = text.replace(word, HIDDEN)
-    return without_passwords(text)
+    return remove_passwords(text)
 
 
-def command_line(words: Sequence[str]) -> str:
+def format_command_line(words: Sequence[str]) -> str:
     """Return a command line as somebody may read it: ``crosscheck`` and its words, without passwords."""
     shown = []
     before = ""
@@ -40,6 +40,6 @@ def command_line(words: Sequence[str]) -> str:
             word = HIDDEN  # no address at all: it may be anything
         elif option in ADDRESSES and equals and "://" not in value:
             word = f"{option}={HIDDEN}"
-        shown.append(without_passwords(word))
+        shown.append(remove_passwords(word))
         before = word
     return shlex.join(["crosscheck", *shown])

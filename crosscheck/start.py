@@ -59,7 +59,7 @@ def run_commands() -> None:
 
         command = importlib.import_module("crosscheck.cli").main
     except ModuleNotFoundError as error:
-        say(f"Error: {needed(error)}")
+        say(f"Error: {describe_missing_package(error)}")
         sys.exit(2)
     try:
         with add_compile_listener(lambda: say(f"crosscheck: {NOTE}")):
@@ -69,7 +69,7 @@ def run_commands() -> None:
         os._exit(2)  # nothing that is left in a buffer could be written either
 
 
-def needed(error: ModuleNotFoundError) -> str:
+def describe_missing_package(error: ModuleNotFoundError) -> str:
     """Return the message with the packages to install for a missing module; raise the error for a module of our own."""
     name = (error.name or "").partition(".")[0]
     if name in ("", "crosscheck", "flexinv"):
@@ -77,11 +77,11 @@ def needed(error: ModuleNotFoundError) -> str:
     extra = EXTRAS.get(name, "report")
     return (
         f"crosscheck needs {name}, which is not installed; to install what it needs (flexinv[{extra}]): "
-        f"python -m pip install {shlex.join(requirements(extra)) or name}"
+        f"python -m pip install {shlex.join(list_requirements(extra)) or name}"
     )
 
 
-def requirements(extra: str = "") -> list[str]:
+def list_requirements(extra: str = "") -> list[str]:
     """Return the requirements for pip of an extra of this project, of its core without one.
 
     Nothing where the project itself is not installed.

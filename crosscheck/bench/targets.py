@@ -14,7 +14,7 @@ from llvmlite import binding
 
 from crosscheck.measures.limits import Verdict
 from crosscheck.verdicts.history import Metric
-from crosscheck.verdicts.results import StudyRow, machine
+from crosscheck.verdicts.results import StudyRow, describe_machine
 
 NAME = "bench"
 COLUMNS = (
@@ -98,7 +98,7 @@ def _describe_limit(one: Metric) -> str:
 
 def describe_measurement() -> str:
     """Return the words on top: which machine this was, and how it was measured."""
-    here = machine()
+    here = describe_machine()
     width = find_vector_width()
     asked = (
         "The ratios asked of rigid inverse dynamics are those for AVX-512."

@@ -18,7 +18,7 @@ from crosscheck.beyond.trial import Place
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Children, ask, scratch
+from crosscheck.run.isolation import Children, ask, open_scratch_folder
 
 MODULE = "crosscheck.beyond.trial"
 ENOUGH = 0.5  # of the faults above the bars are named, alone or in a set
@@ -157,7 +157,7 @@ def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[
     with ThreadPoolExecutor(wanted.jobs) as pool:
         work = _Work(wanted, notify, pool, Children(servers=servers))
         try:
-            with scratch() as folder:
+            with open_scratch_folder() as folder:
                 _run_campaign_steps(work, folder)
         except KeyboardInterrupt:
             work.children.stop()

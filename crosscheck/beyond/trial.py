@@ -24,13 +24,13 @@ from crosscheck.measures.limits import REFERENCE, find
 from crosscheck.measures.record import Record, RecordError, check, load
 from crosscheck.run.child import run_case
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.questions import questions
+from crosscheck.run.questions import list_questions
 from crosscheck.run.result_rows import compare_all, run_row
-from crosscheck.verdicts.bars import checked_bar
-from crosscheck.verdicts.certificates import by_certificate, certificates
-from crosscheck.verdicts.compare import Comparison, fraction, group, scale_of
-from crosscheck.verdicts.plan import Plan, Task, case_row, discover
-from crosscheck.verdicts.repeatability import by_repetition, doubtful
+from crosscheck.verdicts.bars import find_checked_bar
+from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
+from crosscheck.verdicts.compare import Comparison, compute_fraction, scale_of, split_by_unit
+from crosscheck.verdicts.plan import Plan, Task, discover, make_case_row
+from crosscheck.verdicts.repeatability import is_doubtful, judge_by_repetition
 from crosscheck.verdicts.results import Results
 
 Effect = Literal["above", "between", "below"]
@@ -137,16 +137,16 @@ def _run_harmed_engine(place: Place, scene: Scene, fault: Fault, stem: Path, col
     unharmed = load(place.stem(place.engine))
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
-    lines = certificates(task, records)
+    lines = list_certificate_lines(task, records)
     deviate = any(row.verdict in TOLD for row in rows)
-    rows = by_certificate(rows, lines)
-    if any(map(doubtful, rows)):  # as a run does: bars that explain a difference are those of an engine that repeats
+    rows = judge_by_certificate(rows, lines)
+    if any(map(is_doubtful, rows)):  # as a run does: bars that explain a difference are those of an engine that repeats
         run_case(place.job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
         again = {REFERENCE: reference, place.engine: _read(twice, task)}
-        rows = [by_repetition(row, records, again) if doubtful(row) else row for row in rows]
+        rows = [judge_by_repetition(row, records, again) if is_doubtful(row) else row for row in rows]
     series = {REFERENCE: str(place.stem(REFERENCE).resolve()), place.engine: str(stem.resolve())}
     results = _make_results(task, records, rows, lines, series)
-    answers = [_ask_question(question.job, columns) for question in questions(results, Plan((task,)), Path("/"))]
+    answers = [_ask_question(question.job, columns) for question in list_questions(results, Plan((task,)), Path("/"))]
     named = [one for answer in answers for one in answer.get("named", ())]
     effect, most = compute_effect(fault, task, reference, unharmed, record)
     failed = [line.what for line in lines if not line.holds]
@@ -206,7 +206,7 @@ def _make_results(
     return Results(
         started="",
         finished=True,
-        cases=(case_row(task),),
+        cases=(make_case_row(task),),
         runs=tuple(kind(**run) for run in runs),
         comparisons=tuple(rows),
         certificates=tuple(lines),
@@ -235,7 +235,7 @@ def compute_effect(
     seen = False
     for quantity in task.case.quantities:
         limit = find(task.case.limits, quantity, unharmed.engine, REFERENCE, unharmed.version)
-        for names in group(reference.series, quantity).values():
+        for names in split_by_unit(reference.series, quantity).values():
             known = [n for n in names if n in unharmed.series and n in harmed.series]
             if limit is None or not known:
                 continue
@@ -244,8 +244,8 @@ def compute_effect(
                 change = _compute_difference(harmed, unharmed, n, scale)
                 distance = _compute_difference(unharmed, reference, n, scale)
                 owners = (unharmed, harmed) if fault.bars else (unharmed,)
-                bars = [sum(checked_bar(side, n) or 0.0 for side in (one, reference)) for one in owners]
-                bar = max(limit.maximum, fraction(max(bars), scale))
+                bars = [sum(find_checked_bar(side, n) or 0.0 for side in (one, reference)) for one in owners]
+                bar = max(limit.maximum, compute_fraction(max(bars), scale))
                 most = max(most, change / bar)
                 seen |= change - distance > bar
                 below &= change + distance <= limit.maximum
@@ -253,4 +253,4 @@ def compute_effect(
 
 
 def _compute_difference(one: Record, other: Record, name: str, scale: float) -> float:
-    return fraction(float(np.abs(one.series[name].values - other.series[name].values).max()), scale)
+    return compute_fraction(float(np.abs(one.series[name].values - other.series[name].values).max()), scale)

@@ -26,7 +26,7 @@ from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, load
-from crosscheck.verdicts.bars import checked_bar
+from crosscheck.verdicts.bars import find_checked_bar
 from flexinv.files.load_cases import load_cases
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
@@ -157,7 +157,7 @@ def compute_noise(model: Model, *records: Record) -> Array:
     total = np.zeros(model.torque.shape)
     for record in records:
         for k, coordinate in enumerate(model.base.mechanism.velocity_names):
-            total[:, k] += checked_bar(record, f"torque/{coordinate}") or 0.0
+            total[:, k] += find_checked_bar(record, f"torque/{coordinate}") or 0.0
     return np.maximum(model.scale_efforts(total), ROUNDING)
 
 

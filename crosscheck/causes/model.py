@@ -13,7 +13,7 @@ from crosscheck.causes.subject import Array, States, Subject
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.flexinv.adapter import solve_case
 from crosscheck.measures.record import Record, Series, effort_units, fingerprint
-from crosscheck.verdicts.compare import signal_range
+from crosscheck.verdicts.compare import compute_signal_range
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import REDUNDANT, count_ranks
@@ -147,7 +147,7 @@ def find_stride(mechanism: Mechanism, time: Array, most: int) -> int:
 def compute_effort_scales(mechanism: Mechanism, torque: Array) -> Array:
     """Return the range of the efforts of each coordinate's unit, (nv,) [N m] or [N]; 1 where there is none."""
     units = effort_units(mechanism)
-    ranges = {u: signal_range([torque[:, k] for k, v in enumerate(units) if v == u]) for u in set(units)}
+    ranges = {u: compute_signal_range([torque[:, k] for k, v in enumerate(units) if v == u]) for u in set(units)}
     return np.array([ranges[u] or 1.0 for u in units])
 
 

@@ -17,8 +17,8 @@ from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array
 from crosscheck.measures.limits import find
 from crosscheck.measures.record import Record, Series
-from crosscheck.verdicts.bars import checked_bar
-from crosscheck.verdicts.compare import COMPARED, group, scale_of, signal_range
+from crosscheck.verdicts.bars import find_checked_bar
+from crosscheck.verdicts.compare import COMPARED, compute_signal_range, scale_of, split_by_unit
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9
@@ -141,7 +141,7 @@ def scale_of_one(reference: Mapping[str, Series], name: str) -> float:
     """Return the range by which the error of a series is divided, that of all of its quantity and unit [its unit]."""
     one = reference[name]
     alike = [s.values for s in reference.values() if (s.quantity, s.unit) == (one.quantity, one.unit)]
-    return signal_range(alike) or 1.0
+    return compute_signal_range(alike) or 1.0
 
 
 def collect_quantities(model: Model, engine: Record, reference: Record) -> Quantities:
@@ -151,11 +151,11 @@ def collect_quantities(model: Model, engine: Record, reference: Record) -> Quant
     rigid = model.base.mechanism.is_rigid
     for quantity in COMPARED:
         limit = find(limits, quantity, engine.engine, reference.engine, engine.version)
-        for names in group(reference.series, quantity).values():
+        for names in split_by_unit(reference.series, quantity).values():
             scale = scale_of(reference, quantity, [reference.series[n].values for n in names])
             stated = 0.0 if limit is None else limit.maximum * scale
             for name in (n for n in names if n in engine.series):
-                bar = sum(checked_bar(one, name) or 0.0 for one in (engine, reference))
+                bar = sum(find_checked_bar(one, name) or 0.0 for one in (engine, reference))
                 known = max(bar, stated, ROUNDING * scale if rigid else 0.0)
                 if known or scale == 0.0:
                     agreed[name] = known

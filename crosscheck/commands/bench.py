@@ -13,13 +13,21 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.bench import parts as known
 from crosscheck.bench.targets import describe_measurement, list_metrics
-from crosscheck.commands.shared.terminal import COLOURS, MODELS, TIMEOUT, Console, Failure, progress, terminated
-from crosscheck.commands.shared.terminal import out as out_option
+from crosscheck.commands.shared.terminal import (
+    COLOURS,
+    MODELS,
+    TIMEOUT,
+    Console,
+    Failure,
+    convert_sigterm,
+    open_progress,
+)
+from crosscheck.commands.shared.terminal import make_out_option as out_option
 from crosscheck.report import render
-from crosscheck.report.html import value
+from crosscheck.report.html import format_value
 from crosscheck.report.words import SIGNS
 from crosscheck.run.run_state import RESULTS
-from crosscheck.secrets import command_line
+from crosscheck.secrets import format_command_line
 from crosscheck.verdicts import history
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
@@ -73,30 +81,30 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
     if unknown := [name for name in parts if name not in known.PARTS]:
         raise Failure(f"no part is called {unknown[0]!r}; known: {', '.join(known.PARTS)}")
     try:
-        with owned.report(out):
-            with terminated(), progress(Console(stderr=True)) as notify:
-                line = command_line(sys.argv[1:])
+        with owned.open_report_folder(out):
+            with convert_sigterm(), open_progress(Console(stderr=True)) as notify:
+                line = format_command_line(sys.argv[1:])
                 results = known.run_parts(known.list_studies(models, parts, quick), timeout, out, notify, line)
             store.write(results, out / RESULTS)
             render(results, out)
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
-    _show(results)
+    _write_targets(results)
     if url is not None:
-        _remember(results, url)
+        _add_to_history(results, url)
     Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
     failed = not results.finished or any(table.status != "ok" for table in results.studies)
     sys.exit(2 if failed else int(results.studies[0].verdict == "deviation"))
 
 
-def _show(results: Results) -> None:
+def _write_targets(results: Results) -> None:
     """Print the table of targets, and what failed."""
     console = Console()
     console.print(describe_measurement().split("\n\n")[0], highlight=False)
     table = Table("", "what", "measured", "asked", "", box=None, header_style="dim")
     for row in results.studies[0].rows:
         sign = f"[{COLOURS[row['verdict']]}]{SIGNS[row['verdict']]}[/]"
-        measured = f"{value(row['value'])} {row['unit'].strip('-')}" if "value" in row else ""
+        measured = f"{format_value(row['value'])} {row['unit'].strip('-')}" if "value" in row else ""
         table.add_row(sign, escape(row["what"]), measured, row["limit"], row["spread"])
     console.print(table)
     for part in results.studies[1:]:
@@ -104,8 +112,8 @@ def _show(results: Results) -> None:
             console.print(f"[red]{escape(part.title)}: {escape(part.message)}[/]")
 
 
-def _remember(results: Results, url: str) -> None:
+def _add_to_history(results: Results, url: str) -> None:
     try:
-        history.add_metrics(history.connect(url), list_metrics(results.studies), elapsed=results.elapsed)
+        history.add_metrics(history.open_database(url), list_metrics(results.studies), elapsed=results.elapsed)
     except history.HistoryError as error:
         raise Failure(str(error)) from error

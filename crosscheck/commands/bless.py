@@ -56,9 +56,9 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
         raise Failure(f"cannot read what to bless: {error}") from error
     if not results.finished:
         raise Failure(f"the run in {folder} has not finished ({results.message or 'no message'}): bless a complete one")
-    good, bad = blessed.blessed(results)
+    good, bad = blessed.choose_blessable(results)
     try:
-        signals = blessed.select_blessed(results, blessed.signals_of(results, folder), good)
+        signals = blessed.choose_blessed_signals(results, blessed.collect_signals(results, folder), good)
         moves = blessed.find_all_moves(results, signals, old)
         blessed.write(baseline, results, good, reason.strip(), signals)
         after = blessed.read(baseline).fractions

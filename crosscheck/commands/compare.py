@@ -21,7 +21,7 @@ from crosscheck.equivalence.output.text import GROUPS, describe_repair, describe
 from crosscheck.equivalence.readers import Loaded, Measure, compare_readers
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import try_reading
-from crosscheck.report.words import short
+from crosscheck.report.words import format_short
 from crosscheck.run.guarded import Guard, Unread
 from flexinv.errors import InputError
 
@@ -79,18 +79,18 @@ def command(
     \b
     Exit codes: 0 the same, 1 different, 2 cannot be compared, not comparable in what is named, or not proven
     """
-    families = _families(judge)
+    families = _parse_families(judge)
     guard = Guard(timeout, memory)
     try:
         if readers is not None:
             if b is not None or stated:
                 raise Failure("--readers compares the readers of one file: leave out B and --match")
             rows = compare_readers(a, readers, Measure(tolerance, families, strict, ignored, unproven), guard.call)
-            _tell_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
-            sys.exit(_code(rows))
+            _write_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
+            sys.exit(_find_worst_code(rows))
         if b is None:
             raise Failure("one description is given: write a second one, or --readers all")
-        found = _found(guard, a, b, (tolerance, _matches(stated), families, strict, ignored, unproven))
+        found = _found(guard, a, b, (tolerance, _parse_matches(stated), families, strict, ignored, unproven))
         if out is not None:
             write(found, out)
     except InputError as error:
@@ -101,7 +101,7 @@ def command(
     if as_json or as_markdown:
         click.echo(json.dumps(found.plain, indent=1) if as_json else render_markdown(found))
     else:
-        _show(Console(), found, out)
+        _write_comparison(Console(), found, out)
     sys.exit(found.code)
 
 
@@ -115,7 +115,7 @@ def _found(guard: Guard, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
         raise
 
 
-def _matches(stated: tuple[str, ...]) -> dict[str, str]:
+def _parse_matches(stated: tuple[str, ...]) -> dict[str, str]:
     pairs = [one.partition("=") for one in stated]
     for one, (a, _, b) in zip(stated, pairs, strict=True):
         if not a or not b:
@@ -123,16 +123,16 @@ def _matches(stated: tuple[str, ...]) -> dict[str, str]:
     return {a: b for a, _, b in pairs}
 
 
-def _families(text: str) -> tuple[str, ...]:
+def _parse_families(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _show(console: Console, found: Comparison, out: Path | None) -> None:
+def _write_comparison(console: Console, found: Comparison, out: Path | None) -> None:
     colour = {0: "green", 1: "red"}.get(found.code, "yellow")
     console.print(f"A  {escape(found.first)}\nB  {escape(found.second)}", highlight=False, soft_wrap=True)
     for name, title in GROUPS:
         if group := getattr(found.judged, name):
-            console.print(_table(title, group))
+            console.print(_make_difference_table(title, group))
     for line in [*describe_rounding(found), describe_repair(found)]:
         console.print(escape(line), highlight=False, soft_wrap=True)
     if found.suspects:
@@ -153,7 +153,7 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
         console.print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
 
 
-def _table(title: str, group: tuple[Difference, ...]) -> Table:
+def _make_difference_table(title: str, group: tuple[Difference, ...]) -> Table:
     table = Table(title=title, title_justify="left")
     for name in ("what", "where", "A", "B", "size", "times its range", "looks like"):
         table.add_column(name, justify="right" if name in ("size", "times its range") else "left", overflow="fold")
@@ -165,14 +165,14 @@ def _table(title: str, group: tuple[Difference, ...]) -> Table:
             d.first,
             d.second,
             size,
-            short(d.share) if d.share is not None else "",
+            format_short(d.share) if d.share is not None else "",
             "; ".join(d.hints),
         )
         table.add_row(*map(escape, cells))
     return table
 
 
-def _tell_readers(file: str, rows: list[Loaded], out: Path | None, form: str) -> None:
+def _write_readers(file: str, rows: list[Loaded], out: Path | None, form: str) -> None:
     if out is not None:
         write_table(file, rows, out)
     _add_summary(render_readers_table(file, rows))
@@ -180,7 +180,7 @@ def _tell_readers(file: str, rows: list[Loaded], out: Path | None, form: str) ->
         plain = [row.plain for row in rows]
         click.echo(json.dumps(plain, indent=1) + "\n" if form == "json" else render_readers_table(file, rows), nl=False)
         return
-    Console().print(_readers_table(file, rows))
+    Console().print(_make_reader_table(file, rows))
     for row in rows:
         for words in row.dropped:
             Console().print(f"[dim]{escape(row.reader)}: {escape(words)}[/]", highlight=False, soft_wrap=True)
@@ -196,12 +196,12 @@ def _add_summary(words: str) -> None:
             file.write(words)
 
 
-def _code(rows: list[Loaded]) -> int:
+def _find_worst_code(rows: list[Loaded]) -> int:
     """The worst of all rows: 2 where one cannot be compared or is not proven, 1 where one differs."""
     return max(2 if row.found is None else row.found.code for row in rows)
 
 
-def _readers_table(file: str, rows: list[Loaded]) -> Table:
+def _make_reader_table(file: str, rows: list[Loaded]) -> Table:
     table = Table(title=f"{file}, as each engine reads it, against {rows[0].reader}", title_justify="left")
     for name in ("reader", "joints", "mass [kg]", "result", "differences"):
         table.add_column(name, overflow="fold")

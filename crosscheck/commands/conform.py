@@ -13,30 +13,30 @@ import click
 from rich.markup import escape
 
 from crosscheck import output_folder as owned
-from crosscheck.commands.shared.options import CONFIG, NAMED, TRUST, admit, doors_of
+from crosscheck.commands.shared.options import CONFIG, NAMED, TRUST, check_trust, collect_engines
 from crosscheck.commands.shared.terminal import (
     COLOURS,
     JOBS,
     TIMEOUT,
     Console,
     Failure,
-    chosen,
+    convert_sigterm,
+    match_entries,
+    open_progress,
     plan_of,
-    progress,
-    terminated,
 )
-from crosscheck.commands.shared.terminal import out as out_option
+from crosscheck.commands.shared.terminal import make_out_option as out_option
 from crosscheck.conform import blind as rounds
 from crosscheck.conform import ladder
 from crosscheck.doors.registry import COMMAND, FMU, RECORD
 from crosscheck.engines import Engine
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.report import render
-from crosscheck.run.isolation import scratch
+from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
-from crosscheck.secrets import command_line
+from crosscheck.secrets import format_command_line
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
@@ -94,44 +94,44 @@ def command(
     were climbed hold, and one was; 1: one does not hold; 2: an engine failed.
     """
     console = Console(stderr=True)
-    known = doors_of(models, config, engine)
-    wanted = {name: one for name, one in chosen(known.engines, engines, "engine").items() if name != REFERENCE}
+    known = collect_engines(models, config, engine)
+    wanted = {name: one for name, one in match_entries(known.engines, engines, "engine").items() if name != REFERENCE}
     if not wanted:
         raise Failure(f"{engines!r} leaves no engine beside {REFERENCE}, which is what they are compared with")
     if seed is not None and not blind:
         raise Failure("--seed belongs to --blind")
-    admit(known, wanted, trust_commands, lambda line: console.print(escape(line), soft_wrap=True))
+    check_trust(known, wanted, trust_commands, lambda line: console.print(escape(line), soft_wrap=True))
     if blind:
         for name, one in wanted.items():
             if why := FIXED.get(one.module):
                 raise Failure(f"{name} is {why}: it cannot be asked blind")
         seed = secrets.randbits(32) if seed is None else seed
-        wanted = {name: _hidden(one) for name, one in wanted.items()}
-    names = tuple(chosen(ladder.RUNGS, rungs, "rung"))
+        wanted = {name: _make_blind_engine(one) for name, one in wanted.items()}
+    names = tuple(match_entries(ladder.RUNGS, rungs, "rung"))
     taking = {REFERENCE: known.engines[REFERENCE], **wanted}
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         place = ladder.FOLDER
         if seed is not None:
             place = folder / "models"
             rounds.written(ladder.FOLDER, place, seed)
         work = Work(plan_of(place, names), taking, (), Options(timeout, jobs, climbing=True))
         try:
-            with owned.report(out), terminated(), progress(console) as notify:
-                results = run(work, out, notify, command_line(sys.argv[1:]))
-                results = _with_table(results, wanted, seed, out)
+            with owned.open_report_folder(out), convert_sigterm(), open_progress(console) as notify:
+                results = run(work, out, notify, format_command_line(sys.argv[1:]))
+                results = _add_ladder_table(results, wanted, seed, out)
         except (InputError, OSError) as error:
             raise Failure(str(error)) from error
-    _leave(console, results, wanted, seed, out)
+    _write_ladder_and_end(console, results, wanted, seed, out)
 
 
-def _hidden(engine: Engine) -> Engine:
+def _make_blind_engine(engine: Engine) -> Engine:
     """Return an engine as a blind round asks it: a program without anything of ours in reach."""
     if engine.module != COMMAND or engine.settings is None:
         return engine
     return replace(engine, settings={**engine.settings, "blind": True})
 
 
-def _with_table(results: Results, wanted: Mapping[str, Engine], seed: int | None, out: Path) -> Results:
+def _add_ladder_table(results: Results, wanted: Mapping[str, Engine], seed: int | None, out: Path) -> Results:
     """Return the results with the table of the ladder, written and rendered."""
     outside = [name for name, one in wanted.items() if one.module == COMMAND]
     inside = [name for name in wanted if name not in outside]
@@ -143,7 +143,9 @@ def _with_table(results: Results, wanted: Mapping[str, Engine], seed: int | None
     return results
 
 
-def _leave(console: Console, results: Results, wanted: Mapping[str, Engine], seed: int | None, out: Path) -> NoReturn:
+def _write_ladder_and_end(
+    console: Console, results: Results, wanted: Mapping[str, Engine], seed: int | None, out: Path
+) -> NoReturn:
     """Show the rungs, the line to quote for each engine, and leave with the exit code."""
     code = 2 if results.message else 0
     for name, one in wanted.items():

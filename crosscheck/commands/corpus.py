@@ -22,10 +22,10 @@ from crosscheck.commands.shared.terminal import (
     TIMEOUT,
     Console,
     Failure,
-    progress,
-    terminated,
+    convert_sigterm,
+    open_progress,
 )
-from crosscheck.commands.shared.terminal import out as out_option
+from crosscheck.commands.shared.terminal import make_out_option as out_option
 from crosscheck.corpus.audit import TARGET, Audited, collect_by_class, is_target_met, run_audit, write_audit
 from crosscheck.corpus.consensus import DISAGREEMENT
 from crosscheck.corpus.folder import Corpus, write_corpus
@@ -34,15 +34,15 @@ from crosscheck.corpus.judging import INSIDE, SKIPPED, find_exit_code, judge_ans
 from crosscheck.corpus.notes import check_published, read_notes
 from crosscheck.corpus.pages import render
 from crosscheck.measures.record import RecordError
-from crosscheck.report.words import short
-from crosscheck.run.isolation import scratch
-from crosscheck.run.kept_answers import folder_of_user
-from crosscheck.secrets import command_line
+from crosscheck.report.words import format_short
+from crosscheck.run.isolation import open_scratch_folder
+from crosscheck.run.kept_answers import find_user_folder
+from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
 
 
-def _doors(command: click.decorators.FC) -> click.decorators.FC:
+def _add_engine_options(command: click.decorators.FC) -> click.decorators.FC:
     for option in reversed(DOORS):
         command = option(command)
     return command
@@ -72,7 +72,7 @@ def _doors(command: click.decorators.FC) -> click.decorators.FC:
 @click.option("--against", type=FOLDER, default=Path("corpus"), show_default=True, help="With --judge: the corpus.")
 @JOBS
 @TIMEOUT
-@_doors
+@_add_engine_options
 def command(
     names: tuple[str, ...],
     models: Path,
@@ -109,13 +109,18 @@ def command(
         raise click.BadParameter(f"Directory '{models}' does not exist.", param_hint="'--models'")
     asked = Asked(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
     work, _ = asked.work(lambda line: console.print(escape(line), soft_wrap=True))
-    options = replace(work.options, kept=folder_of_user(), fresh=fresh or bool(os.environ.get("CI")))
+    options = replace(work.options, kept=find_user_folder(), fresh=fresh or bool(os.environ.get("CI")))
     work = replace(work, options=options)
     try:
         notes = read_notes(models)
         check_published(notes, work.plan.tasks, models, whole=not names)
-        with owned.report(out), scratch() as place, terminated(), progress(console) as notify:
-            panel = run_panel(work, notes, place / "run", notify, command_line(sys.argv[1:]))
+        with (
+            owned.open_report_folder(out),
+            open_scratch_folder() as place,
+            convert_sigterm(),
+            open_progress(console) as notify,
+        ):
+            panel = run_panel(work, notes, place / "run", notify, format_command_line(sys.argv[1:]))
             if not panel.results.finished:
                 raise Failure(
                     f"{panel.results.message or 'interrupted'}; nothing was written, and what was computed is kept"
@@ -129,13 +134,15 @@ def command(
             render(corpus, found, rows)
     except (InputError, RecordError, OSError) as error:
         raise Failure(str(error)) from error
-    _leave(console, corpus, panel.results, rows if audited else None)
+    _write_summary_and_end(console, corpus, panel.results, rows if audited else None)
 
 
-def _leave(console: Console, corpus: Corpus, results: Results, rows: Sequence[Audited] | None) -> NoReturn:
+def _write_summary_and_end(
+    console: Console, corpus: Corpus, results: Results, rows: Sequence[Audited] | None
+) -> NoReturn:
     """Say what was written, and leave with the exit code."""
     if rows is not None:
-        console.print(_audit_table(rows))
+        console.print(_make_audit_table(rows))
     broken = [case for case in results.cases if case.problem]
     for case in broken:
         console.print(f"[bold red]![/] {escape(f'{case.mechanism}: {case.problem}')}", highlight=False, soft_wrap=True)
@@ -153,7 +160,7 @@ def _leave(console: Console, corpus: Corpus, results: Results, rows: Sequence[Au
     sys.exit(2 if failed or broken or not corpus.entries else 1 if split or missed else 0)
 
 
-def _audit_table(rows: Sequence[Audited]) -> Table:
+def _make_audit_table(rows: Sequence[Audited]) -> Table:
     """Return the audit as a table for a terminal."""
     table = Table(title=f"Error bars: values of the finer run inside them, target {100 * TARGET:g} %")
     for name in ("class", "engine", "what was finer", "series", "samples", "inside", "worst series"):
@@ -176,7 +183,7 @@ def _judge(answers: Path, corpus: Path) -> NoReturn:
         apart = (
             ""
             if row.verdict in (INSIDE, SKIPPED) or not row.outside
-            else (f", {100 * row.outside:.3g} % of the samples, by up to {short(row.distance)} of the range")
+            else (f", {100 * row.outside:.3g} % of the samples, by up to {format_short(row.distance)} of the range")
         )
         click.echo(f"{row.verdict:<8} {row.id} {row.series}{apart}{': ' + row.words if row.words else ''}")
     inside = sum(row.verdict == INSIDE for row in rows)

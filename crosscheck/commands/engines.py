@@ -10,10 +10,10 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from crosscheck.commands.shared.options import CONFIG, NAMED, doors_of
+from crosscheck.commands.shared.options import CONFIG, NAMED, collect_engines
 from crosscheck.commands.shared.terminal import Console
 from crosscheck.engines import describe_missing_package
-from crosscheck.report.words import engines_alike
+from crosscheck.report.words import join_alike_engines
 from crosscheck.run.abilities import LIMIT as DESCRIBE
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Children, ask
@@ -36,7 +36,7 @@ def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
     known: dict[str, tuple[Any, Any]] = {}
     rows: list[EngineRow] = []
     with closing(ForkServers()) as servers:  # what all adapters need is imported once
-        for one in doors_of(models, config, engine).engines.values():
+        for one in collect_engines(models, config, engine).engines.values():
             if (reason := describe_missing_package(one)) is not None:
                 rows.append(EngineRow(one.name, False, "missing", message=reason))
                 continue
@@ -48,7 +48,7 @@ def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
                 rows.append(EngineRow(one.name, False, "broken", message=ending.message))
             else:
                 rows.append(EngineRow(one.name, True, answer["version"], answer["abilities"]))
-    for row, names in engines_alike(rows):
+    for row, names in join_alike_engines(rows):
         version = escape(row.version) if row.present else f"[red]{row.version}[/red]"
         table.add_row("\n".join(names), version, escape(row.message or row.abilities))
     Console().print(table)

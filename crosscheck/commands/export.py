@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from crosscheck.commands.shared.options import CONFIG, doors_of, one_task
+from crosscheck.commands.shared.options import CONFIG, collect_engines, find_task
 from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.run.reproduce import reproduce
+from crosscheck.run.reproduce import write_reproduction
 from flexinv.errors import InputError
 
 EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and engine.exports]
@@ -41,15 +41,15 @@ def command(
       crosscheck export flex_one_link --case cycloid --engine exudyn-ge     a script that builds the model
       crosscheck export five_bar_redundant --engine mujoco                  loops as equality constraints of MJCF
     """
-    task = one_task(models, name, case)
-    known = doors_of(models, config).engines
+    task = find_task(models, name, case)
+    known = collect_engines(models, config).engines
     if engine == REFERENCE or engine not in known:
         raise Failure(f"no export is called {engine!r}; known: {', '.join(n for n in known if n != REFERENCE)}")
     if (reason := describe_missing_package(known[engine])) is not None:
         raise Failure(f"{engine}: {reason}")
     folder = out or Path("exports") / f"{name}-{task.case.name}-{engine}"
     try:
-        reproduce(task, known[engine], folder, timeout)
+        write_reproduction(task, known[engine], folder, timeout)
     except InputError as error:
         raise Failure(str(error)) from error
     click.echo(f"{folder}: python run.py")

@@ -26,7 +26,7 @@ from crosscheck.identification.logs.log import list_column_names, read_log
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
-from crosscheck.report.words import short
+from crosscheck.report.words import format_short
 from flexinv.errors import FlexinvError, InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import resolve_toml_file
@@ -81,28 +81,28 @@ def command(
     folder = out or Path("reports") / "identify" / name
     source = models / name
     if propose:
-        _propose(console, source, logs[0])
+        _write_proposed_settings(console, source, logs[0])
         return
     try:
-        with owned.report(folder):
-            owned.adopt(folder)  # what is written first is ours, too: the next run may write over it
-            found = identify(source, _located(source, logs), _located(source, hold_out))
-            write_parameters(found.parameters, owned.claim(folder / "parameters.csv"))
-            write_judged(found.seen, found.judged, owned.claim(folder / "judged.csv"))
+        with owned.open_report_folder(folder):
+            owned.make_listed_folder(folder)  # what is written first is ours, too: the next run may write over it
+            found = identify(source, _resolve_log_paths(source, logs), _resolve_log_paths(source, hold_out))
+            write_parameters(found.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
+            write_judged(found.seen, found.judged, owned.add_to_folder_list(folder / "judged.csv"))
             write_identified(
-                found, resolve_toml_file(source, "mechanism.toml"), owned.claim(folder / "identified.toml")
+                found, resolve_toml_file(source, "mechanism.toml"), owned.add_to_folder_list(folder / "identified.toml")
             )
             if wanted is not None:
-                log = read_of(found.machine, _located(source, (wanted,))[0])
-                write_prediction(found.machine, found.predict(log), owned.claim(folder / "prediction.csv"))
-            _say(console, found)
-            causes = _causes(console, found, source, logs, hold_out) if asked else []
+                log = read_of(found.machine, _resolve_log_paths(source, (wanted,))[0])
+                write_prediction(found.machine, found.predict(log), owned.add_to_folder_list(folder / "prediction.csv"))
+            _write_parameters(console, found)
+            causes = _find_causes(console, found, source, logs, hold_out) if asked else []
             if count is not None:
-                log = read_of(found.machine, _located(source, logs[:1])[0])
-                _table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
+                log = read_of(found.machine, _resolve_log_paths(source, logs[:1])[0])
+                _write_table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
             if seconds is not None:
-                log = read_of(found.machine, _located(source, logs[:1])[0])
-                _motion(console, find_exciting_motion(found.machine, found.fit, log, seconds), folder)
+                log = read_of(found.machine, _resolve_log_paths(source, logs[:1])[0])
+                _write_proposed_motion(console, find_exciting_motion(found.machine, found.fit, log, seconds), folder)
             results = write_page(found, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
@@ -110,12 +110,12 @@ def command(
     sys.exit(results.exit_code)
 
 
-def _propose(console: Console, source: Path, log: str) -> None:
+def _write_proposed_settings(console: Console, source: Path, log: str) -> None:
     file = source / FILE
     try:
         if file.exists():
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
-        path = _located(source, (log,))[0]
+        path = _resolve_log_paths(source, (log,))[0]
         time = find_time_column(list_column_names(path))
         unit = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
         text = format_identify_toml(load_mechanism(source), read_log(path, time, unit[0]), time, unit)
@@ -125,15 +125,15 @@ def _propose(console: Console, source: Path, log: str) -> None:
     console.print(f"proposed, read every line: {file}", highlight=False, soft_wrap=True)
 
 
-def _motion(console: Console, proposal: Proposal, folder: Path) -> None:
+def _write_proposed_motion(console: Console, proposal: Proposal, folder: Path) -> None:
     columns = {"time_s": proposal.time} | dict(zip(proposal.names, proposal.q.T, strict=True))
-    pd.DataFrame(columns).to_csv(owned.claim(folder / "motion.csv"), index=False, float_format="%.9g")
+    pd.DataFrame(columns).to_csv(owned.add_to_folder_list(folder / "motion.csv"), index=False, float_format="%.9g")
     console.print("\n[bold]a motion that tells more[/bold]: motion.csv, angles [rad] and ways [m]")
     for words in proposal.words:
         console.print(escape(words), highlight=False, soft_wrap=True)
 
 
-def _located(folder: Path, logs: tuple[str, ...]) -> list[str]:
+def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
     """Return logs by their paths; one that is not there is looked for beside the mechanism."""
     return [
         str(folder / log)
@@ -143,7 +143,7 @@ def _located(folder: Path, logs: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _say(console: Console, found: Identified) -> None:
+def _write_parameters(console: Console, found: Identified) -> None:
     told = [row for row in found.parameters if row.identifiable]
     console.print(
         f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow {count_narrowed_directions(found.fit)} "
@@ -153,21 +153,21 @@ def _say(console: Console, found: Identified) -> None:
     )
     table = Table("parameter", "place", "value", "90 % interval", "before", "unit", box=None, header_style="dim")
     for row in told:
-        interval = f"{short(row.low)} to {short(row.high)}"
-        table.add_row(row.parameter, row.place, short(row.value), interval, short(row.before), row.unit)
+        interval = f"{format_short(row.low)} to {format_short(row.high)}"
+        table.add_row(row.parameter, row.place, format_short(row.value), interval, format_short(row.before), row.unit)
     console.print(table)
-    _table(console, "logs that identify", found.seen)
+    _write_table(console, "logs that identify", found.seen)
     if found.judged:
-        _table(console, "logs held out", found.judged)
+        _write_table(console, "logs held out", found.judged)
     for words in found.words:
         console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
 
 
-def _causes(
+def _find_causes(
     console: Console, found: Identified, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
 ) -> list[tuple[str, Remains]]:
     out = []
-    for log in _located(source, hold_out) or _located(source, logs[:1]):
+    for log in _resolve_log_paths(source, hold_out) or _resolve_log_paths(source, logs[:1]):
         rest = find_remaining_causes(found, read_of(found.machine, log), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
@@ -181,14 +181,20 @@ def _causes(
     return out
 
 
-def _table(console: Console, title: str, rows: list[Judged]) -> None:
+def _write_table(console: Console, title: str, rows: list[Judged]) -> None:
     heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS", "RMS error")
     table = Table(box=None, padding=(0, 1, 0, 0))
     for head in heads:  # which log, and which joint of it, must not be cut off where the terminal is narrow
         table.add_column(head, no_wrap=head in ("channel", "explained"), overflow="fold")
     for r in rows:
         whole = f"{r.explained_all:.4f}" if np.isfinite(r.explained_all) else "–"  # of blocks only their window is told
-        numbers = (f"{r.explained:.4f}", whole, f"{r.coverage:.1%}", f"{r.width:.2f}", f"{short(r.rms)} {r.unit}")
+        numbers = (
+            f"{r.explained:.4f}",
+            whole,
+            f"{r.coverage:.1%}",
+            f"{r.width:.2f}",
+            f"{format_short(r.rms)} {r.unit}",
+        )
         table.add_row(escape(r.log), r.channel, *numbers)
     console.print(f"\n[bold]{escape(title)}[/bold]")
     console.print(table)

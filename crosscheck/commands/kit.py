@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from crosscheck.commands.shared.options import one_task
+from crosscheck.commands.shared.options import find_task
 from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES
 from crosscheck.kit.write import write
@@ -31,7 +31,7 @@ def command(name: str, models: Path, case: str | None, out: Path | None, blind: 
       crosscheck kit double_pendulum --case swing
       crosscheck kit four_bar --case turn --out kit --blind
     """
-    task = one_task(models, name, case)
+    task = find_task(models, name, case)
     folder = out or Path("kits") / f"{name}-{task.case.name}"
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise Failure(f"{folder} is there already: write --out with a new or an empty folder, or remove it")

@@ -64,7 +64,7 @@ def command(
     else:
         for one in found:
             if not one.refused:
-                _show(Console(), one)
+                _write_findings(Console(), one)
         if out is not None:
             Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
     if refused := [one.refused for one in found if one.refused]:
@@ -72,7 +72,7 @@ def command(
     sys.exit(0 if all(one.clean for one in found) else 1)
 
 
-def _show(console: Console, found: Linted) -> None:
+def _write_findings(console: Console, found: Linted) -> None:
     if found.findings:
         table = Table(title=found.label, title_justify="left")
         for name in ("level", "check", "where", "given", "why", "write"):

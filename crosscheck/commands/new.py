@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from crosscheck.commands.shared.terminal import Failure
-from crosscheck.workflows.scaffold import TEMPLATES, from_template, from_urdf
+from crosscheck.workflows.scaffold import TEMPLATES, from_urdf, write_from_template
 from flexinv.errors import InputError
 
 
@@ -39,7 +39,7 @@ def command(name: str, template: str, urdf: Path | None, free_base: bool, models
     """
     try:
         if urdf is None:
-            folder = from_template(models, name, template)
+            folder = write_from_template(models, name, template)
         else:
             folder = from_urdf(models, name, urdf, "free" if free_base else "fixed")
     except (InputError, OSError) as error:

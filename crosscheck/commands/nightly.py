@@ -10,19 +10,26 @@ import click
 from rich.markup import escape
 
 from crosscheck.bench.parts import list_night_studies as bench_studies
-from crosscheck.commands.shared.options import Asked, running
-from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, progress, terminated, unread
-from crosscheck.report.words import sentence
-from crosscheck.secrets import command_line
+from crosscheck.commands.shared.options import Asked, add_run_options
+from crosscheck.commands.shared.terminal import (
+    FOLDER,
+    Console,
+    Failure,
+    convert_sigterm,
+    open_progress,
+    write_unread_models,
+)
+from crosscheck.report.words import describe_run
+from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.baseline import BaselineError
 from crosscheck.verdicts.history import HistoryError
 from crosscheck.workflows import latest_engines as fresh
-from crosscheck.workflows.night import Nightly, NightRunning, nightly
+from crosscheck.workflows.night import Nightly, NightRunning, run_night
 from flexinv.errors import InputError
 
 
 @click.command("nightly", short_help="Run everything, judge it, and add it to the history.")
-@running
+@add_run_options
 @click.option("--reports", type=FOLDER, default=Path("reports"), show_default=True, help="Folder of all nights.")
 @click.option("--baseline", type=FOLDER, help="Folder of the blessed night.  [default: baseline in the reports]")
 @click.option(
@@ -64,13 +71,13 @@ def command(
     """
     console = Console(stderr=True)
 
-    def say(line: str) -> None:
+    def write_line(line: str) -> None:
         console.print(escape(line), soft_wrap=True)
 
     if latest_engines:
-        with terminated():
-            sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), say))
-    work, every = asked.work(say)
+        with convert_sigterm():
+            sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
+    work, every = asked.work(write_line)
     night = Nightly(
         work=work,
         reports=reports,
@@ -78,19 +85,19 @@ def command(
         url=history or f"sqlite:///{reports / 'history.sqlite'}",
         against=against,
         label=label,
-        command=command_line(sys.argv[1:]),
+        command=format_command_line(sys.argv[1:]),
         whole=not asked.names and every,
         bench=bench_studies(asked.models) if bench else (),
     )
     try:
-        with terminated(), progress(console) as notify:
-            results, folder = nightly(night, notify, say)
+        with convert_sigterm(), open_progress(console) as notify:
+            results, folder = run_night(night, notify, write_line)
     except (NightRunning, BaselineError, InputError) as error:
         raise Failure(str(error)) from error
     except (OSError, HistoryError) as error:
         raise Failure(f"the night could not be kept: {error}") from error
-    unread(console, results)
-    console.print(f"[bold]{escape(sentence(results))}[/bold]")
+    write_unread_models(console, results)
+    console.print(f"[bold]{escape(describe_run(results))}[/bold]")
     also = "" if label else f", also {reports / 'latest' / 'index.html'}"
     console.print(f"report: {folder / 'index.html'}{also}", highlight=False)
     sys.exit(results.exit_code)

@@ -8,7 +8,7 @@ from typing import NoReturn
 import click
 
 from crosscheck import output_folder as owned
-from crosscheck.commands.shared.terminal import Console, Failure, finish
+from crosscheck.commands.shared.terminal import Console, Failure, write_report_and_end
 from crosscheck.run.run_state import RESULTS
 from crosscheck.verdicts import results as store
 from flexinv.errors import InputError
@@ -23,7 +23,7 @@ def command(folder: Path) -> NoReturn:
     except (OSError, ValueError) as error:
         raise Failure(f"cannot read {folder / RESULTS}: {error}") from error
     try:
-        with owned.alone(folder):
-            finish(Console(stderr=True), results, folder)
+        with owned.take_folder_lock(folder):
+            write_report_and_end(Console(stderr=True), results, folder)
     except InputError as error:
         raise Failure(str(error)) from error

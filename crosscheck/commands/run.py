@@ -12,18 +12,25 @@ import click
 from rich.markup import escape
 
 from crosscheck import output_folder as owned
-from crosscheck.commands.shared.options import Asked, running
-from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, finish, progress, terminated
-from crosscheck.commands.shared.terminal import out as out_option
-from crosscheck.run.kept_answers import folder_of_user
+from crosscheck.commands.shared.options import Asked, add_run_options
+from crosscheck.commands.shared.terminal import (
+    FOLDER,
+    Console,
+    Failure,
+    convert_sigterm,
+    open_progress,
+    write_report_and_end,
+)
+from crosscheck.commands.shared.terminal import make_out_option as out_option
+from crosscheck.run.kept_answers import find_user_folder
 from crosscheck.run.runner import run
-from crosscheck.secrets import command_line
+from crosscheck.secrets import format_command_line
 from crosscheck.verdicts import baseline as blessed
 from flexinv.errors import InputError
 
 
 @click.command("run")
-@running
+@add_run_options
 @out_option("reports/latest")
 @click.option(
     "--baseline",
@@ -55,19 +62,19 @@ def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoRe
     """
     console = Console(stderr=True)
 
-    def say(line: str) -> None:
+    def write_line(line: str) -> None:
         console.print(escape(line), soft_wrap=True)
 
-    work, every = asked.work(say)
+    work, every = asked.work(write_line)
     whole = not asked.names and every
     try:
         known = blessed.find(baseline) if baseline is not None else None
         fresh = fresh or bool(os.environ.get("CI"))
-        options = replace(work.options, baseline=known, whole=whole, kept=folder_of_user(), fresh=fresh)
+        options = replace(work.options, baseline=known, whole=whole, kept=find_user_folder(), fresh=fresh)
         work = replace(work, options=options)
-        with owned.report(out):
-            with terminated(), progress(console) as notify:
-                results = run(work, out, notify, command_line(sys.argv[1:]), say)
-            finish(console, results, out)
+        with owned.open_report_folder(out):
+            with convert_sigterm(), open_progress(console) as notify:
+                results = run(work, out, notify, format_command_line(sys.argv[1:]), write_line)
+            write_report_and_end(console, results, out)
     except (blessed.BaselineError, InputError) as error:
         raise Failure(str(error)) from error

@@ -21,14 +21,14 @@ from crosscheck.beyond.shown import describe_fault as beyond_line
 from crosscheck.beyond.shown import describe_verdict as beyond_verdict
 from crosscheck.beyond.shown import make_outcome_table
 from crosscheck.causes.fault_benches import BENCHES
-from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, progress, terminated
-from crosscheck.commands.shared.terminal import out as out_option
+from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, convert_sigterm, open_progress
+from crosscheck.commands.shared.terminal import make_out_option as out_option
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import run
 from crosscheck.run.work import Event, Options, Work
-from crosscheck.secrets import command_line
+from crosscheck.secrets import format_command_line
 from crosscheck.studies.selftest import ALONE, build_summary, judge_targets, list_studies
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.plan import Plan
@@ -85,16 +85,16 @@ def command(
                 2  an engine, a model or the harness failed
     """
     if outside:
-        _beyond(names, models, out, jobs, asked)
+        _run_campaign_and_end(names, models, out, jobs, asked)
     known = [bench.mechanism for bench in BENCHES]
     if unknown := [n for n in names if n not in known]:
         raise Failure(f"no bench is called {unknown[0]!r}; known: {', '.join(dict.fromkeys(known))}")
     wanted = dict.fromkeys(name for name in known if not names or name in names)
-    folder = with_all(wanted, models)
+    folder = find_model_folder(wanted, models)
     try:
-        with owned.report(out):
-            with terminated(), progress(Console(stderr=True)) as notify:
-                line = command_line(sys.argv[1:])
+        with owned.open_report_folder(out):
+            with convert_sigterm(), open_progress(Console(stderr=True)) as notify:
+                line = format_command_line(sys.argv[1:])
                 results = run(
                     Work(Plan(()), {}, list_studies(folder, names), Options(timeout, jobs)), out, notify, line
                 )
@@ -105,7 +105,7 @@ def command(
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
     met = judge_targets(results.studies[1:], whole=not names)
-    _show(whole, met)
+    _write_matrix(whole, met)
     Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
     if not results.finished:
         Console(stderr=True).print(escape(results.message), soft_wrap=True)
@@ -113,7 +113,7 @@ def command(
     sys.exit(2 if failed else int(any(line["verdict"] != "within" for line in met)))
 
 
-def with_all(names: Iterable[str], said: Path | None) -> Path:
+def find_model_folder(names: Iterable[str], said: Path | None) -> Path:
     """Return the folder that has all these mechanisms: the one that was said, else models here, else those installed.
 
     Raises Failure where none has.
@@ -127,7 +127,9 @@ def with_all(names: Iterable[str], said: Path | None) -> Path:
     raise Failure(f"the benches need flexinv's own models: {lacks}; write --models with the folder of them")
 
 
-def _beyond(names: tuple[str, ...], said: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]) -> NoReturn:
+def _run_campaign_and_end(
+    names: tuple[str, ...], said: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]
+) -> NoReturn:
     """Run a campaign of faults beyond the dictionary, print its sums, and leave with its exit code."""
     chosen = beyond.CAMPAIGNS[asked["campaign"]]
     chosen = replace(chosen, seed=asked["seed"] if asked["seed"] is not None else chosen.seed)
@@ -136,20 +138,20 @@ def _beyond(names: tuple[str, ...], said: Path | None, out: Path, jobs: int, ask
     known = dict.fromkeys(bench.mechanism for bench in chosen.benches)
     if unknown := [name for name in mechanisms if name not in known]:
         raise Failure(f"campaign {chosen.name} has no mechanism {unknown[0]!r}; it has: {', '.join(known)}")
-    models = with_all((bench.mechanism for bench in chosen.benches if not bench.own), said)
+    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.own), said)
     try:
         only = tuple(int(word) for word in asked["only"].split(",") if word.strip())
     except ValueError:
         raise Failure(f"--only {asked['only']!r}: expected numbers of faults, such as --only 3,17") from None
     console = Console(stderr=True)
-    with terminated(), progress(console) as notify:
+    with convert_sigterm(), open_progress(console) as notify:
 
-        def told(done: int, total: int, row: Mapping[str, Any]) -> None:
+        def write_progress(done: int, total: int, row: Mapping[str, Any]) -> None:
             verdict = "deviation" if row["outcome"] in BAD else "within"
             notify(Event(beyond_line(row), verdict, "", done, total))
 
         try:
-            results = beyond.run(beyond.Wanted(chosen, models, out, jobs, mechanisms, only), told)
+            results = beyond.run(beyond.Wanted(chosen, models, out, jobs, mechanisms, only), write_progress)
         except RuntimeError as error:
             raise Failure(str(error)) from error
     (out / "beyond.txt").write_text("\n".join(beyond_text(results)) + "\n", encoding="utf-8")
@@ -160,7 +162,7 @@ def _beyond(names: tuple[str, ...], said: Path | None, out: Path, jobs: int, ask
     sys.exit(int(not results["met"]))
 
 
-def _show(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:
+def _write_matrix(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:
     """Print the matrix with numbered columns, where each cause is named alone, and the targets."""
     console = Console()
     benches = [key for key, _, _ in whole.columns[1:-1]]

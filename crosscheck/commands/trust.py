@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from crosscheck.commands.shared.options import CONFIG, doors_of
+from crosscheck.commands.shared.options import CONFIG, collect_engines
 from crosscheck.commands.shared.terminal import MODELS, Failure
 from crosscheck.doors.registry import SHOWN
 from crosscheck.doors.trust import store, trust
@@ -24,7 +24,7 @@ def command(models: Path, config: Path | None, yes: bool) -> None:
     reaches elsewhere: the interpreter, installed packages, other folders, the network.  What is remembered is a file of yours,
     outside of the project.
     """
-    known = doors_of(models, config)
+    known = collect_engines(models, config)
     if known.config is None:
         raise Failure(f"there is no crosscheck.toml above {models}; write one there, or --config with its path")
     if not known.programs:
@@ -32,7 +32,7 @@ def command(models: Path, config: Path | None, yes: bool) -> None:
     for program in known.programs:
         click.echo(f"{program.name} runs  {program.words}")
         if program.files:
-            click.echo(f"  with {len(program.files)} files of this project: {_name_some(list(program.files))}")
+            click.echo(f"  with {len(program.files)} files of this project: {_describe_files(list(program.files))}")
     if not yes and not click.confirm(f"Trust {known.config}?"):
         raise Failure("nothing was changed")
     try:
@@ -42,7 +42,7 @@ def command(models: Path, config: Path | None, yes: bool) -> None:
     click.echo(f"remembered in {store()}")
 
 
-def _name_some(files: list[str]) -> str:
+def _describe_files(files: list[str]) -> str:
     """Return the first names of a list, and how many more there are."""
     more = f" and {len(files) - SHOWN} more" if len(files) > SHOWN else ""
     return ", ".join(files[:SHOWN]) + more

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.measures.limits import BY_DISCRETISATION, Verdict, worst
-from crosscheck.report.words import short
+from crosscheck.report.words import format_short
 from crosscheck.run.run_state import INTERRUPTED
-from crosscheck.verdicts.compare import Comparison, fraction
-from crosscheck.verdicts.results import Results, StudyRow, fails
+from crosscheck.verdicts.compare import Comparison, compute_fraction
+from crosscheck.verdicts.results import Results, StudyRow, is_failing
 
 VERSION = "crosscheck-ladder/1"
 FOLDER = Path(__file__).with_name("ladder")
@@ -68,7 +68,9 @@ def rungs(results: Results, engine: str) -> Iterator[Rung]:
     for name in RUNGS:
         yield _rung(results, name, engine)
     lines = [line for line in results.certificates if line.engine == engine and line.limit is not None]
-    wrong = [f"{line.mechanism}: {line.what}" for line in results.certificates if line.engine == engine and fails(line)]
+    wrong = [
+        f"{line.mechanism}: {line.what}" for line in results.certificates if line.engine == engine and is_failing(line)
+    ]
     if wrong:
         yield Rung(CERTIFICATE, engine, "deviation", f"its own model differs in {', '.join(wrong)}")
     elif lines:
@@ -106,9 +108,14 @@ def _narrow(row: Comparison) -> Comparison:
     """Return a comparison, one that wider error bars explain than a rung admits as a deviation."""
     bar = row.error_bar
     limit = row.limit
-    if row.verdict != "explained" or bar is None or limit is None or fraction(bar, row.scale or 0.0) <= WIDEST * limit:
+    if (
+        row.verdict != "explained"
+        or bar is None
+        or limit is None
+        or compute_fraction(bar, row.scale or 0.0) <= WIDEST * limit
+    ):
         return row
-    words = f"wider than the {short(WIDEST * limit)} that this rung admits: refine"
+    words = f"wider than the {format_short(WIDEST * limit)} that this rung admits: refine"
     return replace(row, verdict="deviation", message=f"{row.message.removeprefix(BY_DISCRETISATION)}, {words}")
 
 
@@ -127,8 +134,8 @@ def _bars(rows: Sequence[Comparison]) -> str:
 
 
 def _widest(bars: Sequence[tuple[float | None, float | None]]) -> str:
-    shares = [fraction(bar, scale or 0.0) for bar, scale in bars if bar is not None]
-    return short(max(shares)) if shares else "none"
+    shares = [compute_fraction(bar, scale or 0.0) for bar, scale in bars if bar is not None]
+    return format_short(max(shares)) if shares else "none"
 
 
 def _cut_short(results: Results, name: str, engines: set[str]) -> bool:
@@ -166,7 +173,7 @@ def quote(results: Results, engine: str, blind: str) -> str:
     versions = {run.version for run in results.runs if run.engine == engine and run.version}
     name = " ".join([engine, *sorted(versions)])
     size = max((rung.difference for rung in climbed if rung.holds and rung.difference is not None), default=None)
-    apart = "" if size is None else f", at most {short(size)} of the range apart from {_reference(results)}"
+    apart = "" if size is None else f", at most {format_short(size)} of the range apart from {_reference(results)}"
     line = f"{name} holds {len(held)} of {len(climbed)} rungs of {VERSION}{blind}: {', '.join(held) or 'none'}{apart}"
     named = {"not": wrong, "not finished": open_}
     said = [f"{what}: {', '.join(one.name.replace('_', ' ') for one in some)}" for what, some in named.items() if some]

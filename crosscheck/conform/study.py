@@ -12,7 +12,7 @@ from crosscheck.conform import ladder
 from crosscheck.doors.registry import RECORD
 from crosscheck.engines import ENGINES, Engine, describe_missing_package
 from crosscheck.measures.limits import REFERENCE, Verdict, worst
-from crosscheck.run.isolation import scratch
+from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
 from crosscheck.verdicts.plan import discover
@@ -40,7 +40,7 @@ def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, A
     """
     wanted = climbing(engines)
     taking = {REFERENCE: ENGINES[REFERENCE], **wanted}
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         results = run(Work(discover(ladder.FOLDER), taking, (), Options(LONGEST)), folder / "report")
     return tables(results, tuple(wanted))
 

@@ -34,8 +34,8 @@ from crosscheck.kit.resolved import idle
 from crosscheck.measures.budget import is_checked, no_order
 from crosscheck.measures.limits import REFERENCE, WIDEST_BAR
 from crosscheck.measures.record import Record, Series
-from crosscheck.report.explanations import diagnosed, failing, why
-from crosscheck.verdicts.compare import COMPARED, WHOLE, signal_range
+from crosscheck.report.explanations import describe_diagnosis, describe_failing_lines, find_diagnosis
+from crosscheck.verdicts.compare import COMPARED, WHOLE, compute_signal_range
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import Results
 
@@ -201,7 +201,7 @@ def _make_contribution(engine: str, one: Series, panel: Panel) -> Given:
 def _describe_hindrance(task: Task, name: str, record: Record, size: float, panel: Panel) -> str:
     """Return the reason for which a bar takes no part, "" where it does; size : of the quantity [unit]."""
     one = record.series[name]
-    if lines := failing(panel.results, task.folder.name, task.case.name, record.engine):
+    if lines := describe_failing_lines(panel.results, task.folder.name, task.case.name, record.engine):
         return f"its certificate does not hold: {lines}"
     if panel.engines[record.engine].native:
         return record.message or "its own result, which is known to differ"
@@ -212,7 +212,7 @@ def _describe_hindrance(task: Task, name: str, record: Record, size: float, pane
     if no_order(record.budget.get(name, {})):
         return "its refinement has no order, so that its bar is none"
     widest = float(one.error.max())
-    span = signal_range([one.values])
+    span = compute_signal_range([one.values])
     if widest > max(WIDEST_BAR * span, FLOOR * size):
         return f"its bar is wider than {WIDEST_BAR:g} of the range"
     return ""
@@ -238,9 +238,9 @@ def _make_voice(task: Task, one: Series, record: Record, hindrance: str, found: 
 def _find_cause(task: Task, one: Series, record: Record, panel: Panel) -> str:
     """Return the cause of an engine's difference in a series, as diagnosis or verdict name it; "" where nothing does."""
     here = task.folder.name, task.case.name, record.engine
-    found = diagnosed(panel.results, *here)
+    found = find_diagnosis(panel.results, *here)
     if found is not None and found.named:
-        return why(found)
+        return describe_diagnosis(found)
     rows = [
         row
         for row in panel.results.comparisons

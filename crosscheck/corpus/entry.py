@@ -12,8 +12,8 @@ from crosscheck.corpus.notes import MechanismNote
 from crosscheck.corpus.published import Beside
 from crosscheck.kit.resolved import case_file
 from crosscheck.measures.record import Record, Series
-from crosscheck.verdicts.compare import signal_range
-from crosscheck.verdicts.results import slug
+from crosscheck.verdicts.compare import compute_signal_range
+from crosscheck.verdicts.results import make_slug
 from flexinv.model.mechanism import Mechanism
 
 FORMAT = "crosscheck-corpus/1"
@@ -34,7 +34,7 @@ def find_class(mechanism: Mechanism) -> str:
 
 def make_case_id(mechanism: str, case: str) -> str:
     """Return the id of a case: a name for files and links that changes only where mechanism or case is called otherwise."""
-    return slug(f"{mechanism}-{case}")
+    return make_slug(f"{mechanism}-{case}")
 
 
 def make_entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def _describe_series(one: SeriesConsensus) -> dict[str, Any]:
         "status": one.status,
         "size": one.size,
         **known,
-        **({"range": signal_range([where.middle])} if where is not None else {}),
+        **({"range": compute_signal_range([where.middle])} if where is not None else {}),
         **({"cause": one.cause} if one.cause else {}),
         "engines": [_describe_voice(v) for v in one.voices],
     }

@@ -21,7 +21,7 @@ from crosscheck.corpus.published import compare_published
 from crosscheck.kit.write import write as write_kit
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.series_csv import write as write_series
-from crosscheck.run.isolation import scratch
+from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
@@ -105,7 +105,7 @@ def _write_manifest(entries: tuple[dict[str, Any], ...], results: Results, out: 
 def _write_case_kit(case: CaseConsensus, note: MechanismNote, one: Mapping[str, Any], folder: Path) -> None:
     """Write the kit of a case, or where its data may not be passed on a recipe."""
     task = case.task
-    with scratch() as place:
+    with open_scratch_folder() as place:
         kit = place / "kit"
         file = write_kit(task.mechanism, task.case, kit, make_expected_record(case, case.records.get(REFERENCE)))
         if single := list_single_author_series(case):

@@ -13,7 +13,7 @@ from crosscheck.corpus.audit import Audited
 from crosscheck.corpus.consensus import AGREES, CLOSED_FORM, CONSENSUS, DISAGREEMENT, REACHED, SINGLE, CaseConsensus
 from crosscheck.corpus.entry import CLASSES, FLOOR_REASON
 from crosscheck.corpus.folder import Corpus
-from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.verdicts.compare import WHOLE
 
 Array = NDArray[np.float64]
@@ -32,9 +32,9 @@ POINTS = 400
 
 def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Audited] = ()) -> None:
     """Write ``index.html``, a page per case, and the audit's page where there is one, below a corpus that is ours."""
-    env = environment()
+    env = prepare_templates()
     env.globals |= {"STATUS": VERDICTS, "STATUSES": MEANINGS}
-    style(corpus.folder)
+    copy_style(corpus.folder)
     (corpus.folder / "cases").mkdir(exist_ok=True)
     entries = list(corpus.entries)
     for case, one, before, after in zip(cases, entries, [None, *entries], [*entries[1:], None], strict=False):

@@ -17,7 +17,7 @@ from crosscheck import output_folder as owned
 from crosscheck.identification.identify import Identified
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
-from crosscheck.report.words import short
+from crosscheck.report.words import format_short
 from flexinv.files.load_mechanism import read_layers
 from flexinv.model.mechanism import Mechanism
 
@@ -61,7 +61,9 @@ def write_identified(found: Identified, base: Path, file: Path) -> None:
 
 def _describe_row(row: Row) -> str:
     told = "" if row.identifiable else ", not told by the logs"
-    return f"90 %: {short(row.low)} to {short(row.high)} {row.unit}; before {short(row.before)}{told}"
+    return (
+        f"90 %: {format_short(row.low)} to {format_short(row.high)} {row.unit}; before {format_short(row.before)}{told}"
+    )
 
 
 def _fill_link_tables(found: Identified, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> None:
@@ -102,7 +104,7 @@ def _fill_joint_tables(
             turning, sliding, own = JOINTS[kind]
             if "drive" in stated and own and joint.drive is not None:
                 value = row.value / joint.drive.ratio ** POWER[kind]
-                words = f"at the joint {short(row.value)} {row.unit}, {_describe_row(row)}"
+                words = f"at the joint {format_short(row.value)} {row.unit}, {_describe_row(row)}"
                 tables.setdefault(f"{prefix}.{_format_key(place)}.drive", {})[own] = (value, words)
             else:
                 key = sliding if joint.kind == "prismatic" else turning
@@ -132,7 +134,7 @@ def _fill_beam_tables(rows: Mapping[Any, Row], data: Mapping[str, Any], tables: 
                 before = f"{section[key][1]}; " if section[key][1] else ""
                 section[key] = (
                     _scale_value(section[key][0], row.value),
-                    f"{before}times {short(row.value)}; {_describe_row(row)}",
+                    f"{before}times {format_short(row.value)}; {_describe_row(row)}",
                 )
         else:
             continue
@@ -154,7 +156,7 @@ def _fill_load_tables(
         if kind == "spring force":
             for key in SCALED & data["springs"][place].keys():
                 value = _scale_value(data["springs"][place][key], row.value)
-                words = f"times {short(row.value)}; {_describe_row(row)}"
+                words = f"times {format_short(row.value)}; {_describe_row(row)}"
                 tables.setdefault(f"springs.{_format_key(place)}", {})[key] = (value, words)
             yield kind, place
     tilt = {axis: rows.get((f"gravity tilt {axis}", "world")) for axis in "xy"}
@@ -188,7 +190,8 @@ def _format_file_lines(
         yield ""
         yield "# Identified, and no part of a mechanism file: parameters of sensors, and laws that it does not have."
         yield from (
-            f"#   {row.parameter} of {row.place}: {short(row.value)} {row.unit}, {_describe_row(row)}" for row in rest
+            f"#   {row.parameter} of {row.place}: {format_short(row.value)} {row.unit}, {_describe_row(row)}"
+            for row in rest
         )
 
 

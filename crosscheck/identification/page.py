@@ -16,8 +16,8 @@ from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
 from crosscheck.report import render
-from crosscheck.report.words import short
-from crosscheck.verdicts.results import Results, StudyRow, machine, now, versions, write
+from crosscheck.report.words import format_short
+from crosscheck.verdicts.results import Results, StudyRow, describe_machine, format_current_time, list_versions, write
 
 Array = NDArray[np.float64]
 POINTS = 800  # of a curve: what a screen shows
@@ -57,7 +57,14 @@ def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command
     causes : name of a log and what it shows beside the model
     """
     study = build_study_row(found, causes)
-    results = Results(now(), command, finished=True, machine=machine(), versions=versions(), studies=(study,))
+    results = Results(
+        format_current_time(),
+        command,
+        finished=True,
+        machine=describe_machine(),
+        versions=list_versions(),
+        studies=(study,),
+    )
     write(results, out / "results.json")
     render(results, out)
     return results
@@ -215,9 +222,9 @@ def _build_parameter_table(table: Sequence[Row]) -> dict[str, Any]:
             "parameter": row.parameter,
             "place": row.place,
             "value": row.value,
-            "interval": f"{short(row.low)} to {short(row.high)}",
+            "interval": f"{format_short(row.low)} to {format_short(row.high)}",
             "before": row.before,
-            "known": f"{short(row.before_low)} to {short(row.before_high)}",
+            "known": f"{format_short(row.before_low)} to {format_short(row.before_high)}",
             "ratio": (row.high - row.low) / max(row.before_high - row.before_low, 1e-300),
             "unit": row.unit,
             "told": "yes" if row.identifiable else "no",

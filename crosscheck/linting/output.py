@@ -11,16 +11,16 @@ from xml.etree import ElementTree as ET
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import format_cell
 from crosscheck.linting.lint import Linted
-from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.junit import FORBIDDEN
-from crosscheck.verdicts.results import versions
+from crosscheck.verdicts.results import list_versions
 
 
 def write(found: Sequence[Linted], out: Path) -> None:
     """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
-    style(out)
-    stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": versions()}
+    copy_style(out)
+    stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": list_versions()}
     view = {
         "found": found,
         "clean": all(one.clean for one in found),
@@ -28,7 +28,7 @@ def write(found: Sequence[Linted], out: Path) -> None:
         "results": stamp,
         "root": "",
     }
-    write_page(environment(), "lint.html.j2", out / "index.html", **view)
+    write_page(prepare_templates(), "lint.html.j2", out / "index.html", **view)
     plain = {"format": "crosscheck-lint/1", "files": [one.plain for one in found]} | stamp
     owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
     owned.write(out / "junit.xml", junit(found))

@@ -20,11 +20,11 @@ def render(results: Results, out: Path) -> None:
 
     Raises ReportError once all that can be written is written, with the parts that cannot.
     """
-    owned.adopt(out)
+    owned.make_listed_folder(out)
     parts: dict[str, Callable[[], object]] = {
         "summary.md": lambda: owned.write(out / "summary.md", markdown.render(results)),
         "junit.xml": lambda: owned.write(out / "junit.xml", junit.render(results)),
-        **{name: functools.partial(page, out) for name, page in html.pages(results).items()},
+        **{name: functools.partial(page, out) for name, page in html.collect_pages(results).items()},
     }
     failed = []
     for name, write in parts.items():

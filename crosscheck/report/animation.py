@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import XYZ, Record
 from crosscheck.report import drawing
-from crosscheck.report.encoding import encode
+from crosscheck.report.encoding import convert_to_base64
 from crosscheck.verdicts.results import CaseRow
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ MOST = 2_000_000  # [bytes] of numbers: a mechanism with more points gets fewer 
 
 def write(case: CaseRow, records: Mapping[str, Record], folder: Path) -> bool:
     """Write ``animation.js`` into a case's data folder; return whether there is anything to draw."""
-    data = picture(case.skeleton, records)
+    data = build_animation(case.skeleton, records)
     if data is None:
         return False
     text = f"crosscheckData({json.dumps(case.slug + '/animation')}, {json.dumps(data, allow_nan=False)});\n"
@@ -35,16 +35,16 @@ def write(case: CaseRow, records: Mapping[str, Record], folder: Path) -> bool:
     return True
 
 
-def picture(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> dict[str, Any] | None:
+def build_animation(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> dict[str, Any] | None:
     """Return times [s] and positions [m] of the frames, or None where no record has tips.
 
     links : {"name", "parent" (index or -1), "bends", "points": how many}; base : (frames, points, 3) of all links one
     after another, the last point of each its tip; tips : engine -> (frames, links, 3), and what is known: engine -> links
     """
-    main = next((r for r in records.values() if points_of(r, skeleton)), None)
+    main = next((r for r in records.values() if collect_link_points(r, skeleton)), None)
     if main is None:
         return None
-    points = points_of(main, skeleton)
+    points = collect_link_points(main, skeleton)
     assert points is not None
     count = sum(len(p) for p in points)
     frames = int(np.clip(MOST / (12 * max(1, count + len(records) * len(points))), 20, FRAMES))
@@ -57,40 +57,40 @@ def picture(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]
     ]
     base = np.stack([point[rows] for link in points for point in link], axis=1)  # (frame, point, xyz)
     ends = base[:, np.cumsum([len(p) for p in points]) - 1]  # (frame, link, xyz)
-    others = {name: tips(record, names, rows) for name, record in records.items() if record is not main}
+    others = {name: read_tips(record, names, rows) for name, record in records.items() if record is not main}
     known = {name: tip for name, tip in others.items() if tip is not None}
     return {
-        "time": encode(main.time[rows]),
+        "time": convert_to_base64(main.time[rows]),
         "engine": main.engine,
         "links": links,
-        "base": encode(base),
-        "tips": {name: encode(np.nan_to_num(tip)) for name, tip in known.items()},
+        "base": convert_to_base64(base),
+        "tips": {name: convert_to_base64(np.nan_to_num(tip)) for name, tip in known.items()},
         "known": {name: (~np.isnan(tip[0, :, 0])).tolist() for name, tip in known.items()},
         "apart": {name: float(np.nanmax(np.abs(tip - ends))) for name, tip in known.items()},
     }
 
 
-def still(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> Markup | None:
+def draw_still(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> Markup | None:
     """Return a small drawing of the motion, or None where no record has tips."""
-    points = next((found for record in records.values() if (found := points_of(record, skeleton))), None)
+    points = next((found for record in records.values() if (found := collect_link_points(record, skeleton))), None)
     if points is None:
         return None
     lines = [np.stack(link, axis=1) for link in points]  # (sample, point, xyz) of every link
     parts = list(zip(lines, (bool(part["bends"]) for part in skeleton), strict=True))
-    instants = [[(line[k], bends) for line, bends in parts] for k in drawing.samples(len(lines[0]))]
-    return drawing.svg(instants, "the mechanism in motion")
+    instants = [[(line[k], bends) for line, bends in parts] for k in drawing.list_drawn_samples(len(lines[0]))]
+    return drawing.draw_svg(instants, "the mechanism in motion")
 
 
-def tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> Array | None:
+def read_tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> Array | None:
     """Return the tips of the links (frames, links, 3) [m], NaN where a link has none; None where none has one."""
-    found = [_vector(record, f"tip/{name}") for name in names]
+    found = [_read_vector(record, f"tip/{name}") for name in names]
     if all(one is None for one in found):
         return None
     missing = np.full((record.time.size, 3), np.nan)
     return np.stack([(missing if one is None else one)[rows] for one in found], axis=1)  # (frame, link, xyz)
 
 
-def points_of(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[Array]] | None:
+def collect_link_points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[Array]] | None:
     """Return the points (samples, 3) [m] of every link from its joint to its tip, or None where they are not known."""
     shapes: dict[str, list[str]] = {}
     for name in record.series:
@@ -99,10 +99,10 @@ def points_of(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[lis
     ends: dict[str, Array] = {}
     found = []
     for part in skeleton:
-        tip = _vector(record, f"tip/{part['link']}")
+        tip = _read_vector(record, f"tip/{part['link']}")
         if tip is None and not shapes.get(part["link"]):
             return None
-        nodes = [v for stem in shapes.get(part["link"], []) if (v := _vector(record, stem)) is not None]
+        nodes = [v for stem in shapes.get(part["link"], []) if (v := _read_vector(record, stem)) is not None]
         if not nodes:  # another engine's record: the joint is where the parent ends
             start = (
                 ends.get(part["parent"]) if part["at"] is None else np.broadcast_to(part["at"], (record.time.size, 3))
@@ -114,7 +114,7 @@ def points_of(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[lis
     return found or None
 
 
-def _vector(record: Record, stem: str) -> Array | None:
+def _read_vector(record: Record, stem: str) -> Array | None:
     names = [f"{stem}/{axis}" for axis in XYZ]
     if not all(name in record.series for name in names):
         return None

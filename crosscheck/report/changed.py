@@ -8,7 +8,7 @@ from typing import Any
 BAD = ("deviation", "error", "unjudged")
 
 
-def sentence(changes: Mapping[str, Any]) -> str:
+def describe_changes(changes: Mapping[str, Any]) -> str:
     """Return the changes since another night in one line."""
     if not changes:
         return ""

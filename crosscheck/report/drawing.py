@@ -28,30 +28,30 @@ RIGID = "#646c76"
 BENDS = "#2a78d0"
 
 
-def samples(count: int) -> list[int]:
+def list_drawn_samples(count: int) -> list[int]:
     """Return the numbers of the samples that are drawn out of ``count``: the first, the last, and some between them."""
     return [int(k) for k in np.unique(np.linspace(0, count - 1, FRAMES).round())]
 
 
-def svg(instants: Sequence[Sequence[Stroke]], what: str) -> Markup:
+def draw_svg(instants: Sequence[Sequence[Stroke]], what: str) -> Markup:
     """Return the drawing as an SVG element; ``what`` is read out where it is not seen.
 
     instants : what stands where, in the order of time
     """
     everything = np.concatenate([np.reshape(line, (-1, 3)) for strokes in instants for line, _ in strokes])
-    axes = plane_of(everything)
-    place = fitted(seen(everything, axes))
+    axes = find_motion_plane(everything)
+    place = make_drawing_map(convert_to_view(everything, axes))
     parts = []
     for k, strokes in enumerate(instants):
         shade = FAINTEST + (1 - FAINTEST) * (k / (len(instants) - 1)) ** 2 if len(instants) > 1 else 1.0
-        lines = "".join(_line(place(seen(line, axes)), bends) for line, bends in strokes)
+        lines = "".join(_draw_line(place(convert_to_view(line, axes)), bends) for line, bends in strokes)
         parts.append(f'<g opacity="{shade:.2g}">{lines}</g>')
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape(what)}"'
     pen = 'fill="none" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"'
     return Markup(f"{head} {pen}>{''.join(parts)}</svg>")  # numbers of ours, and what was escaped
 
 
-def plane_of(x: Array) -> tuple[int, int] | None:
+def find_motion_plane(x: Array) -> tuple[int, int] | None:
     """Return the two world axes in which all points (..., 3) [m] move, or None in space."""
     spread = np.ptp(x.reshape(-1, 3), axis=0)
     thin = int(np.argmin(spread))
@@ -60,7 +60,7 @@ def plane_of(x: Array) -> tuple[int, int] | None:
     return tuple(k for k in range(3) if k != thin)  # type: ignore[return-value]
 
 
-def seen(x: Array, axes: tuple[int, int] | None) -> Array:
+def convert_to_view(x: Array, axes: tuple[int, int] | None) -> Array:
     """Return points (points, 3) [m] as a viewer sees them: (points, 2) [m] to the right and up."""
     if axes is not None:
         return x[:, list(axes)]
@@ -70,7 +70,7 @@ def seen(x: Array, axes: tuple[int, int] | None) -> Array:
     return np.asarray(x @ np.stack([right, up], axis=1))
 
 
-def fitted(x: Array) -> Callable[[Array], Array]:
+def make_drawing_map(x: Array) -> Callable[[Array], Array]:
     """Return the map of points (points, 2) [m] into the drawing [px], by one scale in both directions."""
     low = x.min(axis=0)
     high = x.max(axis=0)
@@ -79,12 +79,12 @@ def fitted(x: Array) -> Callable[[Array], Array]:
     scale = float((room / size).min()) if (high - low).any() else 1.0
     middle = (low + high) / 2
 
-    def place(points: Array) -> Array:
+    def map_points(points: Array) -> Array:
         return np.asarray(np.array([WIDTH, HEIGHT]) / 2 + scale * (points - middle) * [1.0, -1.0])
 
-    return place
+    return map_points
 
 
-def _line(points: Array, bends: bool) -> str:
+def _draw_line(points: Array, bends: bool) -> str:
     path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
     return f'<path d="M{path}" stroke="{BENDS if bends else RIGID}"/>'

@@ -8,6 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-def encode(values: ArrayLike) -> str:
+def convert_to_base64(values: ArrayLike) -> str:
     """Return base64 of the values [any unit] as little-endian float32, in C order."""
     return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")

@@ -8,7 +8,7 @@ from typing import Any
 
 from crosscheck.measures.certificate import Check, holds
 from crosscheck.measures.limits import Verdict
-from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, CaseRow, Diagnosis, Results, fails
+from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, CaseRow, Diagnosis, Results, is_failing
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,16 @@ class Sheet:
     lines: tuple[Check, ...]
 
 
-def sheets(results: Results, case: CaseRow) -> list[Sheet]:
+def list_certificates(results: Results, case: CaseRow) -> list[Sheet]:
     """Return the certificates of a case, engine by engine."""
     mine = [line for line in results.certificates if (line.mechanism, line.case) == (case.mechanism, case.case)]
     return [
-        _sheet(engine, tuple(x for x in mine if x.engine == engine)) for engine in dict.fromkeys(x.engine for x in mine)
+        _make_certificate(engine, tuple(x for x in mine if x.engine == engine))
+        for engine in dict.fromkeys(x.engine for x in mine)
     ]
 
 
-def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
+def _make_certificate(engine: str, lines: tuple[Check, ...]) -> Sheet:
     if [line.what for line in lines] == [NO_CERTIFICATE]:
         return Sheet(engine, "unjudged", NO_CERTIFICATE, lines)
     if [line.what for line in lines] == [BROKEN_CERTIFICATE]:
@@ -39,42 +40,42 @@ def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
     return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)
 
 
-def failing(results: Results, mechanism: str, case: str, engine: str) -> str:
+def describe_failing_lines(results: Results, mechanism: str, case: str, engine: str) -> str:
     """Return the lines of an engine's certificate that do not hold, "" where all do or there is none."""
     lines = results.certificates_of.get((mechanism, case, engine), ())
-    return ", ".join(line.what for line in lines if fails(line))
+    return ", ".join(line.what for line in lines if is_failing(line))
 
 
-def uncertified(results: Results, case: CaseRow) -> dict[str, str]:
+def collect_warnings(results: Results, case: CaseRow) -> dict[str, str]:
     """Return the warning beside the dynamics of engines whose certificate is missing or does not hold."""
-    return {sheet.engine: sheet.words for sheet in sheets(results, case) if sheet.verdict != "within"}
+    return {sheet.engine: sheet.words for sheet in list_certificates(results, case) if sheet.verdict != "within"}
 
 
-def diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:
+def list_diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:
     """Return the diagnoses of engines that deviate in a case."""
     return [d for d in results.diagnoses if (d.mechanism, d.case) == (case.mechanism, case.case)]
 
 
-def diagnosed(results: Results, mechanism: str, case: str, engine: str) -> Diagnosis | None:
+def find_diagnosis(results: Results, mechanism: str, case: str, engine: str) -> Diagnosis | None:
     """Return the diagnosis of an engine that deviates in a case, where there is one."""
     here = (mechanism, case, engine)
     return next((d for d in results.diagnoses if (d.mechanism, d.case, d.engine) == here), None)
 
 
-def causes(diagnosis: Diagnosis | None) -> str:
+def describe_causes(diagnosis: Diagnosis | None) -> str:
     """Return the names of the causes that explain a deviation, in a few words; "" where none does."""
     if diagnosis is None or not diagnosis.named:
         return ""
-    names = list(dict.fromkeys(_name(one) for one in diagnosis.named))
+    names = list(dict.fromkeys(_format_cause(one) for one in diagnosis.named))
     others = len(names) - 1
     return names[0] + (f", or {others} other{'s' * (others > 1)}" if others else "")
 
 
-def _name(one: Mapping[str, Any]) -> str:
+def _format_cause(one: Mapping[str, Any]) -> str:
     return f"{one['cause']} ({one['target']})" if one.get("target") else str(one["cause"])
 
 
-def why(diagnosis: Diagnosis) -> str:
+def describe_diagnosis(diagnosis: Diagnosis) -> str:
     """Return a diagnosis in one line: the cause, what it explains, and where there are several what tells them apart."""
     apart = f" To tell them apart: {diagnosis.separate}." if diagnosis.separate else ""
     return diagnosis.words + apart

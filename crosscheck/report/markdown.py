@@ -6,17 +6,17 @@ import re
 from collections.abc import Iterable
 
 from crosscheck.report import changed, words
-from crosscheck.report.explanations import causes, why
+from crosscheck.report.explanations import describe_causes, describe_diagnosis
 from crosscheck.report.words import (
     SIGNS,
-    cell,
     describe_group,
-    duration,
-    sentence,
-    short,
-    study_line,
-    troubles,
-    unchanged,
+    describe_run,
+    describe_study,
+    describe_unchanged,
+    format_duration,
+    format_short,
+    list_troubles,
+    make_cell,
 )
 from crosscheck.verdicts.results import Results
 
@@ -25,17 +25,17 @@ SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
 
 def render(results: Results) -> str:
     """Return the summary as GitHub-flavoured Markdown."""
-    parts = [f"# {sentence(results)}", "", f"{escape(results.started)}, {duration(results.elapsed)}", ""]
-    parts += [escape(said), ""] if (said := unchanged(results)) else []
+    parts = [f"# {describe_run(results)}", "", f"{escape(results.started)}, {format_duration(results.elapsed)}", ""]
+    parts += [escape(said), ""] if (said := describe_unchanged(results)) else []
     if results.changes:
-        parts += ["## Changes", "", escape(changed.sentence(results.changes)), ""]
+        parts += ["## Changes", "", escape(changed.describe_changes(results.changes)), ""]
         moved = [
-            (v["what"], v["before_verdict"], short(v["before"]), v["after_verdict"], short(v["after"]))
+            (v["what"], v["before_verdict"], format_short(v["before"]), v["after_verdict"], format_short(v["after"]))
             for v in results.changes["values"]
         ]
-        parts += table(("comparison", "was", "", "is", ""), moved) if moved else []
+        parts += render_table(("comparison", "was", "", "is", ""), moved) if moved else []
         if new := [(c["what"], c["name"], c["words"]) for c in results.changes.get("causes", ())]:
-            parts += table(("cause", "of what", "in words"), new)
+            parts += render_table(("cause", "of what", "in words"), new)
     if results.moves:
         parts += ["## Values that moved since they were blessed", ""]
         for moves in results.moves_by_reason.values():
@@ -46,62 +46,65 @@ def render(results: Results) -> str:
             "",
             "Blessed, and not measured any more.",
             "",
-            *table(("comparison",), ((name,) for name in gone)),
+            *render_table(("comparison",), ((name,) for name in gone)),
         ]
     if idle := [(f"{c.mechanism}/{c.case}", line) for c in results.cases for line in c.unused_limits]:
-        parts += ["## Limits that no comparison asked for", "", *table(("case", "limit"), idle)]
-    if rows := troubles(results):
-        body = [(f"{SIGNS[v]} {v}", _where(where), what, message) for v, where, what, message in rows]
-        parts += ["## Where not", "", *table(("verdict", "where", "what", "message"), body)]
+        parts += ["## Limits that no comparison asked for", "", *render_table(("case", "limit"), idle)]
+    if rows := list_troubles(results):
+        body = [(f"{SIGNS[v]} {v}", _format_place(where), what, message) for v, where, what, message in rows]
+        parts += ["## Where not", "", *render_table(("verdict", "where", "what", "message"), body)]
     parts += ["## Matrix", "", "Largest error over the range of the signal, for the quantity nearest its limit.", ""]
-    parts += table(("case", *(e.name for e in results.engines)), _matrix(results))
+    parts += render_table(("case", *(e.name for e in results.engines)), _list_matrix_rows(results))
     if results.diagnoses:
-        asked = [(f"{d.mechanism}/{d.case}", d.engine, causes(d) or "none", why(d)) for d in results.diagnoses]
-        parts += ["## Why they differ", "", *table(("case", "engine", "cause", "what it explains"), asked)]
+        asked = [
+            (f"{d.mechanism}/{d.case}", d.engine, describe_causes(d) or "none", describe_diagnosis(d))
+            for d in results.diagnoses
+        ]
+        parts += ["## Why they differ", "", *render_table(("case", "engine", "cause", "what it explains"), asked)]
     if results.studies:
-        parts += ["## Studies", "", *table(("study", "verdict", "rows"), _studies(results))]
-    parts += ["## Comparisons", "", *table(HEAD, _comparisons(results))]
+        parts += ["## Studies", "", *render_table(("study", "verdict", "rows"), _list_study_rows(results))]
+    parts += ["## Comparisons", "", *render_table(HEAD, _list_comparison_rows(results))]
     engines = [(e.name, e.version or "–", e.message or e.abilities) for e in results.engines]
-    return "\n".join([*parts, "## Engines", "", *table(("engine", "version", "what it can do"), engines)]) + "\n"
+    return "\n".join([*parts, "## Engines", "", *render_table(("engine", "version", "what it can do"), engines)]) + "\n"
 
 
 HEAD = ("case", "engine", "reference", "quantity", "largest error", "RMS", "of range", "limit", "verdict", "message")
 
 
-def _matrix(results: Results) -> Iterable[tuple[str, ...]]:
+def _list_matrix_rows(results: Results) -> Iterable[tuple[str, ...]]:
     for case in results.cases:
-        cells = [cell(results, case, e.name) for e in results.engines]
+        cells = [make_cell(results, case, e.name) for e in results.engines]
         texts = [f"{SIGNS[c.verdict]} {c.headline}{c.cause and f': {c.cause}'}" if c.verdict else "" for c in cells]
-        yield _where(case), *texts
+        yield _format_place(case), *texts
 
 
-def _comparisons(results: Results) -> Iterable[tuple[str, ...]]:
-    for c in words.gathered(results.comparisons):
+def _list_comparison_rows(results: Results) -> Iterable[tuple[str, ...]]:
+    for c in words.join_alike_comparisons(results.comparisons):
         yield (
             f"{c.mechanism}/{c.case}",
             c.engine,
             c.reference,
             c.quantity,
-            f"{short(c.maximum)} {c.unit}" if c.maximum is not None else "",
-            f"{short(c.rms)} {c.unit}" if c.rms is not None else "",
-            short(c.fraction),
-            short(c.limit),
+            f"{format_short(c.maximum)} {c.unit}" if c.maximum is not None else "",
+            f"{format_short(c.rms)} {c.unit}" if c.rms is not None else "",
+            format_short(c.fraction),
+            format_short(c.limit),
             f"{SIGNS[c.verdict]} {c.verdict}",
             c.message,
         )
 
 
-def _studies(results: Results) -> Iterable[tuple[str, ...]]:
-    return ((s.title, f"{SIGNS[s.verdict]} {s.verdict}", study_line(s)) for s in results.studies)
+def _list_study_rows(results: Results) -> Iterable[tuple[str, ...]]:
+    return ((s.title, f"{SIGNS[s.verdict]} {s.verdict}", describe_study(s)) for s in results.studies)
 
 
-def _where(row: object) -> str:
+def _format_place(row: object) -> str:
     mechanism = getattr(row, "mechanism", getattr(row, "name", ""))
     case = getattr(row, "case", "")
     return f"{mechanism}/{case}" if case else mechanism
 
 
-def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
+def render_table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
     """Return the lines of a table, every field escaped, with an empty line after it."""
     lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
     return [*lines, *("| " + " | ".join(escape(field) for field in row) + " |" for row in rows), ""]

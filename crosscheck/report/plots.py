@@ -19,8 +19,8 @@ from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, load
 from crosscheck.measures.spectrum import RINGING, ringing
 from crosscheck.report import animation
-from crosscheck.report.encoding import encode
-from crosscheck.verdicts.results import CaseRow, Results, slug
+from crosscheck.report.encoding import convert_to_base64
+from crosscheck.verdicts.results import CaseRow, Results, make_slug
 
 VISIBLE = 1e-3  # of the range: on a plot 360 pixels high a narrower error bar is inside its line
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
@@ -32,22 +32,22 @@ def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
     folder = out / "data" / case.slug
     folder.mkdir(parents=True, exist_ok=True)
     names: dict[str, list[str]] = {}
-    for quantity in quantities(case, records):
-        key = f"{case.slug}/{slug(quantity)}"
-        data = quantity_data(results, case, records, quantity)
+    for quantity in list_drawn_quantities(case, records):
+        key = f"{case.slug}/{make_slug(quantity)}"
+        data = build_quantity_data(results, case, records, quantity)
         names[quantity] = list(data["series"])
         text = f"crosscheckData({json.dumps(key)}, {json.dumps(data, allow_nan=False)});\n"
-        owned.write(folder / f"{slug(quantity)}.js", text)
+        owned.write(folder / f"{make_slug(quantity)}.js", text)
     return {
         "slug": case.slug,
         "engines": list(records),
-        "reference": reference(records),
+        "reference": find_reference(records),
         "rest": case.rest,
         "spectrum": f"Spectrum after the motion, from {case.rest:.4g} s"
         if case.held
         else "Spectrum of the whole signal",
         "animation": animation.write(case, records, folder),
-        "quantities": [{"name": q, "slug": slug(q), "series": names[q]} for q in names],
+        "quantities": [{"name": q, "slug": make_slug(q), "series": names[q]} for q in names],
     }
 
 
@@ -57,44 +57,53 @@ def read_records(results: Results, case: CaseRow, out: Path) -> dict[str, Record
     return {row.engine: load(out / row.series) for row in rows}
 
 
-def quantities(case: CaseRow, records: Mapping[str, Record]) -> list[str]:
+def list_drawn_quantities(case: CaseRow, records: Mapping[str, Record]) -> list[str]:
     """Return the quantities to draw: those that the case compares, and the torque in any case."""
     given = {s.quantity for record in records.values() for s in record.series.values()}
     return [q for q in dict.fromkeys([*case.quantities, "torque"]) if q in given]
 
 
-def reference(records: Mapping[str, Record]) -> str:
+def find_reference(records: Mapping[str, Record]) -> str:
     """Return the engine that differences are taken from: flexinv, or the first one."""
     return REFERENCE if REFERENCE in records else next(iter(records), "")
 
 
-def quantity_data(results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str) -> dict[str, Any]:
+def build_quantity_data(
+    results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str
+) -> dict[str, Any]:
     """Return time and every series of a quantity, by series and engine."""
     names = dict.fromkeys(s.name for r in records.values() for s in r.series.values() if s.quantity == quantity)
     time = next(iter(records.values())).time
-    return {"time": encode(time), "series": {n: _series(results, case, records, n) for n in names}}
+    return {
+        "time": convert_to_base64(time),
+        "series": {n: _build_series_data(results, case, records, n) for n in names},
+    }
 
 
-def _series(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
+def _build_series_data(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
     owner = next(r.series[name] for r in records.values() if name in r.series)
-    base = records[reference(records)].series.get(name)
+    base = records[find_reference(records)].series.get(name)
     lines = {}
     for engine, record in records.items():
         if (one := record.series.get(name)) is None:
             continue
-        line: dict[str, Any] = {"value": encode(one.values)}
+        line: dict[str, Any] = {"value": convert_to_base64(one.values)}
         if one.error is not None and one.error.max() > VISIBLE * np.ptp(one.values):
-            line["error"] = encode(one.error)
-        if base is not None and engine != reference(records):
-            line["difference"] = encode(one.values - base.values)
+            line["error"] = convert_to_base64(one.error)
+        if base is not None and engine != find_reference(records):
+            line["difference"] = convert_to_base64(one.values - base.values)
         lines[engine] = line
-    data: dict[str, Any] = {"unit": owner.unit, "engines": lines, "limits": _limits(results, case, name, owner.unit)}
-    if owner.quantity in RINGING and (spectrum := _spectrum(results, case, records, name)):
+    data: dict[str, Any] = {
+        "unit": owner.unit,
+        "engines": lines,
+        "limits": _collect_limits(results, case, name, owner.unit),
+    }
+    if owner.quantity in RINGING and (spectrum := _build_spectrum_data(results, case, records, name)):
         data["spectrum"] = spectrum
     return data
 
 
-def _limits(results: Results, case: CaseRow, name: str, unit: str) -> dict[str, float]:
+def _collect_limits(results: Results, case: CaseRow, name: str, unit: str) -> dict[str, float]:
     """Return the largest difference allowed [unit], by engine."""
     here = [c for c in results.comparisons if (c.mechanism, c.case) == (case.mechanism, case.case)]
     return {
@@ -104,7 +113,7 @@ def _limits(results: Results, case: CaseRow, name: str, unit: str) -> dict[str, 
     }
 
 
-def _spectrum(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
+def _build_spectrum_data(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
     marks = {
         r.engine: [list(mark) for mark in r.peaks[name]]
         for r in results.runs
@@ -122,7 +131,7 @@ def _spectrum(results: Results, case: CaseRow, records: Mapping[str, Record], na
     highest = max((mark[0] for own in marks.values() for mark in own), default=0.0)
     kept = axis <= HIGHEST * highest if highest > 0.0 else np.ones(axis.size, dtype=bool)
     return {
-        "frequency": encode(axis[kept]),
-        "amplitude": {engine: encode(a[kept]) for engine, a in lines.items()},
+        "frequency": convert_to_base64(axis[kept]),
+        "amplitude": {engine: convert_to_base64(a[kept]) for engine, a in lines.items()},
         "peaks": marks,
     }

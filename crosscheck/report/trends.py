@@ -14,8 +14,8 @@ import sqlalchemy as sql
 
 from crosscheck import output_folder as owned
 from crosscheck.report import html
-from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, ask, nights
-from crosscheck.verdicts.results import slug
+from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, ask, list_nights
+from crosscheck.verdicts.results import make_slug
 
 MOST = 400  # nights that are drawn, the newest ones: more than a year
 Row = Mapping[str, Any]
@@ -24,49 +24,52 @@ Case = tuple[str, str]
 
 def write(database: sql.Engine, out: Path) -> None:
     """Write ``trends/index.html`` and one page per case below ``out``.  Raises HistoryError, OSError."""
-    shown = nights(database)[-MOST:]
+    shown = list_nights(database)[-MOST:]
     order = {night.id: k for k, night in enumerate(shown)}
-    pages = html.environment()
-    owned.adopt(out)
+    pages = html.prepare_templates()
+    owned.make_listed_folder(out)
     folder = out / "trends"
     folder.mkdir(parents=True, exist_ok=True)
-    values = _by_case(_kept(database, COMPARISON, order))
-    times = _by_case(_kept(database, TIMING, order))
-    marks = version_marks(shown, _kept(database, VERSION, order))
+    values = _split_by_case(_read_night_rows(database, COMPARISON, order))
+    times = _split_by_case(_read_night_rows(database, TIMING, order))
+    marks = list_version_marks(shown, _read_night_rows(database, VERSION, order))
     axis = [night.started[:16].replace("T", " ") for night in shown]
     common = {"root": "../", "nights": shown, "marks": marks, "axis": axis}
     for case in sorted(times):
         charts = [
-            chart(
+            build_chart(
                 "Largest error over the range",
                 "-",
-                lines(values.get(case, ()), order, value_name, "fraction"),
+                build_curves(values.get(case, ()), order, make_legend_name, "fraction"),
                 log=True,
             ),
-            chart(
-                "Time of the engine", "s", lines(times[case], order, lambda row: row["engine"], "wall_time"), log=True
+            build_chart(
+                "Time of the engine",
+                "s",
+                build_curves(times[case], order, lambda row: row["engine"], "wall_time"),
+                log=True,
             ),
         ]
         title = " / ".join(case)
-        view = {**common, "title": title, "charts": charts, "back": f"../cases/{slug('-'.join(case))}.html"}
-        html.write_page(pages, "trends.html.j2", folder / f"{slug('-'.join(case))}.html", **view, links=[])
+        view = {**common, "title": title, "charts": charts, "back": f"../cases/{make_slug('-'.join(case))}.html"}
+        html.write_page(pages, "trends.html.j2", folder / f"{make_slug('-'.join(case))}.html", **view, links=[])
     charts = [
-        chart("Time of the whole night", "s", {"night": [[order[n.id], n.elapsed] for n in shown if not n.label]})
+        build_chart("Time of the whole night", "s", {"night": [[order[n.id], n.elapsed] for n in shown if not n.label]})
     ]
-    charts += metric_charts(_kept(database, METRIC, order), order)
-    links = [(" / ".join(case), f"{slug('-'.join(case))}.html") for case in sorted(times)]
+    charts += build_metric_charts(_read_night_rows(database, METRIC, order), order)
+    links = [(" / ".join(case), f"{make_slug('-'.join(case))}.html") for case in sorted(times)]
     view = {**common, "title": "All nights", "charts": charts, "links": links, "back": "../index.html"}
     html.write_page(pages, "trends.html.j2", folder / "index.html", **view)
 
 
-def chart(
+def build_chart(
     title: str, unit: str, curves: Mapping[str, Sequence[Any]], log: bool = False, **limits: Any
 ) -> dict[str, Any]:
     """Return the data of one chart of a page; curves: name -> [[number of the night, value in unit], ...]."""
     return {"title": title, "unit": unit, "curves": dict(curves), "log": log, **limits}
 
 
-def lines(rows: Iterable[Row], order: Mapping[int, int], name: Any, what: str) -> dict[str, list[list[Any]]]:
+def build_curves(rows: Iterable[Row], order: Mapping[int, int], name: Any, what: str) -> dict[str, list[list[Any]]]:
     """Return one curve per name, in the order of the nights: [number of the night, value, verdict or status]."""
     curves: dict[str, list[list[Any]]] = {}
     for row in sorted(rows, key=lambda row: order[row["night"]]):
@@ -76,23 +79,23 @@ def lines(rows: Iterable[Row], order: Mapping[int, int], name: Any, what: str) -
     return dict(sorted(curves.items()))
 
 
-def value_name(row: Row) -> str:
+def make_legend_name(row: Row) -> str:
     """Return the name of a comparison in a legend."""
     against = "" if row["reference"] == "flexinv" else f" against {row['reference']}"
     return f"{row['engine']}{against} {row['quantity']}" + (f" [{row['unit']}]" if row["unit"] else "")
 
 
-def metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[dict[str, Any]]:
+def build_metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[dict[str, Any]]:
     """Return one chart per metric, with its last limits [unit of the metric]."""
     charts = []
     for name in sorted({row["name"] for row in rows}):
         own = sorted((row for row in rows if row["name"] == name), key=lambda row: order[row["night"]])
         curve = {name: [[order[row["night"]], row["value"]] for row in own]}
-        charts.append(chart(name, own[-1]["unit"], curve, lower=own[-1]["lower"], upper=own[-1]["upper"]))
+        charts.append(build_chart(name, own[-1]["unit"], curve, lower=own[-1]["lower"], upper=own[-1]["upper"]))
     return charts
 
 
-def version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str, Any]]:
+def list_version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str, Any]]:
     """Return the changes of versions from night to night: {"night": number, "text": "mujoco 4.0.0 to 4.1.0"}."""
     known: dict[int, dict[str, str]] = {}
     for row in rows:
@@ -107,13 +110,13 @@ def version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str,
     return marks
 
 
-def _kept(database: sql.Engine, table: sql.Table, order: Mapping[int, int]) -> list[dict[str, Any]]:
+def _read_night_rows(database: sql.Engine, table: sql.Table, order: Mapping[int, int]) -> list[dict[str, Any]]:
     first = min(order, default=0)
     rows = [dict(row._mapping) for row in ask(database, sql.select(table).where(table.c.night >= first))]
     return [row for row in rows if row["night"] in order]
 
 
-def _by_case(rows: Iterable[dict[str, Any]]) -> dict[Case, list[dict[str, Any]]]:
+def _split_by_case(rows: Iterable[dict[str, Any]]) -> dict[Case, list[dict[str, Any]]]:
     groups: dict[Case, list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["mechanism"], row["case_name"]), []).append(row)

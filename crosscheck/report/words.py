@@ -8,11 +8,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from crosscheck.measures.limits import VERDICTS, Verdict, worst
-from crosscheck.report.explanations import causes, diagnosed, failing, sheets, why
+from crosscheck.report.explanations import (
+    describe_causes,
+    describe_diagnosis,
+    describe_failing_lines,
+    find_diagnosis,
+    list_certificates,
+)
 from crosscheck.verdicts.bars import COARSE
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, fails
+from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, is_failing
 from crosscheck.verdicts.signals import Move
 
 SIGNS: dict[str, str] = {
@@ -55,7 +61,7 @@ class Cell:
     @property
     def cause(self) -> str:
         """The names of what explains the deviation, "" where nothing does."""
-        return causes(self.diagnosis)
+        return describe_causes(self.diagnosis)
 
     @property
     def headline(self) -> str:
@@ -63,7 +69,7 @@ class Cell:
         if self.verdict is None:
             return ""
         if self.leading is not None and self.leading.fraction is not None:
-            return short(self.leading.fraction)
+            return format_short(self.leading.fraction)
         if self.run is not None and self.run.status == "ok" and not self.comparisons:
             return "reference"
         if self.run is not None and self.run.status != "ok":
@@ -74,8 +80,8 @@ class Cell:
     def detail(self) -> str:
         """The words below it."""
         if self.leading is None or self.leading.fraction is None:
-            return duration(self.run.wall_time) if self.run is not None and self.run.status == "ok" else ""
-        limit = "no limit" if self.leading.limit is None else f"≤ {short(self.leading.limit)}"
+            return format_duration(self.run.wall_time) if self.run is not None and self.run.status == "ok" else ""
+        limit = "no limit" if self.leading.limit is None else f"≤ {format_short(self.leading.limit)}"
         return f"{self.leading.quantity} {limit}"
 
     @property
@@ -87,13 +93,13 @@ class Cell:
         if self.certificate and self.certificate not in "; ".join(messages):
             messages.append(f"certificate: {self.certificate}")
         if self.diagnosis is not None:
-            messages.append(why(self.diagnosis))
+            messages.append(describe_diagnosis(self.diagnosis))
         if self.verdict is None:
             return "not run"
         return "; ".join(dict.fromkeys([MEANINGS[self.verdict], *messages]))[:500]
 
 
-def cell(results: Results, case: CaseRow, engine: str) -> Cell:
+def make_cell(results: Results, case: CaseRow, engine: str) -> Cell:
     """Return the field of the matrix for one case and engine."""
     here = (case.mechanism, case.case, engine)
     rows = results.comparisons_of.get(here, ())
@@ -101,37 +107,37 @@ def cell(results: Results, case: CaseRow, engine: str) -> Cell:
     if run is None:
         return Cell(case, engine, None, None, None, rows)
     verdict = run.verdict if run.status != "ok" or not rows else worst(c.verdict for c in rows)
-    certificate = failing(results, *here)
+    certificate = describe_failing_lines(results, *here)
     if certificate and verdict in ("within", "explained", "skipped"):
         verdict = "deviation"
     measured = [c for c in rows if c.fraction is not None]
-    leading = max(measured, key=nearness, default=None)
-    return Cell(case, engine, verdict, leading, run, rows, diagnosed(results, *here), certificate)
+    leading = max(measured, key=make_sort_key, default=None)
+    return Cell(case, engine, verdict, leading, run, rows, find_diagnosis(results, *here), certificate)
 
 
-def takes_part(cells: Iterable[Cell]) -> bool:
+def has_taken_part(cells: Iterable[Cell]) -> bool:
     """Return True if an engine did anything in these cases: it ran or failed; only then it has a field in the matrix."""
     return any(one.run is not None and one.run.status != "skipped" for one in cells)
 
 
-def left_out(results: Results, cases: Sequence[CaseRow]) -> list[tuple[str, list[str]]]:
+def list_absent_engines(results: Results, cases: Sequence[CaseRow]) -> list[tuple[str, list[str]]]:
     """Return the reasons of engines that have no field for a mechanism with these cases, each with the engines that gave it."""
     reasons: dict[str, list[str]] = {}
     for engine in results.engines:
-        cells = [cell(results, case, engine.name) for case in cases]
-        if not takes_part(cells):
+        cells = [make_cell(results, case, engine.name) for case in cases]
+        if not has_taken_part(cells):
             said = dict.fromkeys(one.run.message or "skipped" if one.run is not None else "not run" for one in cells)
             reasons.setdefault("; ".join(said), []).append(engine.name)
     return list(reasons.items())
 
 
-def scope(results: Results) -> str:
+def describe_scope(results: Results) -> str:
     """Return in words what was compared with what, "" for a run without cases."""
     cases = [case for case in results.cases if not case.problem]
     if not cases:
         return ""
-    names = [e.name for e in results.engines if takes_part(cell(results, case, e.name) for case in cases)]
-    said = f"{_count(len(by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
+    names = [e.name for e in results.engines if has_taken_part(make_cell(results, case, e.name) for case in cases)]
+    said = f"{_count(len(split_by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
     said += f", in {_count(len(names), 'engine', 'engines')} ({', '.join(names)})." if names else ", in no engine."
     compared = dict.fromkeys(c.quantity for c in results.comparisons if c.maximum is not None)
     if compared:
@@ -153,18 +159,18 @@ def describe_group(moves: Sequence[Move]) -> list[str]:
     return [counted, *(move.words for move in moves[:SHOWN_MOVES]), *more]
 
 
-def nearness(row: Comparison) -> tuple[int, float]:
+def make_sort_key(row: Comparison) -> tuple[int, float]:
     """Return a key to sort comparisons by: graver verdicts first, then the part of the limit that is used."""
     share = row.fraction or 0.0
     return VERDICTS.index(row.verdict), share / row.limit if row.limit else share
 
 
-def counts(results: Results) -> dict[Verdict, int]:
+def count_verdicts(results: Results) -> dict[Verdict, int]:
     """Return the number of comparisons by verdict."""
     return {v: sum(c.verdict == v for c in results.comparisons) for v in reversed(VERDICTS)}
 
 
-def unchanged(results: Results) -> str:
+def describe_unchanged(results: Results) -> str:
     """Return in words how many results are those of earlier runs, "" where all were computed now."""
     times = [run.kept for run in results.runs] + [study.kept for study in results.studies]
     kept = sorted(filter(None, times))
@@ -174,18 +180,18 @@ def unchanged(results: Results) -> str:
     return f"{words}; --fresh computes all"
 
 
-def sentence(results: Results) -> str:
+def describe_run(results: Results) -> str:
     """Return the summary of a run that a reader has to know first."""
-    tally = counts(results)
+    tally = count_verdicts(results)
     judged = sum(tally.values()) - tally["skipped"] - tally["explained"]
     failed = sum(r.verdict == "error" for r in results.runs)
     broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
-    alone = [c for c in results.comparisons if c.verdict == "error" and not _engines(c) & broken]
+    alone = [c for c in results.comparisons if c.verdict == "error" and not _find_runs(c) & broken]
     coarse = [c for c in results.comparisons if c.verdict == "unjudged" and c.message.startswith(COARSE)]
     bare = [
         c for c in results.comparisons if c.verdict == "unjudged" and UNBLESSED not in c.message and c not in coarse
     ]
-    others = {(line.mechanism, line.case, line.engine) for line in results.certificates if fails(line)}
+    others = {(line.mechanism, line.case, line.engine) for line in results.certificates if is_failing(line)}
     parts = [
         _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
         _count(len(bare), "comparison has no limit", "comparisons have no limit"),
@@ -198,7 +204,7 @@ def sentence(results: Results) -> str:
         _count(len(alone), "comparison is impossible", "comparisons are impossible"),
         _count(len(others), "certificate does not hold", "certificates do not hold"),
         _count(failed, "run failed", "runs failed"),
-        _unread([c.mechanism for c in results.cases if c.problem]),
+        _describe_unread([c.mechanism for c in results.cases if c.problem]),
         _count(
             sum(s.verdict not in ("within", "explained", "skipped") for s in results.studies),
             "study is off",
@@ -218,25 +224,25 @@ def sentence(results: Results) -> str:
             "more differ by what checked error bars cover",
         )
         if judged:
-            return _all_within(judged, *_COMPARISONS) + ("; " if named else "") + named + "."
+            return _describe_all_within(judged, *_COMPARISONS) + ("; " if named else "") + named + "."
         done = sum(s.verdict == "within" for s in results.studies)
         nothing = "Nothing was judged." if results.studies and not results.cases else "Nothing was compared."
-        return _all_within(done, *_STUDIES) + "." if done else nothing
+        return _describe_all_within(done, *_STUDIES) + "." if done else nothing
     if not results.finished and not results.message:
         wrong.append("the run has not finished")
     if results.studies and not results.cases:  # of the selftest, of the benchmark
         done = sum(s.verdict in ("within", "skipped") for s in results.studies)
-        return _some_within(done, len(results.studies), *_STUDIES) + "; " + ", ".join(wrong) + "."
-    return _some_within(tally["within"], judged, *_COMPARISONS) + "; " + ", ".join(wrong) + "."
+        return _describe_some_within(done, len(results.studies), *_STUDIES) + "; " + ", ".join(wrong) + "."
+    return _describe_some_within(tally["within"], judged, *_COMPARISONS) + "; " + ", ".join(wrong) + "."
 
 
-def _unread(names: Sequence[str]) -> str:
+def _describe_unread(names: Sequence[str]) -> str:
     """Return the number of models that cannot be read, the first ones by name, in words; "" for none."""
     shown = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
     return f"{_count(len(names), 'model cannot be read', 'models cannot be read')} ({shown})" if names else ""
 
 
-def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
+def list_troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
     """Return everything that is not as it should be: verdict, case or study, what, message; the gravest first."""
     rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
     for case in results.cases:
@@ -246,16 +252,18 @@ def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, s
         runs = [r for r in results.runs if (r.mechanism, r.case) == here and r.verdict == "error"]
         rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
         failed = {r.engine for r in runs}
-        torn = [sheet for sheet in sheets(results, case) if sheet.verdict == "deviation"]
+        torn = [sheet for sheet in list_certificates(results, case) if sheet.verdict == "deviation"]
         rows += [("deviation", case, f"{sheet.engine} certificate", sheet.words) for sheet in torn]
         for c in results.comparisons:
             known = c.verdict in ("within", "skipped", "explained") or bool({c.engine, c.reference} & failed)
             known = known or (c.verdict == "deviation" and c.message == c.uncertified)  # said by the row above
             if (c.mechanism, c.case) == here and not known and not _is_new(c):
-                text = "; ".join(filter(None, [c.message, cause_of(results, c)]))
-                rows.append((c.verdict, case, _what(results, c), text))
-    rows += _unblessed(results)
-    rows += [(s.verdict, s, s.name, study_line(s)) for s in results.studies if s.verdict not in ("within", "skipped")]
+                text = "; ".join(filter(None, [c.message, find_cause(results, c)]))
+                rows.append((c.verdict, case, _describe_comparison(results, c), text))
+    rows += _list_unblessed(results)
+    rows += [
+        (s.verdict, s, s.name, describe_study(s)) for s in results.studies if s.verdict not in ("within", "skipped")
+    ]
     return sorted(rows, key=lambda row: -VERDICTS.index(row[0]))
 
 
@@ -264,17 +272,17 @@ def _is_new(row: Comparison) -> bool:
     return row.verdict == "unjudged" and row.message.startswith(UNBLESSED)
 
 
-def _what(results: Results, row: Comparison) -> str:
+def _describe_comparison(results: Results, row: Comparison) -> str:
     """Return engine and quantity of a comparison, with its unit where there are others of that quantity."""
     place = (row.mechanism, row.case, row.engine, row.reference, row.quantity)
     units = {c.unit for c in results.comparisons if place == (c.mechanism, c.case, c.engine, c.reference, c.quantity)}
     return f"{row.engine} {row.quantity}" + (f" [{row.unit}]" if len(units) > 1 else "")
 
 
-def _unblessed(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
+def _list_unblessed(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
     """Return one row for each mechanism of which comparisons are not blessed yet: how many, of which engines."""
     rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
-    for cases in by_mechanism(results.cases).values():
+    for cases in split_by_mechanism(results.cases).values():
         new = [c for c in results.comparisons if c.mechanism == cases[0].mechanism and _is_new(c)]
         if new:
             first = next(case for case in cases if case.case == new[0].case)
@@ -284,13 +292,15 @@ def _unblessed(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str,
     return rows
 
 
-def cause_of(results: Results, row: Comparison) -> str:
+def find_cause(results: Results, row: Comparison) -> str:
     """Return the named cause of a comparison of efforts that deviates; "" where none is named."""
-    one = diagnosed(results, row.mechanism, row.case, row.engine) if row.quantity == "torque" else None
-    return f"cause: {why(one)}" if one is not None and one.named and one.reference == row.reference else ""
+    one = find_diagnosis(results, row.mechanism, row.case, row.engine) if row.quantity == "torque" else None
+    return (
+        f"cause: {describe_diagnosis(one)}" if one is not None and one.named and one.reference == row.reference else ""
+    )
 
 
-def study_line(study: StudyRow) -> str:
+def describe_study(study: StudyRow) -> str:
     """Return one line about a study."""
     if study.status != "ok":
         return f"{study.status}: {study.message}"
@@ -298,7 +308,7 @@ def study_line(study: StudyRow) -> str:
     return ", ".join(f"{n} {v}" for v, n in tally.items() if n)
 
 
-def gathered(rows: Iterable[Comparison]) -> list[Comparison]:
+def join_alike_comparisons(rows: Iterable[Comparison]) -> list[Comparison]:
     """Return the comparisons, those without numbers and with the same words in one row with all their quantities."""
     groups: dict[Any, list[Comparison]] = {}
     for k, row in enumerate(rows):
@@ -313,7 +323,7 @@ def gathered(rows: Iterable[Comparison]) -> list[Comparison]:
     ]
 
 
-def short(value: float | None) -> str:
+def format_short(value: float | None) -> str:
     """Return a number in the fewest characters that a reader needs."""
     if value is None:
         return ""
@@ -327,14 +337,14 @@ def short(value: float | None) -> str:
     return f"{digits.removesuffix('.0')}e{int(exponent)}"
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a time span [s] in words."""
     if seconds >= 100:
         return f"{int(seconds) // 60} min {int(seconds) % 60} s"
     return f"{seconds:.1f} s" if seconds >= 1 else f"{seconds * 1e3:.3g} ms"
 
 
-def by_mechanism(cases: Iterable[CaseRow]) -> dict[str, list[CaseRow]]:
+def split_by_mechanism(cases: Iterable[CaseRow]) -> dict[str, list[CaseRow]]:
     """Return the cases of each mechanism."""
     groups: dict[str, list[CaseRow]] = {}
     for case in cases:
@@ -342,7 +352,7 @@ def by_mechanism(cases: Iterable[CaseRow]) -> dict[str, list[CaseRow]]:
     return groups
 
 
-def engines_alike(rows: Iterable[EngineRow]) -> list[tuple[EngineRow, list[str]]]:
+def join_alike_engines(rows: Iterable[EngineRow]) -> list[tuple[EngineRow, list[str]]]:
     """Return one engine of all that say the same of themselves, with the names of these."""
     groups: dict[EngineRow, list[str]] = {}
     for engine in rows:
@@ -350,7 +360,7 @@ def engines_alike(rows: Iterable[EngineRow]) -> list[tuple[EngineRow, list[str]]
     return list(groups.items())
 
 
-def _engines(row: Comparison) -> set[tuple[str, str, str]]:
+def _find_runs(row: Comparison) -> set[tuple[str, str, str]]:
     """Return the two runs that a comparison rests on."""
     return {(row.mechanism, row.case, engine) for engine in (row.engine, row.reference)}
 
@@ -363,10 +373,10 @@ _COMPARISONS = ("comparison", "comparisons", "limit")
 _STUDIES = ("study", "studies", "target")
 
 
-def _all_within(number: int, one: str, many: str, limit: str) -> str:
+def _describe_all_within(number: int, one: str, many: str, limit: str) -> str:
     return f"The {one} is within its {limit}" if number == 1 else f"All {number} {many} are within their {limit}s"
 
 
-def _some_within(good: int, number: int, one: str, many: str, limit: str) -> str:
+def _describe_some_within(good: int, number: int, one: str, many: str, limit: str) -> str:
     where = f"is within its {limit}" if 1 in (good, number) else f"are within their {limit}s"
     return f"{good} of {number} {one if number == 1 else many} {where}"

@@ -11,7 +11,7 @@ from typing import Any
 
 from crosscheck.engines import Engine
 from crosscheck.measures.record import Record, fingerprint
-from crosscheck.run.isolation import Attempt, Children, Ending, call, scratch
+from crosscheck.run.isolation import Attempt, Children, Ending, open_scratch_folder, run_child
 from crosscheck.verdicts.plan import Task
 
 LIMIT = 120.0  # [s] to import an engine and ask it: a cold disk takes some ten seconds
@@ -38,19 +38,21 @@ def abilities(engine: Engine, pairs: Sequence[Pair], children: Children) -> Abil
     one by one as they run, each in a process of its own.
     """
     cases = [(str(task.folder.resolve()), one.name) for task, one in pairs]
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         out = folder / "answers"
         # as they were read here: the natural modes of a damping ratio are not computed once more for every adapter
         out.with_suffix(".asked").write_bytes(pickle.dumps([(task.mechanism, task.case) for task, _ in pairs]))
         job = {"kind": "abilities", **engine.door, "engine": engine.name, "cases": cases, "out": str(out)}
-        ending = call(job, folder, LIMIT, children)
-        lines = answers(out)
+        ending = run_child(job, folder, LIMIT, children)
+        lines = read_answers(out)
     left = max(0, len(pairs) - max(0, len(lines) - 1))
     refused = {k: line["reason"] for k, line in enumerate(lines[1:]) if line.get("reason")}
-    return Abilities(lines[0] if lines else None, refused, "" if ending.status == "ok" else words(ending, left))
+    return Abilities(
+        lines[0] if lines else None, refused, "" if ending.status == "ok" else describe_ending(ending, left)
+    )
 
 
-def answers(file: Path) -> list[dict[str, Any]]:
+def read_answers(file: Path) -> list[dict[str, Any]]:
     """Return the lines that were written whole: what the adapter is, then an answer per case."""
     try:
         lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -59,13 +61,13 @@ def answers(file: Path) -> list[dict[str, Any]]:
         return []
 
 
-def words(ending: Ending, left: int) -> str:
+def describe_ending(ending: Ending, left: int) -> str:
     """Return the words for a reader about a process that did not answer everything."""
     why = f"asked in one process what it can do in all cases: {ending.message}"
     return f"{why}; {left} case{'s were' if left != 1 else ' was'} asked one by one" if left else why
 
 
-def skipped(task: Task, engine: Engine, reason: str, version: str) -> Attempt:
+def make_skipped_attempt(task: Task, engine: Engine, reason: str, version: str) -> Attempt:
     """Return the attempt of an engine that cannot do a case: no process has run."""
     known = fingerprint(task.mechanism, task.case.motion)
     return Attempt(Record(engine.name, "skipped", reason, version=version, model_hash=known))

@@ -26,7 +26,7 @@ from crosscheck.engines.shared.rounding import add_rounding_bars, build_perturbe
 from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
-from crosscheck.run.processes import become_subreaper, bound_files, die_with_parent
+from crosscheck.run.processes import apply_file_size_limit, end_with_parent, make_subreaper
 from crosscheck.run.reading import read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
@@ -35,9 +35,9 @@ from flexinv.model.mechanism import Mechanism
 
 def main(job_file: str) -> None:
     """Do the job, write the answer, and leave without tearing down an engine that may crash on its way out."""
-    die_with_parent()
-    become_subreaper()
-    bound_files()
+    end_with_parent()
+    make_subreaper()
+    apply_file_size_limit()
     job = json.loads(Path(job_file).read_text(encoding="utf-8"))
     KINDS_OF_JOBS[job["kind"]](job)
     sys.stdout.flush()
@@ -52,7 +52,9 @@ def run_case(job: dict[str, Any]) -> None:
         record = _run(job, open_adapter(job))
     except Exception as error:
         traceback.print_exc()
-        record = Record(engine=name, status="error", message=_words(error), certificate=_unrun(job))
+        record = Record(
+            engine=name, status="error", message=_describe_error(error), certificate=_make_failed_certificate(job)
+        )
     save(record, Path(job["out"]))
 
 
@@ -65,11 +67,11 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
         case = build_perturbed_case(case, way)
     if (reason := refusal(adapter, mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, version=adapter.version(), **known)
-    record = replace(_answer(job, adapter, mechanism, case), **known)
+    record = replace(_run_adapter(job, adapter, mechanism, case), **known)
     stated = record.version if "settings" in job else ""  # a program or a record says its own
     record = replace(record, version=stated or adapter.version())
     if record.status == "ok" and job["options"].get("certificate", True):
-        record = replace(record, certificate=record.certificate or certified(adapter, mechanism, case, name))
+        record = replace(record, certificate=record.certificate or make_certificate(adapter, mechanism, case, name))
     stepped = "settings" in job and integrated(mechanism, case)  # the bars of a program's steps are its own business
     if stepped or not job["options"].get("error", True):
         return record
@@ -86,7 +88,7 @@ def refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> 
     return reason
 
 
-def _answer(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: Case) -> Record:
+def _run_adapter(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: Case) -> Record:
     """Return the record of an adapter; bars of an engine from outside that nobody asked for are marked as such."""
     name = job["engine"]
     options = job["options"]
@@ -95,30 +97,32 @@ def _answer(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, case: C
     return of_package(adapter, mechanism, case, name, options)
 
 
-def _unrun(job: dict[str, Any]) -> dict[str, Any]:
+def _make_failed_certificate(job: dict[str, Any]) -> dict[str, Any]:
     """Return the certificate of an engine whose run failed: it may say why."""
     try:
         mechanism = read_mechanism(job["mechanism"])
         case = load_cases(job["mechanism"], mechanism)[job["case"]]
-        return certified(open_adapter(job), mechanism, case, job["engine"])
+        return make_certificate(open_adapter(job), mechanism, case, job["engine"])
     except Exception as error:
-        return {"problem": _words(error)}
+        return {"problem": _describe_error(error)}
 
 
-def certified(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
+def make_certificate(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
     """Return the certificate of the engine's own model, or the reason why there is none."""
     if (certify := offered(adapter, "certify")) is None:
         return {"problem": "this formulation has nothing to be asked for"}
     try:
-        return cast(dict[str, Any], replace(certify(mechanism, case, engine), given=given(mechanism)).plain)
+        return cast(
+            dict[str, Any], replace(certify(mechanism, case, engine), given=describe_supplied_data(mechanism)).plain
+        )
     except InputError as error:
         return {"problem": str(error)}
     except Exception as error:
         traceback.print_exc()
-        return {"problem": _words(error)}
+        return {"problem": _describe_error(error)}
 
 
-def given(mechanism: Mechanism) -> dict[str, str]:
+def describe_supplied_data(mechanism: Mechanism) -> dict[str, str]:
     """Return in words the data that flexinv computed and gave to an engine, by their names."""
     stated = mechanism.modal_damping
     return (
@@ -142,10 +146,10 @@ def abilities(job: dict[str, Any]) -> None:
         asked = pickle.loads(Path(job["out"]).with_suffix(".asked").read_bytes())
         for (folder, engine), (mechanism, case) in zip(job["cases"], asked, strict=True):
             here = {**job, "engine": engine, "mechanism": folder}
-            lines.write(json.dumps({"reason": _refused(here, mechanism, case)}) + "\n")
+            lines.write(json.dumps({"reason": _find_refusal(here, mechanism, case)}) + "\n")
 
 
-def _refused(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
+def _find_refusal(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why an engine cannot do a case; None also where that cannot be asked: its run will say so."""
     try:
         return refusal(open_adapter(job), mechanism, case, job["engine"])
@@ -154,13 +158,13 @@ def _refused(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | Non
         return None
 
 
-def study(job: dict[str, Any]) -> None:
+def write_study(job: dict[str, Any]) -> None:
     """Write the table that the function ``job["function"]`` of the module gives."""
     function = getattr(importlib.import_module(job["module"]), job["function"])
     _write(job, function(**job["options"]))
 
 
-def export(job: dict[str, Any]) -> None:
+def write_export(job: dict[str, Any]) -> None:
     """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
     adapter = open_adapter(job)
     mechanism = read_mechanism(job["mechanism"])
@@ -181,7 +185,7 @@ def _write(job: dict[str, Any], answer: object) -> None:
     Path(job["out"]).write_text(json.dumps(answer, allow_nan=False), encoding="utf-8")
 
 
-def _words(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
@@ -189,9 +193,9 @@ KINDS_OF_JOBS = {
     "run": run_case,
     "describe": describe,
     "abilities": abilities,
-    "study": study,
+    "study": write_study,
     "read": read,
-    "export": export,
+    "export": write_export,
 }
 
 

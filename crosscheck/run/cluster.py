@@ -14,7 +14,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from crosscheck.run.isolation import Children, scratch
+from crosscheck.run.isolation import Children, open_scratch_folder
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
@@ -26,7 +26,7 @@ LARGEST_MODEL = 50_000_000  # [bytes] of one mechanism's files
 
 
 @contextlib.contextmanager
-def workers(scheduler: str, jobs: int, tell: Callable[[str], None] = lambda line: None) -> Iterator[Executor]:
+def open_workers(scheduler: str, jobs: int, tell: Callable[[str], None] = lambda line: None) -> Iterator[Executor]:
     """Give an executor: ``jobs`` threads that drive local processes, or a cluster.
 
     tell : is given a line where the cluster has no workers, or workers that cannot do jobs of ours; again every minute
@@ -51,7 +51,7 @@ def workers(scheduler: str, jobs: int, tell: Callable[[str], None] = lambda line
         if others and len(others) == len(_list_workers(client)):
             raise InputError(f"--scheduler {scheduler}: {_describe_others(others)}; start workers with Python {HERE}")
         over = threading.Event()
-        watcher = threading.Thread(target=_watch, args=(client, scheduler, tell, over), daemon=True)
+        watcher = threading.Thread(target=_warn_of_trouble, args=(client, scheduler, tell, over), daemon=True)
         watcher.start()
         try:
             yield client.get_executor(pure=False)
@@ -60,7 +60,7 @@ def workers(scheduler: str, jobs: int, tell: Callable[[str], None] = lambda line
             watcher.join(timeout=AGAIN)
 
 
-def _watch(client: Any, scheduler: str, tell: Callable[[str], None], over: threading.Event) -> None:
+def _warn_of_trouble(client: Any, scheduler: str, tell: Callable[[str], None], over: threading.Event) -> None:
     """Tell every minute of a cluster that has trouble, until the run is over."""
     while not over.wait(AGAIN):
         with contextlib.suppress(Exception):  # the run finds out by itself that the cluster is gone
@@ -82,11 +82,11 @@ def _list_workers(client: Any) -> list[str]:
 
 def _list_other_pythons(client: Any) -> dict[str, str]:
     """Return the Python of workers that have another one than this machine, by their addresses."""
-    stated = client.run(_state_python, on_error="return")
+    stated = client.run(_describe_python, on_error="return")
     return {worker: python for worker, python in stated.items() if isinstance(python, str) and python != HERE}
 
 
-def _state_python() -> str:
+def _describe_python() -> str:
     return ".".join(map(str, sys.version_info[:2]))
 
 
@@ -96,10 +96,10 @@ def _describe_others(others: Mapping[str, str]) -> str:
     return f"the worker {worker}{more} has Python {python}, this machine has {HERE}"
 
 
-def far(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapping[str, bytes], options: Any) -> Any:
+def run_on_worker(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapping[str, bytes], options: Any) -> Any:
     """Do a job on a worker: put the mechanism's files into a folder of its own, and run the engine there."""
     kind, what, engine = job
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         if files:
             place = folder / what.folder.name
             for name, content in files.items():
@@ -109,7 +109,7 @@ def far(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapping[str, b
         return do((kind, what, engine), options, Children())
 
 
-def luggage(what: Any) -> dict[str, bytes]:
+def read_task_files(what: Any) -> dict[str, bytes]:
     """Return the files of a task's mechanism by name; none where they are not all in its folder (a URDF elsewhere).
 
     Then, as for studies, a worker must see the same folders as this machine.  Raises InputError for a folder too large.

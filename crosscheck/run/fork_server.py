@@ -36,11 +36,11 @@ from crosscheck.engines import resolve_adapter
 from crosscheck.engines.base import forkable, prepare_adapter
 from crosscheck.run import child
 from crosscheck.run.processes import (
-    become_subreaper,
-    die_with_parent,
-    kill_group,
-    kill_strays,
+    end_process_group,
+    end_stray_processes,
+    end_with_parent,
     list_children,
+    make_subreaper,
 )
 from flexinv.files.toml_tables import build_validators
 
@@ -51,12 +51,12 @@ DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime t
 
 def main(number: str) -> None:
     """Serve requests of the socket with this number until the parent closes it, what every job needs being imported."""
-    die_with_parent()
+    end_with_parent()
     build_validators()
-    serve(int(number), "")
+    run_server(int(number), "")
 
 
-def serve(number: int, refusal: str) -> NoReturn:
+def run_server(number: int, refusal: str) -> NoReturn:
     """Serve requests of a socket; refusal : why none is granted, "" where they are."""
     gc.collect()
     gc.freeze()
@@ -87,7 +87,7 @@ def prepare(door: Mapping[str, Any]) -> str:
     return ""
 
 
-def trouble() -> str:
+def describe_fork_trouble() -> str:
     """Return the reason why this process must not be forked now, "" where nothing speaks against it."""
     threads = len(os.listdir("/proc/self/task"))
     if threads > 1:
@@ -116,7 +116,7 @@ class Server:
 
     def serve(self) -> None:
         """Fork a job per request and tell how each ended, until the parent closes its side."""
-        become_subreaper()
+        make_subreaper()
         ear, mouth = socket.socketpair()
         ear.setblocking(False)
         mouth.setblocking(False)
@@ -127,17 +127,17 @@ class Server:
             if ear in ready:
                 ear.recv(4096)
                 self._reap()
-            if self.requests in ready and not self._request([ear, mouth]):
+            if self.requests in ready and not self._can_take_request([ear, mouth]):
                 return
 
-    def _request(self, ours: list[socket.socket]) -> bool:
+    def _can_take_request(self, ours: list[socket.socket]) -> bool:
         """Take one request; return False where the parent has closed its side."""
         packet, descriptors, _, _ = socket.recv_fds(self.requests, LARGEST_REQUEST, 3)
         if not packet:
             return False
         answer = socket.socket(fileno=descriptors.pop(0))
-        if why := self.refusal or trouble():
-            _say(answer, f"refused {why}")
+        if why := self.refusal or describe_fork_trouble():
+            _send_words(answer, f"refused {why}")
             answer.close()
         else:
             self._fork(answer, descriptors, json.loads(packet), ours)
@@ -157,22 +157,22 @@ class Server:
         with contextlib.suppress(OSError):  # whoever is first; the parent kills the group, so it has to be one by now
             os.setpgid(pid, pid)
         self.answers[pid] = answer
-        _say(answer, f"forked {pid}")
+        _send_words(answer, f"forked {pid}")
 
     def _reap(self) -> None:
         """Tell how jobs ended, and end what each of them has started (before its number may be given to another)."""
         for pid in list(self.answers):
             if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
                 continue
-            kill_group(pid)  # what it left in other groups has become a child of this process
+            end_process_group(pid)  # what it left in other groups has become a child of this process
             _, status = os.waitpid(pid, 0)
             answer = self.answers.pop(pid)
-            kill_strays({*self.answers, *self.helpers})
-            _say(answer, f"ended {os.waitstatus_to_exitcode(status)}")
+            end_stray_processes({*self.answers, *self.helpers})
+            _send_words(answer, f"ended {os.waitstatus_to_exitcode(status)}")
             answer.close()
 
 
-def _say(answer: socket.socket, words: str) -> None:
+def _send_words(answer: socket.socket, words: str) -> None:
     with contextlib.suppress(OSError):  # nobody listens any more
         answer.sendall(f"{words}\n".encode())
 
@@ -187,7 +187,7 @@ def begin(leader: int, job: Mapping[str, str], log: int, requests: int = -1) -> 
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         os.setpgid(0, 0)  # the session is that of the prepared process, which has no terminal
-        die_with_parent()
+        end_with_parent()
         if os.getppid() != leader:
             os._exit(1)  # it has died meanwhile
         os.dup2(log, 1)
@@ -198,7 +198,7 @@ def begin(leader: int, job: Mapping[str, str], log: int, requests: int = -1) -> 
         random.seed()
         np.random.seed()  # noqa: NPY002 - for engines that use this generator: each process has its own numbers
         if "door" in job:
-            serve(requests, prepare(json.loads(Path(job["door"]).read_text(encoding="utf-8"))))
+            run_server(requests, prepare(json.loads(Path(job["door"]).read_text(encoding="utf-8"))))
         child.main(job["job"])
     except SystemExit as left:
         code = left.code if isinstance(left.code, int) else int(left.code is not None)

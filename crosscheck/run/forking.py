@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from crosscheck.run.processes import environment, kill_group, kill_tree
+from crosscheck.run.processes import end_process_group, end_process_tree, make_environment
 
 PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
 PLAIN = ("study",)  # kinds of jobs whose module is no adapter
@@ -45,7 +45,7 @@ class Forked:
 
         Raises TimeoutExpired, and Lost where the process that it was forked from has died, and it with that one.
         """
-        words = _line(self._answers, timeout)
+        words = _read_line(self._answers, timeout)
         if words is None:
             raise subprocess.TimeoutExpired("a forked job", timeout or 0.0)
         if not words.startswith("ended "):
@@ -56,13 +56,13 @@ class Forked:
     def end(self) -> None:
         """Kill what is left of the process and of everything it started (what ended by itself, its server has ended)."""
         if self.returncode is None:
-            kill_tree(self.pid)
+            end_process_tree(self.pid)
             with contextlib.suppress(Lost):
                 self.wait()
         self._answers.close()
 
 
-def _line(answers: socket.socket, limit: float | None) -> str | None:
+def _read_line(answers: socket.socket, limit: float | None) -> str | None:
     """Return the next line, "" where nobody writes any more, or ours is closed by an interrupt; None after ``limit`` [s]."""
     read = bytearray()
     try:
@@ -99,17 +99,17 @@ class Prepared:
         try:
             with theirs:
                 socket.send_fds(self.requests, [words], [theirs.fileno(), *descriptors])
-            answer = _line(ours, PREPARE)
+            answer = _read_line(ours, PREPARE)
         except OSError:
             answer = ""
         if answer and answer.startswith("forked "):
             return Forked(int(answer.removeprefix("forked ")), ours)
         ours.close()
-        self.refusal = self.refusal or self._why(answer)
+        self.refusal = self.refusal or self._describe_refusal(answer)
         self.end()
         raise Refused(self.refusal)
 
-    def _why(self, answer: str | None) -> str:
+    def _describe_refusal(self, answer: str | None) -> str:
         if answer is None:
             return f"it was not prepared after {PREPARE:g} s"
         return answer.removeprefix("refused ") or "its prepared process has died"
@@ -119,7 +119,7 @@ class Prepared:
         if isinstance(self.process, Forked):
             self.process.end()
         else:
-            kill_group(self.process.pid)
+            end_process_group(self.process.pid)
             self.process.wait()
         self.requests.close()
         self.folder.cleanup()
@@ -138,31 +138,31 @@ class ForkServers:
         """Return the process of a job.  Raises Refused."""
         if sys.platform != "linux":
             raise Refused("only Linux says how many threads a process has")
-        return self._prepared(job).fork({"job": job_file, "folder": folder}, log)
+        return self._prepare_adapter(job).fork({"job": job_file, "folder": folder}, log)
 
     @property
     def refusals(self) -> dict[str, str]:
         """The reasons why jobs of an adapter were not forked, by its name."""
         return {name: one.refusal for name, one in self.known.items() if one.refusal}
 
-    def _prepared(self, job: Mapping[str, Any]) -> Prepared:
+    def _prepare_adapter(self, job: Mapping[str, Any]) -> Prepared:
         name = " ".join(filter(None, [job["module"], job.get("path", "")]))
         with self.lock:
             if self.stopped:
                 raise Refused("interrupted")
-            self.common = self.common or _started()
+            self.common = self.common or _begin_common()
             if name not in self.known:
-                self.known[name] = _opened(self.common, job)
+                self.known[name] = _begin_prepared(self.common, job)
             return self.known[name]
 
     def stop(self) -> None:
         """End all of them, and start no more."""
         self.stopped = True
         if self.common is not None:
-            kill_tree(self.common.process.pid)  # whoever holds the lock waits for it
+            end_process_tree(self.common.process.pid)  # whoever holds the lock waits for it
         with self.lock:
             for one in self.known.values():
-                kill_group(one.process.pid)
+                end_process_group(one.process.pid)
 
     def close(self) -> None:
         """End all of them and wait until they are gone, the common one last: it counts the time that the others took."""
@@ -173,15 +173,15 @@ class ForkServers:
                     one.end()
 
 
-def _started() -> Prepared:
+def _begin_common() -> Prepared:
     """Start the common process; it has to be by the thread that lives as long as the run."""
-    folder = _folder()  # first: on a full disk there is nothing to be closed yet
+    folder = _make_folder()  # first: on a full disk there is nothing to be closed yet
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs, (Path(folder.name) / "printed.txt").open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.fork_server", str(theirs.fileno())],
             cwd=folder.name,
-            env=environment(),
+            env=make_environment(),
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -191,10 +191,10 @@ def _started() -> Prepared:
     return Prepared(process, ours, folder)
 
 
-def _opened(common: Prepared, job: Mapping[str, Any]) -> Prepared:
+def _begin_prepared(common: Prepared, job: Mapping[str, Any]) -> Prepared:
     """Fork the prepared process of a job's adapter.  Raises Refused."""
     door = {name: job[name] for name in ("module", "path", "settings") if name in job}
-    folder = _folder()
+    folder = _make_folder()
     told = Path(folder.name) / "door.json"
     told.write_text(json.dumps({**door, "plain": job["kind"] in PLAIN}), encoding="utf-8")
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -208,5 +208,5 @@ def _opened(common: Prepared, job: Mapping[str, Any]) -> Prepared:
     return Prepared(process, ours, folder)
 
 
-def _folder() -> tempfile.TemporaryDirectory[str]:
+def _make_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="crosscheck-prepared-", ignore_cleanup_errors=True)

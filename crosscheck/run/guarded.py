@@ -22,16 +22,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from crosscheck.run.isolation import Children, Ending, call, mark_of, scratch, tail, too_late, verdict
+from crosscheck.run.isolation import (
+    Children,
+    Ending,
+    describe_timeout,
+    judge_exit_code,
+    make_mark,
+    open_scratch_folder,
+    read_tail,
+    run_child,
+)
 from crosscheck.run.processes import (
     MARK,
-    become_subreaper,
-    bound_files,
-    die_with_parent,
-    kill_group,
-    kill_marked,
-    kill_tree,
-    waited,
+    apply_file_size_limit,
+    end_marked_processes,
+    end_process_group,
+    end_process_tree,
+    end_with_parent,
+    make_subreaper,
+    read_waiting_time,
 )
 from crosscheck.run.reading import GIVEN, read
 from flexinv.errors import InputError
@@ -63,12 +72,14 @@ class Guard:
         """
         job = {"kind": "read", "module": function.__module__, "function": function.__name__, "place": str(Path.cwd())}
         job["memory"] = str(int(self.gigabytes * 1e9))
-        with scratch() as folder:
+        with open_scratch_folder() as folder:
             out = folder / "answer.pickle"
             job["out"] = str(out)
             out.with_suffix(GIVEN).write_bytes(pickle.dumps((file, *arguments)))
             here = may_fork()
-            ending = _call_forked(job, folder, self.seconds) if here else call(job, folder, self.seconds, self.children)
+            ending = (
+                _call_forked(job, folder, self.seconds) if here else run_child(job, folder, self.seconds, self.children)
+            )
             if ending.status != "ok":
                 raise self._unread(file, ending)
             kind, found = pickle.loads(out.read_bytes())  # written by our own code, into this folder alone
@@ -110,18 +121,18 @@ def _call_forked(job: Mapping[str, Any], folder: Path, limit: float) -> Ending:
     log_file.touch()
     start = clock.monotonic()
     late = ""
-    process = _Copy(job, log_file, mark_of(folder))
+    process = _Copy(job, log_file, make_mark(folder))
     try:
         process.wait(limit)
     except subprocess.TimeoutExpired:
-        late = too_late(limit, waited(process.pid))
+        late = describe_timeout(limit, read_waiting_time(process.pid))
     finally:
         process.end()
     elapsed = clock.monotonic() - start
-    printed = tail(log_file)
+    printed = read_tail(log_file)
     if late:
         return Ending("timeout", late, printed, elapsed)
-    return Ending(*verdict(process.returncode or 0, printed), printed, elapsed)
+    return Ending(*judge_exit_code(process.returncode or 0, printed), printed, elapsed)
 
 
 class _Copy:
@@ -153,10 +164,10 @@ class _Copy:
     def end(self) -> None:
         """Kill what is left of it, and of everything that it started."""
         if self.returncode is None:
-            kill_tree(self.pid)
+            end_process_tree(self.pid)
             self._reap()
-        kill_group(self.pid)
-        kill_marked(self.mark)
+        end_process_group(self.pid)
+        end_marked_processes(self.mark)
 
     def _reap(self) -> None:
         self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
@@ -167,11 +178,11 @@ def _be_copy(job: dict[str, Any], log: Path, mark: str, parent: int) -> NoReturn
     code = 1
     try:
         os.setsid()
-        die_with_parent()
+        end_with_parent()
         if os.getppid() != parent:
             os._exit(1)  # it has died meanwhile
-        become_subreaper()
-        bound_files()
+        make_subreaper()
+        apply_file_size_limit()
         os.environ[MARK] = mark
         with contextlib.ExitStack() as files:
             nothing = files.enter_context(open(os.devnull, "rb"))

@@ -26,7 +26,14 @@ from crosscheck.engines import Engine, describe_missing_package
 from crosscheck.measures.record import Record, RecordError, Status, check, load
 from crosscheck.output_folder import remove_tree
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
-from crosscheck.run.processes import MARK, environment, kill_group, kill_marked, kill_tree, waited
+from crosscheck.run.processes import (
+    MARK,
+    end_marked_processes,
+    end_process_group,
+    end_process_tree,
+    make_environment,
+    read_waiting_time,
+)
 
 BUSY = 0.5  # of the time limit: whoever had to wait longer for a processor may not be slow
 TAIL = 4000  # [characters] of what the engine printed that a report keeps
@@ -87,26 +94,26 @@ class Children:
                 with self.lock:
                     self.running.add(process.pid)
                     if self.stopped:
-                        kill_tree(process.pid)
+                        end_process_tree(process.pid)
                 return process
-        return self.start(command(job_file), folder, log)
+        return self.start(build_command(job_file), folder, log)
 
     def start(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
-        """Start ``command`` in ``folder`` as the head of a process group of its own."""
+        """Start ``build_command`` in ``folder`` as the head of a process group of its own."""
         with self.lock:
             if self.stopped:
                 raise InterruptedError("interrupted before it started")
             process = subprocess.Popen(
                 command,
                 cwd=folder,
-                env=environment() | {MARK: mark_of(folder)},
+                env=make_environment() | {MARK: make_mark(folder)},
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
             self.running.add(process.pid)
-            self.marks[process.pid] = mark_of(folder)
+            self.marks[process.pid] = make_mark(folder)
         return process
 
     def end(self, process: Process) -> None:
@@ -117,22 +124,22 @@ class Children:
             process.end()
             return
         if process.returncode is None:
-            kill_tree(process.pid)
-        kill_group(process.pid)
+            end_process_tree(process.pid)
+        end_process_group(process.pid)
         process.wait()
-        kill_marked(self.marks.pop(process.pid, ""))
+        end_marked_processes(self.marks.pop(process.pid, ""))
 
     def stop(self) -> None:
         """Kill every child and start no more."""
         with self.lock:
             self.stopped = True
             for leader in self.running:
-                kill_tree(leader)
+                end_process_tree(leader)
         if self.servers is not None:
             self.servers.stop()
 
 
-def mark_of(folder: Path) -> str:
+def make_mark(folder: Path) -> str:
     """Return the mark of a job: the name of its folder, which no other job has."""
     return str(folder)
 
@@ -148,8 +155,8 @@ def run_engine(
     if (reason := describe_missing_package(engine)) is not None:
         return Attempt(replace(failed, message=f"not installed: {reason}"))
     job = {"kind": "run", **engine.door, "engine": engine.name, **task}
-    with scratch() as folder:
-        ending = call(job | {"out": str(folder / "record")}, folder, limit, children)
+    with open_scratch_folder() as folder:
+        ending = run_child(job | {"out": str(folder / "record")}, folder, limit, children)
         record = replace(failed, status=ending.status, message=ending.message)
         if ending.status == "ok":
             record = _read(folder / "record", failed, time)
@@ -173,9 +180,9 @@ def ask(job: Mapping[str, Any], limit: float, children: Children) -> tuple[Any, 
 
     limit : [s]
     """
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         out = folder / "answer.json"
-        ending = call({**job, "out": str(out)}, folder, limit, children)
+        ending = run_child({**job, "out": str(out)}, folder, limit, children)
         if ending.status != "ok":
             return None, ending
         try:
@@ -184,22 +191,22 @@ def ask(job: Mapping[str, Any], limit: float, children: Children) -> tuple[Any, 
             return None, replace(ending, status="error", message=f"no answer: {error}")
 
 
-def call(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
+def run_child(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
     """Run ``python -m crosscheck.run.child`` on ``job`` inside ``folder`` for at most ``limit`` [s].
 
     Where a prepared process dies under its job, the job is done again in a fresh one.
     """
     try:
-        return _called(job, folder, limit, children)
+        return _run_job(job, folder, limit, children)
     except Lost as error:
         if children.stopped:
             return Ending("error", "interrupted", "", 0.0)
         (folder / "work").rename(folder / "lost")
-        ending = _called({**job, "afresh": True}, folder, limit, children)
+        ending = _run_job({**job, "afresh": True}, folder, limit, children)
         return replace(ending, printed=f"{error}: done again in a fresh one\n{ending.printed}")
 
 
-def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
+def _run_job(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
     job_file = folder / "job.json"
     log_file = folder / "printed.txt"
     job_file.write_text(json.dumps(job), encoding="utf-8")
@@ -215,19 +222,19 @@ def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Childr
         try:
             process.wait(limit)
         except subprocess.TimeoutExpired:
-            late = too_late(limit, waited(process.pid))
+            late = describe_timeout(limit, read_waiting_time(process.pid))
         finally:
             children.end(process)
     elapsed = clock.monotonic() - start
-    printed = tail(log_file)
+    printed = read_tail(log_file)
     if late:
         return Ending("timeout", late, printed, elapsed)
     if children.stopped:
         return Ending("error", "interrupted", printed, elapsed)
-    return Ending(*verdict(process.returncode or 0, printed), printed, elapsed)
+    return Ending(*judge_exit_code(process.returncode or 0, printed), printed, elapsed)
 
 
-def too_late(limit: float, without: float) -> str:
+def describe_timeout(limit: float, without: float) -> str:
     """Return the message for a process stopped after ``limit`` [s], of which it waited ``without`` [s] for a processor."""
     words = f"stopped after the time limit of {limit:g} s"
     if without <= BUSY * limit:
@@ -235,12 +242,12 @@ def too_late(limit: float, without: float) -> str:
     return f"{words}, of which it waited {without:.0f} s for a processor: too much runs on this machine"
 
 
-def command(job_file: Path) -> list[str]:
+def build_command(job_file: Path) -> list[str]:
     """Return the command line of a child."""
     return [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.child", str(job_file)]
 
 
-def verdict(code: int, printed: str) -> tuple[Status, str]:
+def judge_exit_code(code: int, printed: str) -> tuple[Status, str]:
     """Return status and message of an exit code; what was printed last is part of the message."""
     if code == 0:
         return "ok", ""
@@ -254,7 +261,7 @@ def verdict(code: int, printed: str) -> tuple[Status, str]:
     return "error", f"killed by signal {-code} ({name})"
 
 
-def tail(file: Path) -> str:
+def read_tail(file: Path) -> str:
     """Return the end of a text file, whatever bytes are in it."""
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - TAIL))
@@ -262,7 +269,7 @@ def tail(file: Path) -> str:
 
 
 @contextmanager
-def scratch() -> Iterator[Path]:
+def open_scratch_folder() -> Iterator[Path]:
     """Give a temporary folder that is gone afterwards, even where a dying engine still writes into it."""
     folder = Path(tempfile.mkdtemp(prefix="crosscheck-"))
     try:

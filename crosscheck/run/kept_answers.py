@@ -31,11 +31,11 @@ from crosscheck import output_folder as owned
 from crosscheck.doors.registry import COMMAND
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record, RecordError, check, fingerprint, load, save
-from crosscheck.run.isolation import Attempt, scratch
-from crosscheck.run.run_cache import key, stamped, surroundings
+from crosscheck.run.isolation import Attempt, open_scratch_folder
+from crosscheck.run.run_cache import add_door_digest, compute_attempt_key, compute_surroundings_digest
 from crosscheck.studies import Study
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.results import machine, now
+from crosscheck.verdicts.results import describe_machine, format_current_time
 
 LARGEST = 2_000_000_000  # [bytes] of a folder of answers: some ten runs of everything
 KEPT = ("ok", "skipped")
@@ -47,7 +47,7 @@ WHERE = "CROSSCHECK_KEPT"
 DAMAGED = (OSError, ValueError, LookupError, TypeError, zipfile.BadZipFile, zlib.error, EOFError, RecordError)
 
 
-def folder_of_user() -> Path | None:
+def find_user_folder() -> Path | None:
     """Return the folder of this user's answers: what CROSSCHECK_KEPT says ("": None), else one in the cache of the user."""
     if (said := os.environ.get(WHERE)) is not None:
         return Path(said) if said else None
@@ -66,29 +66,31 @@ class KeptAnswers:
     @cached_property
     def setting(self) -> str:
         """A digest of all that every answer depends on."""
-        return setting()
+        return compute_setting_digest()
 
     @cached_property
     def contents(self) -> Callable[[Path], str]:
-        """The digest of a folder (`contents`), which is read once."""
-        return cache(contents)
+        """The digest of a folder (`compute_folder_digest`), which is read once."""
+        return cache(compute_folder_digest)
 
-    def attempt(self, task: Task, engine: Engine) -> Attempt | None:
+    def find_attempt(self, task: Task, engine: Engine) -> Attempt | None:
         """Return the attempt that was kept of an engine at a case, with the time of it, or None."""
-        found: Attempt | None = self._read(self._key(task, engine), lambda words, stem: _attempt(words, stem, task))
+        found: Attempt | None = self._read(
+            self._compute_attempt_key(task, engine), lambda words, stem: _read_attempt(words, stem, task)
+        )
         return found
 
-    def keep(self, task: Task, engine: Engine, attempt: Attempt) -> None:
+    def add_answer(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         """Keep an attempt that came to an answer."""
         if attempt.record.status in KEPT and not attempt.kept:
-            words = {"printed": attempt.printed, "elapsed": attempt.elapsed, "when": now()}
-            self._write(self._key(task, engine), words, attempt.record)
+            words = {"printed": attempt.printed, "elapsed": attempt.elapsed, "when": format_current_time()}
+            self._write(self._compute_attempt_key(task, engine), words, attempt.record)
 
-    def answer(self, name: str, *things: object) -> Any:
+    def find_values(self, name: str, *things: object) -> Any:
         """Return the values that were kept under things that they depend on, with their time ("when"), None without them."""
         return self._read(fingerprint(name, *things, self.setting), lambda words, stem: words)
 
-    def study(self, study: Study) -> tuple[object, ...]:
+    def list_study_dependencies(self, study: Study) -> tuple[object, ...]:
         """Return the things that a study depends on: its function, its options, and all files in the folders that these name."""
         words = {name: value for name, value in study.options.items() if isinstance(value, str | Path)}
         # os.path: a text that is too long for a path is no folder either, and no error.
@@ -96,24 +98,26 @@ class KeptAnswers:
         plain = {name: value for name, value in study.options.items() if name not in folders}
         return study.module, study.function, plain, {name: self.contents(folder) for name, folder in folders.items()}
 
-    def keep_answer(self, words: Mapping[str, Any], name: str, *things: object) -> None:
+    def add_values(self, words: Mapping[str, Any], name: str, *things: object) -> None:
         """Keep JSON values under the things that they depend on."""
-        self._write(fingerprint(name, *things, self.setting), {**words, "when": now()})
+        self._write(fingerprint(name, *things, self.setting), {**words, "when": format_current_time()})
 
-    def _key(self, task: Task, engine: Engine) -> str:
+    def _compute_attempt_key(self, task: Task, engine: Engine) -> str:
         """Return the key of an attempt, "" of an engine about which nobody can see whether it has changed."""
-        if not lasting(engine):
+        if not is_traceable(engine):
             return ""
-        options = stamped(engine, task.folder, self.options)
-        ours = "" if engine.name in ENGINES or engine.settings is not None else package(engine.module)
-        return fingerprint(key(task, engine.name, options), self.contents(task.folder), ours, self.setting)
+        options = add_door_digest(engine, task.folder, self.options)
+        ours = "" if engine.name in ENGINES or engine.settings is not None else compute_package_digest(engine.module)
+        return fingerprint(
+            compute_attempt_key(task, engine.name, options), self.contents(task.folder), ours, self.setting
+        )
 
     def _read(self, name: str, read: Any) -> Any:
-        file = self._file(name)
+        file = self._make_entry_path(name)
         if not name or not file.is_file():
             return None
         try:
-            with scratch() as folder, zipfile.ZipFile(file) as archive:
+            with open_scratch_folder() as folder, zipfile.ZipFile(file) as archive:
                 archive.extractall(folder)
                 found = read(json.loads((folder / "words.json").read_text(encoding="utf-8")), folder / "record")
             os.utime(file)
@@ -130,18 +134,18 @@ class KeptAnswers:
         if not name:
             return
         try:
-            data = archived(words, record)
-            file = self._file(name)
+            data = make_entry(words, record)
+            file = self._make_entry_path(name)
             file.parent.mkdir(parents=True, exist_ok=True)
             owned.replace(file, data)
         except OSError as error:
             said = f"answers are not kept: {error}"
             self.trouble += [] if said in self.trouble else [said]
 
-    def _file(self, name: str) -> Path:
+    def _make_entry_path(self, name: str) -> Path:
         return self.folder / name[:2] / f"{name}{ENDING}"
 
-    def times(self) -> dict[str, float]:
+    def read_times(self) -> dict[str, float]:
         """Return the times that jobs took when they ran last [s], by their names."""
         try:
             found = json.loads((self.folder / TIMES).read_text(encoding="utf-8"))
@@ -153,20 +157,20 @@ class KeptAnswers:
         """Add how long jobs took [s], and remove what was not used for longest where the folder is too large."""
         with contextlib.suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
-            owned.replace(self.folder / TIMES, json.dumps(self.times() | dict(times)))
-            trim(self.folder, LARGEST)
+            owned.replace(self.folder / TIMES, json.dumps(self.read_times() | dict(times)))
+            remove_oldest_entries(self.folder, LARGEST)
 
 
-def _attempt(words: Mapping[str, Any], stem: Path, task: Task) -> Attempt:
+def _read_attempt(words: Mapping[str, Any], stem: Path, task: Task) -> Attempt:
     record = load(stem)
     check(record, task.time)
     return Attempt(record, words["printed"], words["elapsed"], words["when"])
 
 
-def archived(words: Mapping[str, Any], record: Record | None) -> bytes:
+def make_entry(words: Mapping[str, Any], record: Record | None) -> bytes:
     """Return an entry: words, and the two files of a record where there is one."""
     made = io.BytesIO()
-    with scratch() as folder, zipfile.ZipFile(made, "w") as archive:
+    with open_scratch_folder() as folder, zipfile.ZipFile(made, "w") as archive:
         if record is not None:
             save(record, folder / "record")
             for file in sorted(folder.iterdir()):
@@ -175,9 +179,9 @@ def archived(words: Mapping[str, Any], record: Record | None) -> bytes:
     return made.getvalue()
 
 
-def trim(folder: Path, largest: float) -> None:
+def remove_oldest_entries(folder: Path, largest: float) -> None:
     """Remove entries, those first that were not used for longest, until a folder has at most ``largest`` [bytes]."""
-    entries = sorted(_entries(folder), reverse=True)
+    entries = sorted(_list_entries(folder), reverse=True)
     total = 0
     for _, size, file in entries:
         total += size
@@ -186,34 +190,34 @@ def trim(folder: Path, largest: float) -> None:
                 file.unlink()
 
 
-def _entries(folder: Path) -> Iterator[tuple[float, int, Path]]:
+def _list_entries(folder: Path) -> Iterator[tuple[float, int, Path]]:
     for file in folder.glob(f"*/*{ENDING}"):
         with contextlib.suppress(OSError):
             state = file.stat()
             yield state.st_mtime, state.st_size, file
 
 
-def lasting(engine: Engine) -> bool:
+def is_traceable(engine: Engine) -> bool:
     """Return True if what an engine is can be seen: a program, or a module in the user's folder, may hide what it uses."""
     return engine.module != COMMAND and not engine.path
 
 
-def setting() -> str:
+def compute_setting_digest() -> str:
     """Return a digest of all that every answer depends on: sources, packages, Python, processor, environment."""
     told = sorted((name, value) for name, value in os.environ.items() if name.startswith(TOLD))
-    here = {name: value for name, value in machine().items() if name != "cores"}
-    return fingerprint(surroundings(), ours(), here, installed(), told)
+    here = {name: value for name, value in describe_machine().items() if name != "cores"}
+    return fingerprint(compute_surroundings_digest(), compute_source_digest(), here, compute_installed_digest(), told)
 
 
 @cache
-def ours() -> str:
+def compute_source_digest() -> str:
     """Return a digest of all files of flexinv and crosscheck, not of their sources alone."""
     root = Path(__file__).resolve().parents[2]
-    return fingerprint([contents(root / name) for name in ("flexinv", "crosscheck")])
+    return fingerprint([compute_folder_digest(root / name) for name in ("flexinv", "crosscheck")])
 
 
 @cache
-def installed() -> str:
+def compute_installed_digest() -> str:
     """Return a digest of the names and versions of all installed packages: some engine may use any of them.
 
     Both stand in the name of a package's folder of metadata; reading the metadata themselves takes most of a second.
@@ -223,16 +227,20 @@ def installed() -> str:
 
 
 @cache
-def package(module: str) -> str:
+def compute_package_digest(module: str) -> str:
     """Return a digest of the sources of another package, in which the adapter ``module`` is."""
     found = importlib.util.find_spec(module.partition(":")[0].partition(".")[0])
     if found is None or found.origin is None:
         return ""
     origin = Path(found.origin)
-    return contents(origin.parent) if origin.name == "__init__.py" else sha256(origin.read_bytes()).hexdigest()
+    return (
+        compute_folder_digest(origin.parent)
+        if origin.name == "__init__.py"
+        else sha256(origin.read_bytes()).hexdigest()
+    )
 
 
-def contents(folder: Path) -> str:
+def compute_folder_digest(folder: Path) -> str:
     """Return a digest of all files below a folder, compiled ones aside."""
     digest = sha256()
     for file in sorted(f for f in folder.rglob("*") if f.is_file() and "__pycache__" not in f.parts):

@@ -19,7 +19,7 @@ PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 
 
-def environment() -> dict[str, str]:
+def make_environment() -> dict[str, str]:
     """Return the environment of a child: one thread per library, and this very crosscheck on the path."""
     root = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -27,7 +27,7 @@ def environment() -> dict[str, str]:
     return os.environ | threads | {"PYTHONPATH": path, "MPLBACKEND": "Agg", "PYTHONUNBUFFERED": "1"}
 
 
-def become_subreaper() -> None:
+def make_subreaper() -> None:
     """Ask Linux to make this process the parent of every orphan among its descendants; elsewhere do nothing.
 
     What a job starts in a session of its own (``setsid``) leaves the job's process group, but not its descendants.
@@ -61,7 +61,7 @@ def _find_parent(process: int) -> int | None:
     return None if state in "ZX" else int(parent)
 
 
-def kill_tree(leader: int) -> None:
+def end_process_tree(leader: int) -> None:
     """Kill a process group and all descendants of its leader, also those that left the group.
 
     The leader is stopped first, so that it starts nothing more; what its descendants start meanwhile is looked for again.
@@ -74,7 +74,7 @@ def kill_tree(leader: int) -> None:
         for process in left:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(process, signal.SIGKILL)
-    kill_group(leader)
+    end_process_group(leader)
 
 
 def list_children() -> list[int]:
@@ -83,17 +83,17 @@ def list_children() -> list[int]:
     return [process for process in list_descendants(own) if _find_parent(process) == own]
 
 
-def kill_strays(known: Container[int]) -> None:
+def end_stray_processes(known: Container[int]) -> None:
     """Kill all children of this process that are not known: orphans of jobs that have ended."""
     for process in list_children():
         if process in known:
             continue
-        kill_tree(process)
+        end_process_tree(process)
         with contextlib.suppress(ChildProcessError):
             os.waitpid(process, 0)
 
 
-def kill_marked(mark: str) -> None:
+def end_marked_processes(mark: str) -> None:
     """Kill all processes that were started with a mark in their environment (`MARK`), whoever their parent is now."""
     wanted = f"{MARK}={mark}".encode()
     with contextlib.suppress(OSError):
@@ -103,13 +103,13 @@ def kill_marked(mark: str) -> None:
                     os.kill(int(entry), signal.SIGKILL)
 
 
-def kill_group(leader: int) -> None:
+def end_process_group(leader: int) -> None:
     """Kill a process group; one that is gone already is no error."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(leader, signal.SIGKILL)
 
 
-def waited(process: int) -> float:
+def read_waiting_time(process: int) -> float:
     """Return the time that a process wanted a processor and got none [s], of its longest waiting thread; 0 where unknown."""
     longest = 0
     with contextlib.suppress(OSError, ValueError, IndexError):
@@ -118,13 +118,13 @@ def waited(process: int) -> float:
     return 1e-9 * longest
 
 
-def die_with_parent() -> None:
+def end_with_parent() -> None:
     """Ask Linux to kill this process when its parent dies, however it dies; elsewhere do nothing."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
-def bound_files() -> None:
+def apply_file_size_limit() -> None:
     """Bound the size of every file that the engine writes, so that it cannot fill the disk."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource

@@ -58,7 +58,7 @@ class CaseQuestions:
         }
 
 
-def group_by_case(asked: Iterable[Question]) -> list[CaseQuestions]:
+def split_by_case(asked: Iterable[Question]) -> list[CaseQuestions]:
     """Return the questions of each case of which more than one engine deviates."""
     cases: dict[tuple[str, str], list[Question]] = {}
     for one in asked:
@@ -66,24 +66,28 @@ def group_by_case(asked: Iterable[Question]) -> list[CaseQuestions]:
     return [CaseQuestions(tuple(several)) for several in cases.values() if len(several) > 1]
 
 
-def questions(results: Results, plan: Plan, out: Path, engines: Mapping[str, Engine] | None = None) -> list[Question]:
+def list_questions(
+    results: Results, plan: Plan, out: Path, engines: Mapping[str, Engine] | None = None
+) -> list[Question]:
     """Return one question for every engine that deviates from the reference, of efforts if they do, and was saved."""
     known = engines or {}
     series = {(r.mechanism, r.case, r.engine): r.series for r in results.runs}
     folders = {(t.folder.name, t.case.name): t.folder for t in plan.tasks}
     found: dict[tuple[str, str, str], Question] = {}
     rows = sorted(
-        filter(asked, results.comparisons), key=lambda row: row.quantity == "torque"
+        filter(needs_diagnosis, results.comparisons), key=lambda row: row.quantity == "torque"
     )  # efforts have the last word
     for row in rows:
         here = (row.mechanism, row.case)
         ours, theirs = (series.get((*here, e), "") for e in (row.engine, REFERENCE))
         if ours and theirs:
-            found[*here, row.engine] = question(row, folders[here], out / ours, out / theirs, known.get(row.engine))
+            found[*here, row.engine] = make_question(
+                row, folders[here], out / ours, out / theirs, known.get(row.engine)
+            )
     return list(found.values())
 
 
-def asked(row: Comparison) -> bool:
+def needs_diagnosis(row: Comparison) -> bool:
     """Return True if a comparison calls for a diagnosis: efforts, or what causes are held against, that differ.
 
     What is inside its limit and only not blessed yet needs no reason.
@@ -93,7 +97,7 @@ def asked(row: Comparison) -> bool:
     return measured and row.verdict in open_to_doubt and UNBLESSED not in row.message
 
 
-def question(row: Comparison, folder: Path, ours: Path, theirs: Path, engine: Engine | None = None) -> Question:
+def make_question(row: Comparison, folder: Path, ours: Path, theirs: Path, engine: Engine | None = None) -> Question:
     """Return the question for the cause of a deviation.
 
     folder : of the mechanism; ours, theirs : stems of the saved records of the engine and of the reference
@@ -105,7 +109,7 @@ def question(row: Comparison, folder: Path, ours: Path, theirs: Path, engine: En
     return Question((row.mechanism, row.case, row.engine, row.reference), {**options, **door})
 
 
-def diagnosis(question: Question, answer: Any, trouble: str) -> Diagnosis:
+def read_diagnosis(question: Question, answer: Any, trouble: str) -> Diagnosis:
     """Return the diagnosis of a child's answer, or one that says why there is none."""
     if not isinstance(answer, Mapping):
         return Diagnosis(*question.place, words=f"not diagnosed: {trouble}")

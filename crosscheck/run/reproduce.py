@@ -9,7 +9,7 @@ from pathlib import Path
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import save
-from crosscheck.run.isolation import Children, ask, run_engine, scratch
+from crosscheck.run.isolation import Children, ask, open_scratch_folder, run_engine
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
@@ -46,7 +46,7 @@ FILES = {
 }
 
 
-def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
+def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -> None:
     """Write the reproduction of ``task`` in ``engine`` into ``folder``; limit : [s] for each of two processes.
 
     Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
@@ -57,7 +57,7 @@ def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
     given = {"mechanism": str(task.folder.resolve()), "case": task.case.name}
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} is there already: write --out with a new or an empty folder, or remove it")
-    with scratch() as work:
+    with open_scratch_folder() as work:
         expected = run_engine(ENGINES[REFERENCE], given | {"options": {"error": False}}, task.time, limit, Children())
         if expected.record.status != "ok":
             raise InputError(f"{where}: {REFERENCE} gives no expected effort: {expected.record.message}")
@@ -76,7 +76,7 @@ def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
         words = {
             "mechanism": task.folder.name, "case": task.case.name, "title": task.case.title or task.mechanism.title,
             "engine": engine.name, "requires": engine.requires, "install": engine.install, "reference": REFERENCE,
-            "table": "\n".join(_lines(made, engine)),
+            "table": "\n".join(_list_file_rows(made, engine)),
         }  # fmt: skip
         (made / "README.md").write_text(README.format(**words), encoding="utf-8")
         try:
@@ -85,7 +85,7 @@ def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
             raise InputError(f"{folder} cannot be written: {error}; write --out with another folder") from error
 
 
-def _lines(folder: Path, engine: Engine) -> Iterator[str]:
+def _list_file_rows(folder: Path, engine: Engine) -> Iterator[str]:
     for pattern, words in FILES.items():
         if names := sorted(f.name for f in folder.glob(pattern)):
             yield f"| {', '.join(names)} | {words.format(engine=engine.name)} |"

@@ -17,8 +17,8 @@ from crosscheck.run.isolation import Attempt
 from crosscheck.run.work import Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import results as store
-from crosscheck.verdicts.compare import Comparison, Pair, compare, group
-from crosscheck.verdicts.plan import Task, case_row
+from crosscheck.verdicts.compare import Comparison, Pair, compare, split_by_unit
+from crosscheck.verdicts.plan import Task, make_case_row
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow
 
 
@@ -28,7 +28,7 @@ def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Compari
     used = []
     for name, record in records.items():
         for reference in references(task.case.limits, name):
-            other = records.get(reference) or absent(reference)
+            other = records.get(reference) or make_absent_record(reference)
             pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
             rows += compare(pair)
             used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
@@ -37,7 +37,7 @@ def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Compari
     return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in here)
 
 
-def absent(reference: str) -> Record:
+def make_absent_record(reference: str) -> Record:
     """Return the record of a reference that is not part of this run."""
     return Record(engine=reference, status="skipped", message="is not part of this run")
 
@@ -61,22 +61,22 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
         model_hash=record.model_hash,
         printed=attempt.printed,
         peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
-        budget=tuple(budget_rows(record, task.case.quantities)),
+        budget=tuple(list_budget_rows(record, task.case.quantities)),
         kept=attempt.kept,
     )
 
 
-def budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str, Any]]:
+def list_budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str, Any]]:
     """Yield the budget line of the series with the largest error bar [unit], for every quantity compared and unit."""
     for quantity in quantities:
-        for unit, names in group(record.series, quantity).items():
+        for unit, names in split_by_unit(record.series, quantity).items():
             known = [n for n in names if n in record.budget]
             if known:
                 widest = max(known, key=lambda n: float(record.budget[n]["bar"]))
                 yield {"quantity": quantity, "unit": unit, "series": widest, **record.budget[widest]}
 
 
-def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
+def make_study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
     """Return the table of a study, or why there is none."""
     known = {f.name for f in dataclasses.fields(StudyRow)}
     row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed, kept=ending.kept)
@@ -91,7 +91,7 @@ def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
 UNREPEATED = Record("", status="error", message="interrupted")
 
 
-def load_saved(stem: Path | None, engine: str) -> Record:
+def read_saved_record(stem: Path | None, engine: str) -> Record:
     """Return a record that was saved; what cannot be read any more cannot be repeated."""
     try:
         return load(stem) if stem is not None else Record(engine)
@@ -99,7 +99,7 @@ def load_saved(stem: Path | None, engine: str) -> Record:
         return Record(engine)
 
 
-def opening(work: Work, command: str) -> Results:
+def begin_results(work: Work, command: str) -> Results:
     """Return the results of a run before anything has run: its engines, cases, settings and machine."""
     plan = work.plan
     options = work.options
@@ -108,11 +108,11 @@ def opening(work: Work, command: str) -> Results:
         EngineRow(e.name, (m := describe_missing_package(e)) is None, message=m or "") for e in work.engines.values()
     ]
     return Results(
-        started=store.now(),
+        started=store.format_current_time(),
         command=command,
         settings={"timeout": options.timeout, "jobs": options.jobs, "options": dict(options.engine)},
-        machine=store.machine(),
-        versions=store.versions(),
+        machine=store.describe_machine(),
+        versions=store.list_versions(),
         engines=tuple(rows),
-        cases=(*broken, *(case_row(task) for task in plan.tasks)),
+        cases=(*broken, *(make_case_row(task) for task in plan.tasks)),
     )

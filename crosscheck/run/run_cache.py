@@ -21,7 +21,7 @@ from crosscheck.engines import Engine
 from crosscheck.measures.record import RecordError, check, fingerprint, load, save
 from crosscheck.run.isolation import Attempt
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.results import versions
+from crosscheck.verdicts.results import list_versions
 
 KEPT = ("ok", "skipped")
 
@@ -47,26 +47,26 @@ class Attempts:
         except (OSError, ValueError, LookupError, RecordError):
             return None
 
-    def keep(self, task: Task, engine: str, attempt: Attempt, options: Mapping[str, Any] | None = None) -> None:
+    def add_answer(self, task: Task, engine: str, attempt: Attempt, options: Mapping[str, Any] | None = None) -> None:
         """Write an attempt that came to an answer: the words last, so that who finds them finds everything."""
         if attempt.record.status not in KEPT:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         stem = self.stem(task, engine, options)
-        save(attempt.record, owned.claim_record(stem))
+        save(attempt.record, owned.add_record_to_list(stem))
         words = json.dumps({"printed": attempt.printed, "elapsed": attempt.elapsed})
         owned.write(stem.with_name(stem.name + ".attempt"), words)
 
     def stem(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
         """Return the path of an attempt's files without their endings (`crosscheck.measures.record.save`)."""
         known = self.engines.get(engine)
-        return self.folder / key(task, engine, stamped(known, task.folder, options or {}))
+        return self.folder / compute_attempt_key(task, engine, add_door_digest(known, task.folder, options or {}))
 
     @contextlib.contextmanager
     def alone(self, task: Task, engine: str) -> Iterator[None]:
         """Let one process at a time look for an attempt and make it (where the system has file locks)."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        with (self.folder / f"{key(task, engine, {})}.lock").open("w") as file:
+        with (self.folder / f"{compute_attempt_key(task, engine, {})}.lock").open("w") as file:
             with contextlib.suppress(ImportError):
                 import fcntl
 
@@ -74,25 +74,25 @@ class Attempts:
             yield
 
 
-def stamped(engine: Engine | None, folder: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+def add_door_digest(engine: Engine | None, folder: Path, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options with a digest of what is behind the door of an engine, where it has one."""
     behind = "" if engine is None else stamp(engine, folder)
     return {**options, **({"door": behind} if behind else {})}
 
 
-def key(task: Task, engine: str, options: Mapping[str, Any]) -> str:
+def compute_attempt_key(task: Task, engine: str, options: Mapping[str, Any]) -> str:
     """Return a name that changes with everything that the attempt depends on."""
     case = replace(task.case, limits=())  # they judge; nothing that an engine gives depends on them
     files = (file.read_bytes() if file else b"" for file in (task.mechanism.urdf, case.measured))
     given = task.folder.name, task.mechanism, *(sha256(data).hexdigest() for data in files), case, dict(options)
-    return fingerprint(*given, engine, surroundings())
+    return fingerprint(*given, engine, compute_surroundings_digest())
 
 
 @cache
-def surroundings() -> str:
+def compute_surroundings_digest() -> str:
     """Return a digest of the versions of packages and of the sources of flexinv and crosscheck."""
     root = Path(__file__).resolve().parents[2]
-    digest = sha256(json.dumps(versions(), sort_keys=True).encode())
+    digest = sha256(json.dumps(list_versions(), sort_keys=True).encode())
     for file in sorted(f for package in ("flexinv", "crosscheck") for f in (root / package).rglob("*.py")):
         digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
     return digest.hexdigest()

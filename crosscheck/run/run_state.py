@@ -16,20 +16,20 @@ from crosscheck.engines import Engine, describe_missing_package
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, save
-from crosscheck.run.abilities import Abilities, skipped
+from crosscheck.run.abilities import Abilities, make_skipped_attempt
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.questions import diagnosis, questions
-from crosscheck.run.result_rows import UNREPEATED, compare_all, load_saved, run_row, study_row
+from crosscheck.run.questions import list_questions, read_diagnosis
+from crosscheck.run.result_rows import UNREPEATED, compare_all, make_study_row, read_saved_record, run_row
 from crosscheck.run.work import Event, Notify, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
-from crosscheck.verdicts.certificates import by_certificate, certificates
+from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.refinement import Finer, is_open, read_kind, renewed, wanted
-from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
-from crosscheck.verdicts.results import Diagnosis, Results, RunRow, StudyRow, slug
+from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, is_open, read_kind, update_open_rows
+from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
+from crosscheck.verdicts.results import Diagnosis, Results, RunRow, StudyRow, make_slug
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Signal, describe_signals
 
@@ -91,7 +91,7 @@ class State:
         kind, what, engine = job
         return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
 
-    def of_reference(self, job: Job) -> bool:
+    def is_of_reference(self, job: Job) -> bool:
         """Return True for the runs of the engine that others are compared with."""
         return job[0] == "run" and job[2].name == REFERENCE
 
@@ -102,10 +102,10 @@ class State:
             _, task, engine = job
             case = task.folder.name, task.case.name
             if case not in answered:
-                self.refused[*case, engine.name] = skipped(task, engine, UNCOMPARED, "")
+                self.refused[*case, engine.name] = make_skipped_attempt(task, engine, UNCOMPARED, "")
             yield job
 
-    def refinements(self) -> list[Job]:
+    def list_refinements(self) -> list[Job]:
         """Return the runs of the reference, with finer steps and meshes, that comparisons need which are not judged yet."""
         engine = self.work.engines.get(REFERENCE)
         found: list[Job] = []
@@ -114,20 +114,20 @@ class State:
             rows = [row for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)]
             if not rows:
                 continue
-            had, record = self.finer.get(key) or (Finer(), self._first(*key, REFERENCE))
+            had, record = self.finer.get(key) or (Finer(), self._read_first_record(*key, REFERENCE))
             runs = [r for r in self.results.runs if (r.mechanism, r.case, r.engine) == (*key, REFERENCE)]
             elapsed = max((run.elapsed for run in runs), default=0.0)
-            one = wanted(rows, record, had)
+            one = find_wanted_refinement(rows, record, had)
             if one is not None and elapsed * one.longer <= self.work.options.timeout:
                 found.append((one.kind, task, engine))
         return found
 
-    def _first(self, mechanism: str, case: str, engine: str) -> Record:
+    def _read_first_record(self, mechanism: str, case: str, engine: str) -> Record:
         """Return the record of a run as it was saved."""
         stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
-        return load_saved(stems.get((mechanism, case, engine)), engine)
+        return read_saved_record(stems.get((mechanism, case, engine)), engine)
 
-    def _refine(self, task: Task, finer: Finer, record: Record) -> None:
+    def _judge_with_finer(self, task: Task, finer: Finer, record: Record) -> None:
         """Judge open comparisons of a case anew, with a finer reference; where it failed they stay open."""
         key = task.folder.name, task.case.name
         if record.status != "ok":
@@ -137,17 +137,17 @@ class State:
         engines = dict.fromkeys(
             row.engine for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)
         )
-        records = {name: self._first(*key, name) for name in engines}
+        records = {name: self._read_first_record(*key, name) for name in engines}
         fresh, _ = compare_all(task, {**records, REFERENCE: record})
         lines = [line for line in self.results.certificates if (line.mechanism, line.case) == key]
-        rows = renewed(self.results.comparisons, by_certificate(fresh, lines))
+        rows = update_open_rows(self.results.comparisons, judge_by_certificate(fresh, lines))
         self.results = replace(self.results, comparisons=tuple(rows))
 
     def repeats(self) -> Iterator[Job]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
         rows = self.results.comparisons
         known = self.work.options.baseline
-        wanted = {(c.mechanism, c.case, e) for c in rows if doubtful(c) for e in (c.engine, c.reference)}
+        wanted = {(c.mechanism, c.case, e) for c in rows if is_doubtful(c) for e in (c.engine, c.reference)}
         worse = {(c.mechanism, c.case, c.engine) for c in rows if baseline.is_worse(c, known)}
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
@@ -155,44 +155,46 @@ class State:
                 for kind in (*(("again",) if here in wanted else ()), *(SHAKES if here in worse else ())):
                     yield kind, task, engine
 
-    def repeated(self) -> None:
+    def judge_repeats(self) -> None:
         """Judge what error bars explained by whether the engines repeat; state what last digits do where one seems worse."""
         rows = []
         for row in self.results.comparisons:
-            if doubtful(row):
+            if is_doubtful(row):
                 again = self.again.get((row.mechanism, row.case), {})
-                first = {e: self._first(row.mechanism, row.case, e) for e in (row.engine, row.reference)}
-                row = by_repetition(row, first, {e: again.get(e, UNREPEATED) for e in first})
+                first = {e: self._read_first_record(row.mechanism, row.case, e) for e in (row.engine, row.reference)}
+                row = judge_by_repetition(row, first, {e: again.get(e, UNREPEATED) for e in first})
             if baseline.is_worse(row, self.work.options.baseline):
-                other = self._first(row.mechanism, row.case, row.reference)
-                row = scattered(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
+                other = self._read_first_record(row.mechanism, row.case, row.reference)
+                row = add_scatter(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
 
     def questions(self) -> Iterator[Job]:
         """Yield what is asked once everything is compared: why engines deviate."""
-        for question in questions(self._judged(whole=False), self.work.plan, self.out, self.work.engines):
+        for question in list_questions(
+            self._judge_by_baseline(whole=False), self.work.plan, self.out, self.work.engines
+        ):
             yield "why", question, None
 
     def take(self, job: Job, answer: Any) -> None:
         """Add one answer to the results."""
         kind, what, engine = job
         if kind == "abilities":
-            self._abilities(what, engine, answer)
+            self._add_abilities(what, engine, answer)
         elif kind == "study":
-            self._study(what, *answer)
+            self._add_study(what, *answer)
         elif kind == "why":
-            found = diagnosis(what, answer[0], answer[1].message)
+            found = read_diagnosis(what, answer[0], answer[1].message)
             self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
         elif (finer := read_kind(kind)) is not None:
-            self._refine(what, finer, answer.record)
+            self._judge_with_finer(what, finer, answer.record)
         elif kind == "again":
             self.again.setdefault((what.folder.name, what.case.name), {})[engine.name] = answer.record
         elif kind in SHAKES:
             self.shaken.setdefault((what.folder.name, what.case.name, engine.name), []).append(answer.record)
         else:
             self._run(what, engine, answer)
-        self._keep()
+        self._write_results()
 
     def take_or_fail(self, job: Job, answer: Any) -> None:
         """Add one answer to the results; where something of ours fails over it, that is an error of this job alone."""
@@ -200,16 +202,16 @@ class State:
             self.take(job, answer)
         except Exception as error:
             kind, what, engine = job
-            self._note_failure(f"{kind} {label(kind, what, engine)}".strip(), error)
+            self._add_failure(f"{kind} {make_job_label(kind, what, engine)}".strip(), error)
             if kind == "run":
                 self._add_failed_run(what, engine, error)
 
-    def fail_all(self, error: Exception) -> None:
+    def add_failures(self, error: Exception) -> None:
         """Add a row for everything that did not come to its end because something of ours failed."""
         self._add_missing(f"not run: {_describe_harness_failure(error)}")
-        self._note_failure("the run ended early", error)
+        self._add_failure("the run ended early", error)
 
-    def _note_failure(self, where: str, error: Exception) -> None:
+    def _add_failure(self, where: str, error: Exception) -> None:
         """Say in the results that something of ours failed, where, and in which line."""
         words = f"{where}: {_describe_harness_failure(error)}"
         message = "; ".join(filter(None, [self.results.message, words]))
@@ -226,7 +228,7 @@ class State:
         self.results = replace(self.results, runs=(*others, failed))
         self._add_record(task, Record(engine.name, status="error", message=words))
 
-    def interrupted(self) -> None:
+    def add_interrupted(self) -> None:
         """Add a row for everything that did not come to its end (what Ctrl-C met while it was taken has one already)."""
         self._add_missing(INTERRUPTED)
         self.results = replace(self.results, message="interrupted before everything was run")
@@ -258,25 +260,25 @@ class State:
         studies = [study.name for study in self.work.studies]
         cases = [(c.mechanism, c.case) for c in self.results.cases]
 
-        def place(row: RunRow | Comparison | Check | Diagnosis) -> tuple[int, int]:
+        def make_sort_key(row: RunRow | Comparison | Check | Diagnosis) -> tuple[int, int]:
             return cases.index((row.mechanism, row.case)), order.index(row.engine)
 
         self.results = replace(
             self.results,
             finished=not self.results.message,
-            runs=tuple(sorted(self.results.runs, key=place)),
-            comparisons=tuple(sorted(self.results.comparisons, key=place)),
-            certificates=tuple(sorted(self.results.certificates, key=place)),
-            diagnoses=tuple(sorted(self.results.diagnoses, key=place)),
+            runs=tuple(sorted(self.results.runs, key=make_sort_key)),
+            comparisons=tuple(sorted(self.results.comparisons, key=make_sort_key)),
+            certificates=tuple(sorted(self.results.certificates, key=make_sort_key)),
+            diagnoses=tuple(sorted(self.results.diagnoses, key=make_sort_key)),
             studies=tuple(sorted(self.results.studies, key=lambda row: studies.index(row.name))),
         )
         try:
-            self.results = self._judged(self.work.options.whole and self.results.finished)
+            self.results = self._judge_by_baseline(self.work.options.whole and self.results.finished)
         except Exception as error:
-            self._note_failure("the blessed night", error)
+            self._add_failure("the blessed night", error)
             self.results = replace(self.results, finished=False)
         try:
-            self._keep(at_once=True)
+            self._write_results(at_once=True)
         except OSError as error:
             words = f"results.json could not be written: {error}"
             self.results = replace(
@@ -284,21 +286,21 @@ class State:
             )
         return self.results
 
-    def _judged(self, whole: bool) -> Results:
+    def _judge_by_baseline(self, whole: bool) -> Results:
         known = self.work.options.baseline
         return self.results if known is None else baseline.apply(self.results, known, whole, self.signals)
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
-        row = self._saved(run_row(task, attempt), attempt.record)
+        row = self._write_series(run_row(task, attempt), attempt.record)
         self.results = replace(self.results, runs=(*self.results.runs, row))
         if row.status == "ok":
             described = describe_signals(attempt.record, task.case.quantities)
             self.signals |= {(row.mechanism, row.case, row.engine, name): one for name, one in described.items()}
         self._add_record(task, attempt.record)
-        name = label("run", task, engine)
+        name = make_job_label("run", task, engine)
         self._note(name, attempt.elapsed, attempt.kept)
         kept = f"unchanged since {attempt.kept}" if attempt.kept else ""
-        self._tell(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
+        self._send_event(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
 
     def _add_record(self, task: Task, record: Record) -> None:
         """Add a record of a case; the last one has all of them compared, and where that fails the case says so."""
@@ -311,27 +313,27 @@ class State:
         try:
             self._compare(task, records)
         except Exception as error:
-            self._note_failure(f"the comparison of {'/'.join(case)}", error)
+            self._add_failure(f"the comparison of {'/'.join(case)}", error)
             words = _describe_harness_failure(error)
             pairs = [(name, quantity) for name in records if name != REFERENCE for quantity in task.case.quantities]
             rows = [Comparison(*case, name, REFERENCE, quantity, "", "error", words) for name, quantity in pairs]
             self.results = replace(self.results, comparisons=(*self.results.comparisons, *rows))
 
-    def _saved(self, row: RunRow, record: Record) -> RunRow:
+    def _write_series(self, row: RunRow, record: Record) -> RunRow:
         """Write the series and return the row that says where they are, or why they could not be written."""
         if record.status != "ok":
             return row
-        stem = f"series/{slug(f'{row.mechanism}-{row.case}')}/{slug(row.engine)}"
+        stem = f"series/{make_slug(f'{row.mechanism}-{row.case}')}/{make_slug(row.engine)}"
         try:
             (self.out / stem).parent.mkdir(parents=True, exist_ok=True)
-            save(record, owned.claim_record(self.out / stem))
+            save(record, owned.add_record_to_list(self.out / stem))
         except OSError as error:
             return replace(row, status="error", message=f"its series could not be written: {error}")
         return replace(row, series=stem)
 
     def _compare(self, task: Task, records: Mapping[str, Record]) -> None:
         rows, idle = compare_all(task, records)
-        lines = certificates(task, records)
+        lines = list_certificate_lines(task, records)
         cases = tuple(
             replace(c, unused_limits=idle) if (c.mechanism, c.case) == (task.folder.name, task.case.name) else c
             for c in self.results.cases
@@ -339,11 +341,11 @@ class State:
         self.results = replace(
             self.results,
             cases=cases,
-            comparisons=(*self.results.comparisons, *by_certificate(rows, lines)),
+            comparisons=(*self.results.comparisons, *judge_by_certificate(rows, lines)),
             certificates=(*self.results.certificates, *lines),
         )
 
-    def _abilities(self, asked: Engine, pairs: Iterable[tuple[Task, Engine]], answer: Abilities) -> None:
+    def _add_abilities(self, asked: Engine, pairs: Iterable[tuple[Task, Engine]], answer: Abilities) -> None:
         said = answer.described
         rows = []
         for row in self.results.engines:
@@ -354,28 +356,28 @@ class State:
         self.results = replace(self.results, engines=tuple(rows))
         for number, (task, engine) in enumerate(pairs):
             if said is not None and (reason := answer.refused.get(number)) is not None:
-                no = skipped(task, engine, reason, said["version"])
+                no = make_skipped_attempt(task, engine, reason, said["version"])
                 self.refused[task.folder.name, task.case.name, engine.name] = no
 
-    def _study(self, study: Study, answer: Any, ending: Any) -> None:
-        row = study_row(study, answer, ending)
+    def _add_study(self, study: Study, answer: Any, ending: Any) -> None:
+        row = make_study_row(study, answer, ending)
         self.results = replace(self.results, studies=(*self.results.studies, row))
-        self._note(label("study", study, None), ending.elapsed, ending.kept)
-        self._tell(f"study {study.name}", row.verdict, row.message)
+        self._note(make_job_label("study", study, None), ending.elapsed, ending.kept)
+        self._send_event(f"study {study.name}", row.verdict, row.message)
 
     def _note(self, name: str, elapsed: float, kept: str) -> None:
         """Note how long a job took [s], where it ran."""
         if elapsed and not kept:
             self.seconds[name] = elapsed
 
-    def _tell(self, label: str, verdict: str, message: str) -> None:
+    def _send_event(self, label: str, verdict: str, message: str) -> None:
         self.done += 1
         if self.pause == math.inf:  # what was not run is said once, by the report
             return
         total = len(self.work.plan.tasks) * len(self.work.engines) + len(self.work.studies)
         self.notify(Event(label, verdict, message, self.done, total))
 
-    def _keep(self, at_once: bool = False) -> None:
+    def _write_results(self, at_once: bool = False) -> None:
         elapsed = clock.monotonic() - self.start
         if not at_once and elapsed - self.written < self.pause:
             return
@@ -388,7 +390,7 @@ class State:
         self.pause = max(PAUSE, RARELY * (self.written - elapsed))
 
 
-def label(kind: str, what: Any, engine: Engine | None) -> str:
+def make_job_label(kind: str, what: Any, engine: Engine | None) -> str:
     """Return the name of a job: "four_bar/turn mujoco", "study robots"."""
     if kind == "study":
         return f"study {what.name}"

@@ -17,12 +17,12 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, abilities
-from crosscheck.run.cluster import far, luggage, workers
+from crosscheck.run.cluster import open_workers, read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.run.kept_answers import KeptAnswers
-from crosscheck.run.questions import group_by_case
-from crosscheck.run.result_rows import opening
+from crosscheck.run.questions import split_by_case
+from crosscheck.run.result_rows import begin_results
 from crosscheck.run.run_cache import Attempts
 from crosscheck.run.run_state import SHAKES, Job, State
 from crosscheck.run.shelves import Shelves
@@ -43,27 +43,27 @@ def run(
     What an older run wrote into the folder is removed first, nothing else (`owned`).  Ctrl-C ends every child; what did not
     run becomes an error that says so.  Raises InputError where the folder is not ours, or another run writes there.
     """
-    with owned.report(out):
+    with owned.open_report_folder(out):
         owned.begin(out, keep=KEPT if work.options.resume else "")
         return _run(work, out, notify, command, tell)
 
 
 def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Results:
     options = work.options
-    state = State(work, out, notify, opening(work, command))
+    state = State(work, out, notify, begin_results(work, command))
     kept = KeptAnswers(options.kept, options.engine) if options.kept is not None else None
     shelves = Shelves(options, Attempts(out / KEPT, work.engines), kept)
     servers = ForkServers()
-    with workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
+    with open_workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
         under_way = UnderWay(pool, here, options, Children(servers=servers), shelves)
         try:
-            _stages(state, under_way)
+            _run_stages(state, under_way)
         except KeyboardInterrupt:
             under_way.stop()
-            state.interrupted()
+            state.add_interrupted()
         except Exception as error:  # of ours: what has finished is reported all the same
             under_way.stop()
-            state.fail_all(error)
+            state.add_failures(error)
         finally:
             servers.close()
     state.told(kept.trouble if kept is not None else (), servers.refusals)
@@ -76,31 +76,33 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
     return results
 
 
-def _stages(state: State, under_way: UnderWay) -> None:
+def _run_stages(state: State, under_way: UnderWay) -> None:
     """Take what is kept, ask what engines can do, run what they can, then repeat and ask why where that is called for."""
     left = under_way.unknown(state, state.jobs())
-    under_way.drain(state, under_way.unknown(state, state.asked(left)))
-    able = sorted(under_way.able(state, left), key=under_way.shelves.expected, reverse=not under_way.options.climbing)
+    under_way.run_jobs(state, under_way.unknown(state, state.asked(left)))
+    able = sorted(
+        under_way.take_refusals(state, left), key=under_way.shelves.expected, reverse=not under_way.options.climbing
+    )
     if under_way.options.climbing:
-        under_way.drain(state, [job for job in able if not state.of_reference(job)])
-        able = under_way.able(state, state.compared(job for job in able if state.of_reference(job)))
-    under_way.drain(state, able)
+        under_way.run_jobs(state, [job for job in able if not state.is_of_reference(job)])
+        able = under_way.take_refusals(state, state.compared(job for job in able if state.is_of_reference(job)))
+    under_way.run_jobs(state, able)
     if not under_way.options.asking:
         return
-    while finer := state.refinements():
-        under_way.drain(state, finer)
-    under_way.drain(state, state.repeats())
-    state.repeated()
+    while finer := state.list_refinements():
+        under_way.run_jobs(state, finer)
+    under_way.run_jobs(state, state.repeats())
+    state.judge_repeats()
     _ask_why(state, under_way)
 
 
 def _ask_why(state: State, under_way: UnderWay) -> None:
     """Have what deviates diagnosed, the engines of a case in one process; what that leaves open is asked alone."""
     left = under_way.unknown(state, state.questions())
-    together = group_by_case(question for _, question, _ in left)
-    under_way.drain(state, [("why together", several, None) for several in together])
+    together = split_by_case(question for _, question, _ in left)
+    under_way.run_jobs(state, [("why together", several, None) for several in together])
     answered = {(one.mechanism, one.case, one.engine) for one in state.results.diagnoses}
-    under_way.drain(state, [job for job in left if job[1].place[:3] not in answered])
+    under_way.run_jobs(state, [job for job in left if job[1].place[:3] not in answered])
 
 
 @dataclass
@@ -124,35 +126,35 @@ class UnderWay:
                 state.take_or_fail(job, found)
         return left
 
-    def able(self, state: State, jobs: Iterable[Job]) -> list[Job]:
+    def take_refusals(self, state: State, jobs: Iterable[Job]) -> list[Job]:
         """Take that engines cannot do cases, as they have said, and return the other jobs."""
         left = []
         for job in jobs:
             if (no := state.refusal(job)) is None:
                 left.append(job)
             else:
-                self.shelves.keep(job, no)
+                self.shelves.add_answer(job, no)
                 state.take_or_fail(job, no)
         return left
 
-    def drain(self, state: State, jobs: Iterable[Job]) -> None:
+    def run_jobs(self, state: State, jobs: Iterable[Job]) -> None:
         """Do jobs, in their order as far as there are hands, and take and keep what each gives as it comes."""
-        self.pending = {self._submit(job): job for job in jobs}
+        self.pending = {self._begin_job(job): job for job in jobs}
         while self.pending:
             for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
                 job = self.pending[future]
-                answer = _answer(future, job)
-                for part, said in _parts(job, answer):
-                    self.shelves.keep(part, said)  # first, so that a run resumes what an interruption finds told
+                answer = _read_answer(future, job)
+                for part, said in _split_answer(job, answer):
+                    self.shelves.add_answer(part, said)  # first, so that a run resumes what an interruption finds told
                     state.take_or_fail(part, said)
                 del self.pending[future]
 
-    def _submit(self, job: Job) -> Future[Any]:
-        if (_runs_engine(job[0]) or job[0] == "study") and self.options.scheduler:
+    def _begin_job(self, job: Job) -> Future[Any]:
+        if (_needs_engine(job[0]) or job[0] == "study") and self.options.scheduler:
             lean = replace(self.options, baseline=None)
-            return self.pool.submit(far, _do, job, luggage(job[1]), lean)
+            return self.pool.submit(run_on_worker, _run_job, job, read_task_files(job[1]), lean)
         pool = self.here if self.options.scheduler else self.pool
-        return pool.submit(_do, job, self.options, self.children)
+        return pool.submit(_run_job, job, self.options, self.children)
 
     def stop(self) -> None:
         """End every process, and start no more."""
@@ -161,12 +163,12 @@ class UnderWay:
             future.cancel()
 
 
-def _runs_engine(kind: str) -> bool:
+def _needs_engine(kind: str) -> bool:
     """Return True for the kinds of jobs in which an engine runs."""
     return kind in RUNS or read_kind(kind) is not None
 
 
-def _parts(job: Job, answer: Any) -> list[tuple[Job, Any]]:
+def _split_answer(job: Job, answer: Any) -> list[tuple[Job, Any]]:
     """Return a job with its answer; of one that asks for several engines those that have an answer, each alone."""
     kind, what, _ = job
     if kind != "why together":
@@ -178,25 +180,25 @@ def _parts(job: Job, answer: Any) -> list[tuple[Job, Any]]:
     return [(("why", question, None), (one, each)) for question, one in pairs if one is not None]
 
 
-def _answer(future: Future[Any], job: Job) -> Any:
+def _read_answer(future: Future[Any], job: Job) -> Any:
     """Return the answer of a job, or that it has none: the cluster lost it."""
     try:
         return future.result()
     except Exception as error:
-        return _failed(job, error)
+        return _make_failure(job, error)
 
 
-def _do(job: Job, options: Options, children: Children) -> Any:
+def _run_job(job: Job, options: Options, children: Children) -> Any:
     """Do one job in a child process (runs in a thread); where even that fails, say so and go on (a full disk)."""
     try:
         return _ask(job, options, children)
     except Exception as error:
-        return _failed(job, error)
+        return _make_failure(job, error)
 
 
-def _failed(job: Job, error: Exception) -> Any:
+def _make_failure(job: Job, error: Exception) -> Any:
     words = f"the harness failed: {type(error).__name__}: {error}"
-    if _runs_engine(job[0]):
+    if _needs_engine(job[0]):
         return Attempt(Record(engine=job[2].name, status="error", message=words))
     if job[0] == "abilities":
         return Abilities(None, message=words)

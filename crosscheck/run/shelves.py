@@ -15,7 +15,7 @@ from crosscheck.run.isolation import Ending
 from crosscheck.run.kept_answers import KeptAnswers
 from crosscheck.run.questions import Question
 from crosscheck.run.run_cache import Attempts
-from crosscheck.run.run_state import Job, label
+from crosscheck.run.run_state import Job, make_job_label
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task
 
@@ -42,57 +42,57 @@ class Shelves:
         if self.kept is None or self.options.fresh:
             return None
         if kind == "run":
-            return self.kept.attempt(what, engine)
+            return self.kept.find_attempt(what, engine)
         if kind == "abilities" and engine:  # there is something to be asked
             return None
-        if (things := self._things(job)) is None or (words := self.kept.answer(kind, *things)) is None:
+        if (things := self._list_dependencies(job)) is None or (words := self.kept.find_values(kind, *things)) is None:
             return None
         if kind == "abilities":
             return Abilities(words["answer"])
         return words["answer"], Ending("ok", "", words["printed"], words["elapsed"], words["when"])
 
-    def keep(self, job: Job, answer: Any) -> None:
+    def add_answer(self, job: Job, answer: Any) -> None:
         """Keep the answer to a job, for the case that this run is cut short, and for later runs."""
         kind, what, engine = job
         if kind == "run":
             with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
-                self.left.keep(what, engine.name, answer, self.options.engine)
+                self.left.add_answer(what, engine.name, answer, self.options.engine)
         if self.kept is None:
             return
         if kind == "run":
-            self.kept.keep(what, engine, answer)
-        elif (told := _told(kind, answer)) and (things := self._things(job)) is not None:
-            self.kept.keep_answer(told, kind, *things)
+            self.kept.add_answer(what, engine, answer)
+        elif (told := _convert_answer(kind, answer)) and (things := self._list_dependencies(job)) is not None:
+            self.kept.add_values(told, kind, *things)
 
-    def _things(self, job: Job) -> tuple[object, ...] | None:
+    def _list_dependencies(self, job: Job) -> tuple[object, ...] | None:
         """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
         kind, what, _ = job
         if self.kept is not None and kind == "study":
-            return self.kept.study(what)
+            return self.kept.list_study_dependencies(what)
         if self.kept is not None and kind == "why":
-            return _of_question(what, self.kept)
+            return _list_question_dependencies(what, self.kept)
         return (what.adapter_key, what.door) if kind == "abilities" else None
 
     def expected(self, job: Job) -> float:
         """Return the time that a job may take [s]: as long as it took last, or an estimate."""
         kind, what, engine = job
-        known = self._times.get(label(kind, what, engine))
+        known = self._times.get(make_job_label(kind, what, engine))
         if known is not None:
             return known
-        return estimated(what) if isinstance(what, Task) else STUDY
+        return compute_estimated_time(what) if isinstance(what, Task) else STUDY
 
     @cached_property
     def _times(self) -> Mapping[str, float]:
-        return {} if self.kept is None else self.kept.times()
+        return {} if self.kept is None else self.kept.read_times()
 
 
-def estimated(task: Task) -> float:
+def compute_estimated_time(task: Task) -> float:
     """Return an estimate of the time that an engine takes for a case [s]."""
     steps = task.case.end / task.case.step
     return BEGIN + steps * (RIGID * len(task.mechanism.links) + BEAM * len(task.mechanism.beams))
 
 
-def _told(kind: str, answer: Any) -> dict[str, Any] | None:
+def _convert_answer(kind: str, answer: Any) -> dict[str, Any] | None:
     """Return the part of an answer that is kept, None where it is none."""
     if kind == "abilities":
         return {"answer": answer.described} if answer.described and not answer.message else None
@@ -101,7 +101,7 @@ def _told(kind: str, answer: Any) -> dict[str, Any] | None:
     return {"answer": answer[0], "printed": answer[1].printed, "elapsed": answer[1].elapsed}
 
 
-def _of_question(question: Question, kept: KeptAnswers) -> tuple[object, ...] | None:
+def _list_question_dependencies(question: Question, kept: KeptAnswers) -> tuple[object, ...] | None:
     """Return the things that an answer depends on: the case, and both records but for the time that they took."""
     told = dict(question.options)
     try:

@@ -159,10 +159,10 @@ def _has_replay(job: Mapping[str, Any]) -> bool:
 
 def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
     """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
-    from crosscheck.run.isolation import Children, ask, scratch
+    from crosscheck.run.isolation import Children, ask, open_scratch_folder
 
     drive = _make_drive(found, name)
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         given = folder / "given.pickle"
         given.write_bytes(pickle.dumps((dict(job), m, drive)))
         module = {"kind": "study", "module": __name__, "function": "replay_given"}

@@ -28,21 +28,21 @@ PART = 0.1  # of a limit: a reference that knows better than this changes no ver
 COARSE = "not judged: reference too coarse"
 
 
-def checked_bar(record: Record, name: str) -> float | None:
+def find_checked_bar(record: Record, name: str) -> float | None:
     """Return the largest error bar of a series [unit] that runs show which were asked for; None where there is none."""
     error = record.series[name].error
     return float(error.max()) if error is not None and is_checked(record.budget, name) else None
 
 
-def stated_bar(record: Record, name: str) -> float | None:
+def find_stated_bar(record: Record, name: str) -> float | None:
     """Return the largest error bar of a series [unit] that its engine states by itself, None where there is none."""
     error = record.series[name].error
     return None if error is None or is_checked(record.budget, name) else float(error.max())
 
 
-def error_bar(ours: Record, theirs: Record, name: str) -> float | None:
+def compute_total_bar(ours: Record, theirs: Record, name: str) -> float | None:
     """Return both engines' largest checked bars of a series added up [unit], None where not both have one."""
-    bars = [bar for one in (ours, theirs) if (bar := checked_bar(one, name)) is not None]
+    bars = [bar for one in (ours, theirs) if (bar := find_checked_bar(one, name)) is not None]
     return sum(bars) if len(bars) == 2 else None
 
 
@@ -64,12 +64,12 @@ class Reference:
         return max(known, default=None) if len(known) == len(bars) else None
 
 
-def chosen_reference(record: Record, names: Sequence[str], allowed: float | None) -> Reference:
+def choose_reference(record: Record, names: Sequence[str], allowed: float | None) -> Reference:
     """Return the reference's values where their bars are a tenth of what is allowed, else what its refinements tend to [unit].
 
     names : of all series of one quantity and unit; allowed : limit times range [unit], None without a limit
     """
-    own = Reference({n: record.series[n].values for n in names}, {n: checked_bar(record, n) for n in names})
+    own = Reference({n: record.series[n].values for n in names}, {n: find_checked_bar(record, n) for n in names})
     widest = own.widest(names)
     if allowed is None or widest is None or widest <= PART * allowed:
         return own
@@ -119,13 +119,13 @@ class Bars:
         coarse = widest is not None and widest > PART * maximum
         if verdict == "within":
             open_ = coarse and largest + (widest or 0.0) > maximum
-            return ("unjudged", self._coarse(largest, maximum)) if open_ else (verdict, message)
+            return ("unjudged", self._describe_coarse_reference(largest, maximum)) if open_ else (verdict, message)
         beyond = any(error > maximum + self._carried(name) for name, error in self.errors.items())
         if coarse and not beyond:
-            return "unjudged", self._coarse(largest, maximum)
-        return self._explained(message, maximum)
+            return "unjudged", self._describe_coarse_reference(largest, maximum)
+        return self._judge_by_bars(message, maximum)
 
-    def _coarse(self, largest: float, maximum: float) -> str:
+    def _describe_coarse_reference(self, largest: float, maximum: float) -> str:
         return (
             f"{COARSE}: the error bar of {self.reference} is {self.widest:.3g} of the range, {largest:.3g} apart, "
             f"the limit is {maximum:.3g}"
@@ -136,7 +136,7 @@ class Bars:
         ours = 0.0 if self.engine in self.unordered.get(name, "").split(" and ") else self.ours[name] or 0.0
         return ours + (self.theirs[name] or 0.0)
 
-    def _explained(self, message: str, maximum: float) -> tuple[Verdict, str]:
+    def _judge_by_bars(self, message: str, maximum: float) -> tuple[Verdict, str]:
         """Return verdict and message of a difference beyond its limit [-]: explained where checked bars of both carry it."""
         over = [name for name, error in self.errors.items() if error > maximum]
         if said := [self.stated[name] for name in over if name in self.stated]:
@@ -160,7 +160,7 @@ class Bars:
         return "explained", f"{BY_DISCRETISATION}{message}, and the error bars add up to {ours + theirs:.3g}: {sides}"
 
 
-def bars_of(
+def build_bars(
     ours: Record, theirs: Record, reference: Reference, names: Sequence[str], scale: float, limit: float
 ) -> Bars:
     """Return the bars of a comparison.
@@ -169,8 +169,8 @@ def bars_of(
     """
     scaled = scale or np.inf  # a signal that is zero has no bars that could explain anything
     errors = {n: float(np.abs(ours.series[n].values - reference.values[n]).max()) for n in names}
-    both = {n: (checked_bar(ours, n), reference.bars[n]) for n in names}
-    told = {n: bar for n in names if (bar := stated_bar(ours, n)) is not None}
+    both = {n: (find_checked_bar(ours, n), reference.bars[n]) for n in names}
+    told = {n: bar for n in names if (bar := find_stated_bar(ours, n)) is not None}
     return Bars(
         ours.engine,
         theirs.engine,
@@ -178,12 +178,12 @@ def bars_of(
         {n: None if bars[0] is None else bars[0] / scaled for n, bars in both.items()},
         {n: None if bars[1] is None else bars[1] / scaled for n, bars in both.items()},
         {n: bar / scaled for n, bar in told.items()},
-        {n: far / scaled for n in names if (far := _staying(ours, reference, n, limit * scale)) is not None},
-        {n: words for n in names if (words := unordered(ours, theirs, n))},
+        {n: far / scaled for n in names if (far := _compute_limit_gap(ours, reference, n, limit * scale)) is not None},
+        {n: words for n in names if (words := describe_unordered(ours, theirs, n))},
     )
 
 
-def _staying(ours: Record, reference: Reference, name: str, allowed: float) -> float | None:
+def _compute_limit_gap(ours: Record, reference: Reference, name: str, allowed: float) -> float | None:
     """Return the distance of the limit of an engine's runs from the reference [unit], None where bars or its limit cover it."""
     one = ours.series[name]
     if one.refined is None or one.left is None:
@@ -193,6 +193,6 @@ def _staying(ours: Record, reference: Reference, name: str, allowed: float) -> f
     return far if far > max(covered, allowed) else None
 
 
-def unordered(ours: Record, theirs: Record, name: str) -> str:
+def describe_unordered(ours: Record, theirs: Record, name: str) -> str:
     """Return the engines whose refinement of a series has no order, in words; "" where none."""
     return " and ".join(one.engine for one in (ours, theirs) if no_order(one.budget.get(name, {})))

@@ -24,7 +24,13 @@ from crosscheck import output_folder as owned
 from crosscheck.measures.record import load
 from crosscheck.verdicts.bars import COARSE
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.provenance import Provenance, merge, read_provenance, trace, write_provenance
+from crosscheck.verdicts.provenance import (
+    Provenance,
+    collect_provenance,
+    join_provenance,
+    read_provenance,
+    write_provenance,
+)
 from crosscheck.verdicts.results import Results
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Move, Signal, describe_signals, find_moves, read_signals, write_signals
@@ -70,7 +76,7 @@ class Baseline:
     provenance: Provenance = field(default_factory=Provenance)
 
 
-def key(row: Comparison) -> Key:
+def make_comparison_key(row: Comparison) -> Key:
     """Return the key of a comparison."""
     return row.mechanism, row.case, row.engine, row.reference, row.quantity, row.unit
 
@@ -90,7 +96,7 @@ def read(folder: Path) -> Baseline:
         words = json.loads((folder / BLESSED).read_text(encoding="utf-8"))
         if not lines or tuple(lines[0]) != HEAD:
             raise ValueError(f"{METRICS} has other columns than {', '.join(HEAD)}")
-        fractions = {tuple(line[:-1]): _fraction(k, line) for k, line in enumerate(lines[1:], 2)}
+        fractions = {tuple(line[:-1]): _read_fraction(k, line) for k, line in enumerate(lines[1:], 2)}
         signals = read_signals(folder)
         provenance = read_provenance(folder)
         return Baseline(fractions, words["reason"], words["date"], words["versions"], signals, provenance)
@@ -102,7 +108,7 @@ def read(folder: Path) -> Baseline:
         raise BaselineError(f"the baseline in {folder} cannot be read: {error}") from error
 
 
-def _fraction(number: int, line: list[str]) -> float:
+def _read_fraction(number: int, line: list[str]) -> float:
     """Return the blessed fraction in a line [-].  Raises ValueError where it is none."""
     if len(line) != len(HEAD):
         raise ValueError(f"{METRICS}, line {number} has {len(line)} columns, expected {len(HEAD)}")
@@ -112,7 +118,7 @@ def _fraction(number: int, line: list[str]) -> float:
     return value
 
 
-def noise(blessed: float, limit: float | None) -> float:
+def compute_allowed_excess(blessed: float, limit: float | None) -> float:
     """Return the excess over its blessed value [-] that an error may have without having become worse [-].
 
     limit : as a fraction of the range [-], None where none is stated
@@ -122,46 +128,50 @@ def noise(blessed: float, limit: float | None) -> float:
     return max(SHARE_OF_BLESSED * blessed, share * allowed)
 
 
-def by_baseline(row: Comparison, baseline: Baseline) -> Comparison:
+def judge_by_baseline(row: Comparison, baseline: Baseline) -> Comparison:
     """Return a comparison with its blessed value; one that has become worse is a deviation."""
     share = row.fraction
     if share is None or not _is_judged(row):
         return row
-    blessed = baseline.fractions.get(key(row))
+    blessed = baseline.fractions.get(make_comparison_key(row))
     if blessed is None:
         words = f"{UNBLESSED}: {HOW}"
-        return replace(row, verdict="unjudged", message=_joined(row.message, words))
+        return replace(row, verdict="unjudged", message=_join_messages(row.message, words))
     row = replace(row, blessed=blessed)
-    slack = noise(blessed, row.limit)
+    slack = compute_allowed_excess(blessed, row.limit)
     if share <= blessed + slack:
         return row
     if share <= blessed + slack + (row.scatter or 0.0):
         scatter = f"the last digits of the input alone change it by {row.scatter:.1g}"
         words = f"{share:.3g} of the range, blessed are {blessed:.3g}: {scatter}"
-        return replace(row, message=_joined(row.message, words))
+        return replace(row, message=_join_messages(row.message, words))
     floor = "" if row.scatter is None else f", the last digits of the input change it by {row.scatter:.1g}"
     before = f"on {baseline.date[:10]} it was {blessed:.3g} (noise {slack:.1g}{floor})"
     words = f"worse than blessed: {share:.3g} of the range, {before}; mend the cause, or {HOW}"
-    return replace(row, verdict="deviation", message=_joined(row.message, words))
+    return replace(row, verdict="deviation", message=_join_messages(row.message, words))
 
 
 def is_worse(row: Comparison, baseline: Baseline | None) -> bool:
     """Return True if a comparison is above its blessed value by more than noise [-]: the engine's scatter is to be measured."""
-    blessed = None if baseline is None or not _is_judged(row) else baseline.fractions.get(key(row))
-    return blessed is not None and row.fraction is not None and row.fraction > blessed + noise(blessed, row.limit)
+    blessed = None if baseline is None or not _is_judged(row) else baseline.fractions.get(make_comparison_key(row))
+    return (
+        blessed is not None
+        and row.fraction is not None
+        and row.fraction > blessed + compute_allowed_excess(blessed, row.limit)
+    )
 
 
 def _is_judged(row: Comparison) -> bool:
     return row.verdict in ("within", "explained") and row.limit is not None
 
 
-def gone(rows: Iterable[Comparison], baseline: Baseline) -> list[Key]:
+def list_missing_keys(rows: Iterable[Comparison], baseline: Baseline) -> list[Key]:
     """Return the blessed comparisons that a run over everything no longer measures."""
-    measured = {key(row) for row in rows if row.fraction is not None}
+    measured = {make_comparison_key(row) for row in rows if row.fraction is not None}
     return [k for k in baseline.fractions if k not in measured]
 
 
-def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
+def choose_blessable(results: Results) -> tuple[list[Comparison], list[str]]:
     """Return the comparisons that can be blessed, and why others cannot: what is beyond its limit, or failed."""
     good = []
     bad = []
@@ -178,7 +188,7 @@ def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
     return good, bad
 
 
-def signals_of(results: Results, out: Path) -> dict[SignalKey, Signal]:
+def collect_signals(results: Results, out: Path) -> dict[SignalKey, Signal]:
     """Return the signals of a run's engines, from the series in the folder of its report.  Raises RecordError."""
     quantities = {(case.mechanism, case.case): case.quantities for case in results.cases}
     found: dict[SignalKey, Signal] = {}
@@ -197,25 +207,25 @@ def find_all_moves(results: Results, signals: Mapping[SignalKey, Signal], baseli
     signals : those of the run [units of the series]; what did not run, or failed, has not moved
     """
     answered = {(run.mechanism, run.case, run.engine) for run in results.runs if run.status == "ok"}
-    now = trace(results)
+    now = collect_provenance(results)
     found = []
     for name, before in baseline.signals.items():
         if name[:3] not in answered:
             continue
         if (move := find_moves(name, before, signals.get(name))) is not None:
-            found.append(replace(move, reason=now.explain(baseline.provenance, *name[:3])))
+            found.append(replace(move, reason=now.describe_source_changes(baseline.provenance, *name[:3])))
     return tuple(sorted(found, key=lambda move: -math.inf if move.share is None else -move.share))
 
 
-def select_blessed(
+def choose_blessed_signals(
     results: Results, signals: Mapping[SignalKey, Signal], rows: Iterable[Comparison]
 ) -> dict[SignalKey, Signal]:
     """Return the signals that are blessed with comparisons: those of engines of which no comparison is refused."""
-    good = {key(row) for row in rows}
+    good = {make_comparison_key(row) for row in rows}
     refused = {
         (row.mechanism, row.case, row.engine)
         for row in results.comparisons
-        if row.fraction is not None and row.limit is not None and key(row) not in good
+        if row.fraction is not None and row.limit is not None and make_comparison_key(row) not in good
     }
     return {name: signal for name, signal in signals.items() if name[:3] not in refused}
 
@@ -239,7 +249,7 @@ def write(
     lost = [tuple(k) for k in results.baseline.get("gone_keys", ())]
     for k in lost:
         known.pop(k, None)
-    known |= {key(row): float(f"{row.fraction:.3g}") for row in rows if row.fraction is not None}
+    known |= {make_comparison_key(row): float(f"{row.fraction:.3g}") for row in rows if row.fraction is not None}
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(HEAD)
@@ -252,7 +262,7 @@ def write(
     }
     replaced = {name[:3] for name in signals} | {k[:3] for k in lost}
     kept = {name: signal for name, signal in before.signals.items() if name[:3] not in replaced}
-    provenance = merge(before.provenance, trace(results))
+    provenance = join_provenance(before.provenance, collect_provenance(results))
     with owned.uninterrupted():
         owned.replace(folder / METRICS, text.getvalue())
         write_signals(folder, {**kept, **signals})
@@ -267,8 +277,8 @@ def apply(
 
     signals : of the run [units of the series]
     """
-    rows = tuple(by_baseline(row, baseline) for row in results.comparisons)
-    missing = gone(rows, baseline) if whole else []
+    rows = tuple(judge_by_baseline(row, baseline) for row in results.comparisons)
+    missing = list_missing_keys(rows, baseline) if whole else []
     words = {
         **{"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions)},
         **{"gone": tuple(" ".join(k) for k in missing), "gone_keys": tuple(missing)},
@@ -277,5 +287,5 @@ def apply(
     return dataclasses.replace(results, comparisons=rows, baseline=words, moves=moves)
 
 
-def _joined(*messages: str) -> str:
+def _join_messages(*messages: str) -> str:
     return "; ".join(filter(None, messages))

@@ -10,10 +10,10 @@ from crosscheck.measures.limits import BY_DISCRETISATION, REFERENCE
 from crosscheck.measures.record import BROKEN, Record
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, fails
+from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, is_failing
 
 
-def certificates(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]:
+def list_certificate_lines(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]:
     """Return every line of every engine's certificate against the reference's; an engine without one has one line."""
     reference = records.get(REFERENCE)
     if reference is None or reference.status != "ok":
@@ -33,19 +33,19 @@ def certificates(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]
     return tuple(found)
 
 
-def by_certificate(rows: Iterable[Comparison], lines: Iterable[Check]) -> list[Comparison]:
+def judge_by_certificate(rows: Iterable[Comparison], lines: Iterable[Check]) -> list[Comparison]:
     """Return the comparisons, those of engines whose certificate does not hold as deviations: they have another mechanism.
 
     Where an engine has no certificate nothing is known, and nothing changes; one that is broken is none that holds.
     """
     failed: dict[tuple[str, str, str], list[str]] = {}
     for line in lines:
-        if fails(line):
+        if is_failing(line):
             failed.setdefault((line.mechanism, line.case, line.engine), []).append(line.what)
-    return [_certified(row, failed) for row in rows]
+    return [_judge_row(row, failed) for row in rows]
 
 
-def _certified(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]) -> Comparison:
+def _judge_row(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]) -> Comparison:
     found = {e: failed.get((row.mechanism, row.case, e)) for e in (row.engine, row.reference)}
     parts = [_describe_failure(engine, what) for engine, what in found.items() if what]
     if not parts or row.verdict in ("skipped", "error"):

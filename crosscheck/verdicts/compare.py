@@ -19,7 +19,15 @@ from crosscheck.measures.limits import Verdict, by_limit, find
 from crosscheck.measures.metrics import sprague_geers
 from crosscheck.measures.record import Record, Series
 from crosscheck.measures.spectrum import dominant_frequency
-from crosscheck.verdicts.bars import Bars, Reference, bars_of, checked_bar, chosen_reference, stated_bar, unordered
+from crosscheck.verdicts.bars import (
+    Bars,
+    Reference,
+    build_bars,
+    choose_reference,
+    describe_unordered,
+    find_checked_bar,
+    find_stated_bar,
+)
 from flexinv.files.load_cases import Case, Limit
 
 Array = NDArray[np.float64]
@@ -84,7 +92,7 @@ class Comparison:
         """Largest error over the range of the signal [-]."""
         if self.maximum is None or self.scale is None:
             return None
-        return fraction(self.maximum, self.scale)
+        return compute_fraction(self.maximum, self.scale)
 
 
 @dataclass(frozen=True)
@@ -101,12 +109,12 @@ class Pair:
 
 def compare(pair: Pair) -> list[Comparison]:
     """Return one comparison per quantity of the case and unit."""
-    if (verdict := _hindrance(pair)) is not None:
-        return [_row(pair, q, "", *verdict) for q in pair.case.quantities]
-    return [row for quantity in pair.case.quantities for row in _quantity(pair, quantity)]
+    if (verdict := _find_hindrance(pair)) is not None:
+        return [_make_row(pair, q, "", *verdict) for q in pair.case.quantities]
+    return [row for quantity in pair.case.quantities for row in _compare_quantity(pair, quantity)]
 
 
-def _hindrance(pair: Pair) -> tuple[Verdict, str] | None:
+def _find_hindrance(pair: Pair) -> tuple[Verdict, str] | None:
     """Return verdict and message where one of the records has no series."""
     for record, who in ((pair.engine, ""), (pair.reference, f"reference {pair.reference.engine}: ")):
         if record.status == "skipped":
@@ -119,17 +127,17 @@ def _hindrance(pair: Pair) -> tuple[Verdict, str] | None:
     return None
 
 
-def _quantity(pair: Pair, quantity: str) -> list[Comparison]:
+def _compare_quantity(pair: Pair, quantity: str) -> list[Comparison]:
     if quantity == "frequency":
-        return [_frequency(pair)]
-    groups = group(pair.reference.series, quantity)
-    rows = [_group(pair, quantity, unit, names) for unit, names in groups.items()]
+        return [_compare_frequency(pair)]
+    groups = split_by_unit(pair.reference.series, quantity)
+    rows = [_compare_group(pair, quantity, unit, names) for unit, names in groups.items()]
     if not rows:
-        return [_row(pair, quantity, "", "skipped", f"{pair.reference.engine} does not give it")]
+        return [_make_row(pair, quantity, "", "skipped", f"{pair.reference.engine} does not give it")]
     return rows
 
 
-def group(series: Mapping[str, Series], quantity: str) -> dict[str, list[str]]:
+def split_by_unit(series: Mapping[str, Series], quantity: str) -> dict[str, list[str]]:
     """Return the names of the series of a quantity by unit."""
     groups: dict[str, list[str]] = {}
     for one in series.values():
@@ -138,17 +146,17 @@ def group(series: Mapping[str, Series], quantity: str) -> dict[str, list[str]]:
     return groups
 
 
-def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Comparison:
+def _compare_group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Comparison:
     ours = pair.engine.series
     theirs = pair.reference.series
     common = [n for n in names if n in ours]
     if not common:
-        return _row(pair, quantity, unit, "skipped", f"{pair.engine.engine} does not give it")
+        return _make_row(pair, quantity, unit, "skipped", f"{pair.engine.engine} does not give it")
     if wrong := [n for n in common if ours[n].unit != unit]:
-        return _row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
-    limit = _limit(pair, quantity)
+        return _make_row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
+    limit = _find_limit(pair, quantity)
     scale = scale_of(pair.reference, quantity, [theirs[n].values for n in names])
-    taken = chosen_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
+    taken = choose_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
     errors = {n: ours[n].values - taken.values[n] for n in common}
     worst = max(common, key=lambda n: float(np.abs(errors[n]).max()))
     at = int(np.abs(errors[worst]).argmax())
@@ -158,32 +166,32 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
         scale=scale,
         series=worst,
         time=float(pair.reference.time[at]),
-        **_bars(pair, worst, taken),
+        **_collect_bars(pair, worst, taken),
         refined=taken.refined,
-        unordered=unordered(pair.engine, pair.reference, worst),
-        **_metrics(ours[worst].values, taken.values[worst]),
+        unordered=describe_unordered(pair.engine, pair.reference, worst),
+        **_compute_metrics(ours[worst].values, taken.values[worst]),
     )
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
-    bars = bars_of(pair.engine, pair.reference, taken, common, scale, 0.0 if limit is None else limit.maximum)
-    return _judged(pair, quantity, unit, measured, words, bars)
+    bars = build_bars(pair.engine, pair.reference, taken, common, scale, 0.0 if limit is None else limit.maximum)
+    return _judge_quantity(pair, quantity, unit, measured, words, bars)
 
 
-def _bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
+def _collect_bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
     """Return the bars of a series as a comparison shows them [unit]: checked ones of both sides, and what an engine states."""
-    ours = checked_bar(pair.engine, name)
+    ours = find_checked_bar(pair.engine, name)
     theirs = taken.bars[name]
     both = None if ours is None or theirs is None else ours + theirs
-    sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": stated_bar(pair.engine, name)}
+    sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": find_stated_bar(pair.engine, name)}
     return {"error_bar": both, **sides}
 
 
-def _metrics(ours: Array, theirs: Array) -> dict[str, Any]:
+def _compute_metrics(ours: Array, theirs: Array) -> dict[str, Any]:
     """Return Sprague and Geers' errors of two signals (samples,) [unit], by the names of a comparison's fields [-]."""
     return {**sprague_geers(ours, theirs)}
 
 
-def _limit(pair: Pair, quantity: str) -> Limit | None:
+def _find_limit(pair: Pair, quantity: str) -> Limit | None:
     return find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
 
 
@@ -207,11 +215,11 @@ class Measured:
     unordered: str = ""
 
 
-def _judged(
+def _judge_quantity(
     pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "", bars: Bars | None = None
 ) -> Comparison:
-    limit = _limit(pair, quantity)
-    share = fraction(measured.maximum, measured.scale)
+    limit = _find_limit(pair, quantity)
+    share = compute_fraction(measured.maximum, measured.scale)
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
     verdict, message = by_limit(share, limit, pair.today, pair.engine.message if known else "")
     if bars is not None and limit is not None and verdict in ("within", "deviation"):
@@ -219,10 +227,10 @@ def _judged(
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))
-    return _row(pair, quantity, unit, verdict, message, measured, limit)
+    return _make_row(pair, quantity, unit, verdict, message, measured, limit)
 
 
-def _row(
+def _make_row(
     pair: Pair,
     quantity: str,
     unit: str,
@@ -247,14 +255,14 @@ def _row(
     )
 
 
-def fraction(maximum: float, scale: float) -> float:
+def compute_fraction(maximum: float, scale: float) -> float:
     """Return the error over the range [-]; of a signal that is zero throughout any error is infinitely large."""
     if scale > 0.0:
         return maximum / scale
     return 0.0 if maximum == 0.0 else float("inf")
 
 
-def signal_range(signals: Sequence[Array]) -> float:
+def compute_signal_range(signals: Sequence[Array]) -> float:
     """Return the range of the signal that moves most: its largest less its smallest value.
 
     signals : each (samples,) [unit]; returns [unit].  Where all stand still (a constant holding torque), the
@@ -270,24 +278,24 @@ def scale_of(reference: Record, quantity: str, signals: Sequence[Array]) -> floa
 
     signals : each (samples,) [unit]; returns [unit]
     """
-    own = signal_range(signals)
+    own = compute_signal_range(signals)
     whole = max(float(np.abs(s.values).max()) for s in reference.series.values() if s.quantity == quantity)
     return own if own > NOTHING * whole else whole
 
 
-def _frequency(pair: Pair) -> Comparison:
-    name = ringing_series(pair.reference)
+def _compare_frequency(pair: Pair) -> Comparison:
+    name = find_ringing_series(pair.reference)
     if name is None or name not in pair.engine.series:
-        return _row(pair, "frequency", "Hz", "skipped", "no deflection or torque in common to take it from")
+        return _make_row(pair, "frequency", "Hz", "skipped", "no deflection or torque in common to take it from")
     ours, theirs = (dominant_frequency(r.time, r.series[name].values, pair.rest) for r in (pair.engine, pair.reference))
     if ours is None or theirs is None:
-        return _row(pair, "frequency", "Hz", "skipped", f"{name} has no peak in its spectrum")
+        return _make_row(pair, "frequency", "Hz", "skipped", f"{name} has no peak in its spectrum")
     difference = abs(ours - theirs)
     measured = Measured(maximum=difference, rms=difference, scale=theirs, series=name)
-    return _judged(pair, "frequency", "Hz", measured)
+    return _judge_quantity(pair, "frequency", "Hz", measured)
 
 
-def ringing_series(record: Record) -> str | None:
+def find_ringing_series(record: Record) -> str | None:
     """Return the deflection (else the torque) that moves most: the one whose frequency is compared."""
     for quantity in ("deflection", "torque"):
         named = [s for s in record.series.values() if s.quantity == quantity]

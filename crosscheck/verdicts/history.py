@@ -24,7 +24,7 @@ from typing import Any
 import sqlalchemy as sql
 
 from crosscheck.measures.limits import Verdict
-from crosscheck.secrets import without, without_passwords
+from crosscheck.secrets import remove_password, remove_passwords
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
 from crosscheck.verdicts.signals import Key as SignalKey
@@ -36,7 +36,9 @@ PATIENCE = 30.0  # [s] to wait for somebody else's transaction: adding a night t
 _meta = sql.MetaData()
 
 
-def _table(name: str, *columns: tuple[str, type[sql.types.TypeEngine[Any]] | sql.types.TypeEngine[Any]]) -> sql.Table:
+def _make_table(
+    name: str, *columns: tuple[str, type[sql.types.TypeEngine[Any]] | sql.types.TypeEngine[Any]]
+) -> sql.Table:
     """Return a table whose rows belong to a night."""
     night: sql.Column[int] = sql.Column("night", sql.ForeignKey("night.id"), nullable=False, index=True)
     return sql.Table(name, _meta, night, *(sql.Column(n, kind) for n, kind in columns))
@@ -57,9 +59,9 @@ NIGHT = sql.Table(
     sql.Column("exit_code", sql.Integer),
     sql.Column("elapsed", Float),
 )
-VERSION = _table("version", ("package", Text), ("version", Text))
-MODEL = _table("model", ("mechanism", Text), ("case_name", Text), ("hash", Text))
-TIMING = _table(
+VERSION = _make_table("version", ("package", Text), ("version", Text))
+MODEL = _make_table("model", ("mechanism", Text), ("case_name", Text), ("hash", Text))
+TIMING = _make_table(
     *("timing", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("version", Text), ("status", Text)),
     *(("wall_time", Float), ("elapsed", Float)),
 )
@@ -67,20 +69,20 @@ NUMBERS = (
     *("maximum", "rms", "scale", "limit", "error_bar", "magnitude", "phase", "comprehensive", "blessed"),
     "fraction",
 )
-COMPARISON = _table(
+COMPARISON = _make_table(
     *("comparison", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
     *(("quantity", Text), ("unit", Text), ("verdict", Text), ("message", Text)),
     *((n, Float) for n in NUMBERS),
 )
-SIGNAL = _table(
+SIGNAL = _make_table(
     *("signal", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("series", Text), ("unit", Text)),
     *((n, Float) for n in ("size", "peak", "rms", "bar")),
 )
-CAUSE = _table(
+CAUSE = _make_table(
     *("cause", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
     *(("cause", Text), ("target", Text), ("words", Text)),
 )
-METRIC = _table(
+METRIC = _make_table(
     "metric", ("name", Text), ("value", Float), ("unit", Text), ("lower", Float), ("upper", Float), ("note", Text)
 )
 
@@ -130,7 +132,7 @@ class Night:
     elapsed: float
 
 
-def connect(url: str) -> sql.Engine:
+def open_database(url: str) -> sql.Engine:
     """Open a history, made on the first time.  Raises HistoryError, of it HistorySetupError for a driver or an address."""
     try:
         kind = sql.make_url(url).get_backend_name()
@@ -140,10 +142,10 @@ def connect(url: str) -> sql.Engine:
         _check_tables(database, url)
         _meta.create_all(database)
     except (ImportError, ValueError, sql.exc.NoSuchModuleError, sql.exc.ArgumentError) as error:
-        words = f"cannot open the history {_shown(url)}: {_words(error, url)}"
-        raise HistorySetupError(f"{words}{_advise_driver(error, url)}") from None
+        words = f"cannot open the history {_format_address(url)}: {_describe_error(error, url)}"
+        raise HistorySetupError(f"{words}{_describe_driver_advice(error, url)}") from None
     except (sql.exc.SQLAlchemyError, OSError) as error:
-        raise HistoryError(f"cannot open the history {_shown(url)}: {_words(error, url)}") from None
+        raise HistoryError(f"cannot open the history {_format_address(url)}: {_describe_error(error, url)}") from None
     return database
 
 
@@ -155,7 +157,7 @@ DRIVERS = {
 }
 
 
-def _advise_driver(error: Exception, url: str) -> str:
+def _describe_driver_advice(error: Exception, url: str) -> str:
     """Return the advice for a driver that is not installed, "" for other mistakes."""
     kind = url.partition(":")[0].partition("+")[0]
     if not isinstance(error, ImportError) or kind not in DRIVERS:
@@ -164,16 +166,16 @@ def _advise_driver(error: Exception, url: str) -> str:
     return f"; write python -m pip install '{package}', and begin the address with {address}"
 
 
-def try_writing(database: sql.Engine) -> None:
+def check_writing(database: sql.Engine) -> None:
     """Write a night and take it back.  Raises HistoryError where the history cannot be written."""
-    row = {"key": "a trial", "started": store.now(), "label": "trial"}
+    row = {"key": "a trial", "started": store.format_current_time(), "label": "trial"}
     try:
         with database.connect() as link:
             link.execute(sql.insert(NIGHT).values(**row))
             link.rollback()
     except sql.exc.SQLAlchemyError as error:
-        words = _words(error, database.url)
-        raise HistoryError(f"cannot write the history {_shown(database.url)}: {words}") from None
+        words = _describe_error(error, database.url)
+        raise HistoryError(f"cannot write the history {_format_address(database.url)}: {words}") from None
 
 
 def _check_format(database: sql.Engine, url: str) -> None:
@@ -183,12 +185,12 @@ def _check_format(database: sql.Engine, url: str) -> None:
             number = max(link.scalars(sql.select(_FORMAT.c.number)), default=FORMAT)
         if number > FORMAT:
             raise HistoryError(
-                f"cannot open the history {_shown(url)}: it is of format {number}, and this crosscheck knows {FORMAT}; "
+                f"cannot open the history {_format_address(url)}: it is of format {number}, and this crosscheck knows {FORMAT}; "
                 "install a newer crosscheck, or write --history with another database"
             )
 
 
-def _stamp(link: sql.Connection) -> None:
+def _write_format(link: sql.Connection) -> None:
     """Write the number of the format beside the first night."""
     _FORMAT.create(link, checkfirst=True)
     if link.scalar(sql.select(_FORMAT.c.number)) is None:
@@ -203,7 +205,7 @@ def _check_tables(database: sql.Engine, url: str) -> None:
             there = {column["name"] for column in inside.get_columns(table.name)}
             if lost := [column.name for column in table.columns if column.name not in there]:
                 raise HistoryError(
-                    f"cannot open the history {_shown(url)}: its table {table.name} has no column {lost[0]}, so it is "
+                    f"cannot open the history {_format_address(url)}: its table {table.name} has no column {lost[0]}, so it is "
                     "somebody else's or of another version; write --history with another database"
                 )
 
@@ -222,7 +224,7 @@ def add_night(
     Raises HistoryError.
     """
     row = {
-        **{"key": key_of(results), "started": results.started, "label": label, "folder": folder},
+        **{"key": compute_night_key(results), "started": results.started, "label": label, "folder": folder},
         **{"command": results.command, "message": results.message, "finished": results.finished},
         **{"exit_code": results.exit_code, "elapsed": results.elapsed},
         "processor": results.machine.get("processor", ""),
@@ -232,8 +234,8 @@ def add_night(
         | {"size": one.size, "peak": one.peak, "rms": one.rms, "bar": one.bar}
         for (mechanism, case, engine, series), one in signals.items()
     ]
-    tables = {**_rows(results), METRIC: [dict(vars(m)) for m in metrics], SIGNAL: kept}
-    return _added(database, row, tables)
+    tables = {**_collect_rows(results), METRIC: [dict(vars(m)) for m in metrics], SIGNAL: kept}
+    return _add_rows(database, row, tables)
 
 
 def add_metrics(database: sql.Engine, metrics: Sequence[Metric], label: str = "bench", elapsed: float = 0.0) -> int:
@@ -242,17 +244,24 @@ def add_metrics(database: sql.Engine, metrics: Sequence[Metric], label: str = "b
     Raises HistoryError.
     """
     code = 1 if any(m.verdict == "deviation" for m in metrics) else 0
-    stamp = Results(store.now(), label, elapsed, True, machine=store.machine(), versions=store.versions())
+    stamp = Results(
+        store.format_current_time(),
+        label,
+        elapsed,
+        True,
+        machine=store.describe_machine(),
+        versions=store.list_versions(),
+    )
     text = repr((stamp.started, label, [vars(m) for m in metrics], stamp.machine))
     row = {
         **{"key": hashlib.sha256(text.encode()).hexdigest()[:32], "started": stamp.started, "label": label},
         **{"folder": "", "command": label, "message": "", "finished": True, "exit_code": code, "elapsed": elapsed},
         "processor": stamp.machine.get("processor", ""),
     }
-    return _added(database, row, {**_rows(stamp), METRIC: [dict(vars(m)) for m in metrics]})
+    return _add_rows(database, row, {**_collect_rows(stamp), METRIC: [dict(vars(m)) for m in metrics]})
 
 
-def nights(database: sql.Engine, label: str | None = None) -> list[Night]:
+def list_nights(database: sql.Engine, label: str | None = None) -> list[Night]:
     """Return the entries, the oldest first; label: only those.  Raises HistoryError."""
     question = sql.select(NIGHT).order_by(NIGHT.c.started, NIGHT.c.id)
     if label is not None:
@@ -260,14 +269,19 @@ def nights(database: sql.Engine, label: str | None = None) -> list[Night]:
     return [Night(*(row._mapping[name] for name in Night.__dataclass_fields__)) for row in ask(database, question)]
 
 
-def rows_of(database: sql.Engine, table: sql.Table, night: int) -> list[dict[str, Any]]:
+def read_rows(database: sql.Engine, table: sql.Table, night: int) -> list[dict[str, Any]]:
     """Return the rows of one night.  Raises HistoryError."""
     return [dict(row._mapping) for row in ask(database, sql.select(table).where(table.c.night == night))]
 
 
-def holds(database: sql.Engine, results: Results) -> bool:
+def has_night(database: sql.Engine, results: Results) -> bool:
     """Return True if a night is in the history.  Raises HistoryError."""
-    return bool(ask(database, sql.select(NIGHT.c.id).where(NIGHT.c.key.in_((key_of(results), _older_key(results))))))
+    return bool(
+        ask(
+            database,
+            sql.select(NIGHT.c.id).where(NIGHT.c.key.in_((compute_night_key(results), _compute_older_key(results)))),
+        )
+    )
 
 
 def ask(database: sql.Engine, question: sql.Select[Any]) -> list[Any]:
@@ -276,29 +290,31 @@ def ask(database: sql.Engine, question: sql.Select[Any]) -> list[Any]:
         with database.connect() as connection:
             return list(connection.execute(question))
     except sql.exc.SQLAlchemyError as error:
-        raise HistoryError(f"cannot read the history {_shown(database.url)}: {_words(error, database.url)}") from None
+        raise HistoryError(
+            f"cannot read the history {_format_address(database.url)}: {_describe_error(error, database.url)}"
+        ) from None
 
 
-def key_of(results: Results) -> str:
+def compute_night_key(results: Results) -> str:
     """Return a key that no two runs share, of their time and duration, command, machine and number of rows.
 
     Times are known to the second, in which a short night may end and the next begin.
     """
-    return _digest(
+    return _compute_digest(
         results.started, results.elapsed, results.command, sorted(results.machine.items()), len(results.runs)
     )
 
 
-def _older_key(results: Results) -> str:
+def _compute_older_key(results: Results) -> str:
     """The key of nights that were added before the duration was part of it."""
-    return _digest(results.started, results.command, sorted(results.machine.items()), len(results.runs))
+    return _compute_digest(results.started, results.command, sorted(results.machine.items()), len(results.runs))
 
 
-def _digest(*parts: Any) -> str:
+def _compute_digest(*parts: Any) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def _rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
+def _collect_rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
     hashes = {(r.mechanism, r.case): r.model_hash for r in results.runs if r.model_hash}
     timings = [
         {"mechanism": r.mechanism, "case_name": r.case, "engine": r.engine, "version": r.version, "status": r.status}
@@ -307,7 +323,9 @@ def _rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
     ]
     words = ("mechanism", "engine", "reference", "quantity", "unit", "verdict", "message")
     comparisons = [
-        {n: getattr(c, n) for n in words} | {n: _finite(getattr(c, n)) for n in NUMBERS} | {"case_name": c.case}
+        {n: getattr(c, n) for n in words}
+        | {n: _convert_to_finite(getattr(c, n)) for n in NUMBERS}
+        | {"case_name": c.case}
         for c in results.comparisons
     ]
     return {
@@ -324,7 +342,7 @@ def _rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
     }
 
 
-def _added(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Table, list[dict[str, Any]]]) -> int:
+def _add_rows(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Table, list[dict[str, Any]]]) -> int:
     try:
         with database.begin() as connection:
             known = connection.execute(sql.select(NIGHT.c.id).where(NIGHT.c.key == night["key"])).scalar()
@@ -337,32 +355,32 @@ def _added(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Table, 
                     connection.execute(sql.insert(table), [{**row, "night": number[0]} for row in rows])
     except sql.exc.SQLAlchemyError as error:
         raise HistoryError(
-            f"the night could not be added to the history {_shown(database.url)}: {_words(error, database.url)}; it is as it was "
+            f"the night could not be added to the history {_format_address(database.url)}: {_describe_error(error, database.url)}; it is as it was "
             "before, and the next night adds what is missing"
         ) from None
     # Somebody else may write the number at this moment; a history without it is one of format 1.
     with contextlib.suppress(sql.exc.SQLAlchemyError), database.begin() as connection:
-        _stamp(connection)
+        _write_format(connection)
     return int(number[0])
 
 
-def _finite(value: float | None) -> float | None:
+def _convert_to_finite(value: float | None) -> float | None:
     return value if value is not None and abs(value) < float("inf") else None
 
 
-def _shown(url: str | sql.URL) -> str:
+def _format_address(url: str | sql.URL) -> str:
     """Return an address without its password."""
     try:
-        return without_passwords(sql.make_url(url).render_as_string(hide_password=True))
+        return remove_passwords(sql.make_url(url).render_as_string(hide_password=True))
     except (sql.exc.ArgumentError, ValueError):
         return "(not a URL)"
 
 
-def _words(error: BaseException, url: str | sql.URL) -> str:
+def _describe_error(error: BaseException, url: str | sql.URL) -> str:
     """Return the message of a database, without SQLAlchemy's hints, the statement and the password."""
     inner = getattr(error, "orig", None) or error
     try:
         password = sql.make_url(url).password
     except (sql.exc.ArgumentError, ValueError):
         return "expected such as sqlite:///reports/history.sqlite or postgresql://team@host/nights"
-    return without(str(inner).splitlines()[0], password) if str(inner) else type(inner).__name__
+    return remove_password(str(inner).splitlines()[0], password) if str(inner) else type(inner).__name__

@@ -58,21 +58,21 @@ def discover(models: Path, names: Sequence[str] = ()) -> Plan:
     for name, folder in folders.items():
         if cases := [w[1] if len(w) > 1 else "*" for w in wanted if fnmatchcase(name, w[0])]:
             try:
-                tasks += _tasks(folder, cases)
+                tasks += _list_tasks(folder, cases)
             except (InputError, OSError, ValueError, MemoryError, ArithmeticError, RecursionError) as error:
                 broken.append((name, f"{type(error).__name__}: {error}"))
-    _every_name_fits(names, tasks, broken, folders)
+    _check_names(names, tasks, broken, folders)
     return Plan(tuple(tasks), tuple(broken))
 
 
-def _tasks(folder: Path, patterns: Iterable[str]) -> list[Task]:
+def _list_tasks(folder: Path, patterns: Iterable[str]) -> list[Task]:
     mechanism = read_mechanism(folder)
     patterns = list(patterns)
     cases = load_cases(folder, mechanism)
-    return [task(folder, mechanism, c) for n, c in cases.items() if any(fnmatchcase(n, p) for p in patterns)]
+    return [make_task(folder, mechanism, c) for n, c in cases.items() if any(fnmatchcase(n, p) for p in patterns)]
 
 
-def task(folder: Path, mechanism: Mechanism, case: Case) -> Task:
+def make_task(folder: Path, mechanism: Mechanism, case: Case) -> Task:
     """Return the task of one case; the motion is at rest after the last sample with a velocity.
 
     Raises InputError where there are more samples than anybody could compare.
@@ -89,7 +89,7 @@ def task(folder: Path, mechanism: Mechanism, case: Case) -> Task:
     return Task(folder, mechanism, case, time, rest)
 
 
-def _every_name_fits(
+def _check_names(
     names: Sequence[str], tasks: list[Task], broken: list[tuple[str, str]], folders: dict[str, Path]
 ) -> None:
     have = {(t.folder.name, t.case.name) for t in tasks} | {(name, "*") for name, _ in broken}
@@ -105,7 +105,7 @@ def _every_name_fits(
             raise InputError(f"nothing to run is called {name!r}{write}; {kind}: {', '.join(known) or 'none'}")
 
 
-def case_row(one: Task) -> CaseRow:
+def make_case_row(one: Task) -> CaseRow:
     """Return the row of a report about the case itself."""
     mechanism = one.mechanism
     case = one.case
@@ -116,18 +116,18 @@ def case_row(one: Task) -> CaseRow:
         title=case.title,
         source=case.source,
         mechanism_source=mechanism.source,
-        notes=(*mechanism.notes, *_lines(case.notes)),
+        notes=(*mechanism.notes, *_split_notes(case.notes)),
         quantities=tuple(case.quantities),
         end=case.end,
         step=case.step,
         sample=case.sample,
         rest=one.rest,
-        skeleton=tuple(skeleton(mechanism)),
-        files={f.name: _text(f) for f in sorted(one.folder.glob("*.toml")) if f.is_file()},
+        skeleton=tuple(list_skeleton_links(mechanism)),
+        files={f.name: _read_text(f) for f in sorted(one.folder.glob("*.toml")) if f.is_file()},
     )
 
 
-def skeleton(mechanism: Mechanism) -> Iterator[dict[str, Any]]:
+def list_skeleton_links(mechanism: Mechanism) -> Iterator[dict[str, Any]]:
     """Yield what a picture of the mechanism connects: links with parent and place in the world [m]."""
     for joint in mechanism.joints:
         at = joint.placement.position.tolist() if joint.parent == WORLD else None
@@ -135,11 +135,11 @@ def skeleton(mechanism: Mechanism) -> Iterator[dict[str, Any]]:
         yield {"link": joint.child, "parent": joint.parent, "bends": bends, "at": at}
 
 
-def _lines(notes: str | Iterable[str]) -> tuple[str, ...]:
+def _split_notes(notes: str | Iterable[str]) -> tuple[str, ...]:
     return ((notes,) if notes else ()) if isinstance(notes, str) else tuple(notes)
 
 
-def _text(file: Path) -> str:
+def _read_text(file: Path) -> str:
     with file.open(encoding="utf-8", errors="replace") as stream:
         text = stream.read(LARGEST_TEXT + 1)
     return text if len(text) <= LARGEST_TEXT else text[:LARGEST_TEXT] + "\n... (cut off here)\n"

@@ -37,7 +37,7 @@ class Provenance:
     packages: Mapping[str, str] = field(default_factory=dict)
     code: Mapping[str, str] = field(default_factory=dict)
 
-    def explain(self, before: Provenance, mechanism: str, case: str, engine: str) -> str:
+    def describe_source_changes(self, before: Provenance, mechanism: str, case: str, engine: str) -> str:
         """Return in words what has changed since, of all that values of an engine in a case depend on; "" where nothing has."""
         run = f"{mechanism}/{case} {engine}"
         old = before.engines.get(run, {})
@@ -65,33 +65,33 @@ def _list_changed(before: Mapping[str, str] | None, after: Mapping[str, str] | N
     return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
 
 
-def trace(results: Results) -> Provenance:
+def collect_provenance(results: Results) -> Provenance:
     """Return the sources of the values of a run."""
     return Provenance(
         files=dict(_list_files(results.cases)),
-        engines={f"{run.mechanism}/{run.case} {run.engine}": _trace_engine(run) for run in results.runs},
+        engines={f"{run.mechanism}/{run.case} {run.engine}": _collect_engine_sources(run) for run in results.runs},
         packages={name: version for name, version in results.versions.items() if name not in OURS},
-        code={name: digest_code(ROOT / name) for name in OURS},
+        code={name: compute_code_digest(ROOT / name) for name in OURS},
     )
 
 
 def _list_files(cases: Iterable[CaseRow]) -> Iterable[tuple[str, dict[str, str]]]:
     for case in cases:
         if case.files:
-            yield case.mechanism, {name: _digest(text) for name, text in case.files.items()}
+            yield case.mechanism, {name: _compute_digest(text) for name, text in case.files.items()}
 
 
-def _trace_engine(run: RunRow) -> dict[str, str]:
+def _collect_engine_sources(run: RunRow) -> dict[str, str]:
     settings = json.dumps(run.settings, sort_keys=True, default=str)
-    return {"model": run.model_hash, "version": run.version, "settings": _digest(settings)}
+    return {"model": run.model_hash, "version": run.version, "settings": _compute_digest(settings)}
 
 
-def _digest(text: str) -> str:
+def _compute_digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @cache
-def digest_code(package: Path) -> str:
+def compute_code_digest(package: Path) -> str:
     """Return a digest of the Python files of a package of ours, of crosscheck those that make values."""
     folders = [package / name for name in MAKES_VALUES] if package.name == "crosscheck" else [package]
     digest = hashlib.sha256()
@@ -102,7 +102,7 @@ def digest_code(package: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def merge(before: Provenance, after: Provenance) -> Provenance:
+def join_provenance(before: Provenance, after: Provenance) -> Provenance:
     """Return the sources after a run over a part: mechanisms and runs that were not part of it keep theirs."""
     return Provenance({**before.files, **after.files}, {**before.engines, **after.engines}, after.packages, after.code)
 

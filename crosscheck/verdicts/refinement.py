@@ -60,7 +60,7 @@ def is_open(row: Comparison) -> bool:
     return row.verdict == "unjudged" and row.reference == REFERENCE and row.message.startswith(COARSE)
 
 
-def wanted(rows: Iterable[Comparison], reference: Record, had: Finer) -> Finer | None:
+def find_wanted_refinement(rows: Iterable[Comparison], reference: Record, had: Finer) -> Finer | None:
     """Return the refinement with which open comparisons of one case may be judged, None where none is left that would help.
 
     reference : its record with the refinement that it had
@@ -69,12 +69,12 @@ def wanted(rows: Iterable[Comparison], reference: Record, had: Finer) -> Finer |
     for row in filter(is_open, rows):
         names = [n for n, one in reference.series.items() if (one.quantity, one.unit) == (row.quantity, row.unit)]
         for name in names:
-            _extend(more, had, reference.budget.get(name, {}), PART * (row.limit or 0.0) * (row.scale or 0.0))
+            _add_halvings(more, had, reference.budget.get(name, {}), PART * (row.limit or 0.0) * (row.scale or 0.0))
     found = Finer(**more)
     return found if found != had else None
 
 
-def _extend(more: dict[str, int], had: Finer, line: Mapping[str, Mapping[str, float]], allowed: float) -> None:
+def _add_halvings(more: dict[str, int], had: Finer, line: Mapping[str, Mapping[str, float]], allowed: float) -> None:
     """Add the halvings that a series needs; line : of its budget; allowed : of its bar [unit]."""
     bars = {**line.get("bars", {}), **line.get("left", {})}
     for family, bar in bars.items():
@@ -83,11 +83,11 @@ def _extend(more: dict[str, int], had: Finer, line: Mapping[str, Mapping[str, fl
             more[family] = max(more[family], min(MOST[family], getattr(had, family) + halvings))
 
 
-def renewed(rows: Iterable[Comparison], fresh: Iterable[Comparison]) -> list[Comparison]:
+def update_open_rows(rows: Iterable[Comparison], fresh: Iterable[Comparison]) -> list[Comparison]:
     """Return comparisons, open ones as a finer reference judges them."""
-    found = {_place(row): row for row in fresh}
-    return [found.get(_place(row), row) if is_open(row) else row for row in rows]
+    found = {_make_row_key(row): row for row in fresh}
+    return [found.get(_make_row_key(row), row) if is_open(row) else row for row in rows]
 
 
-def _place(row: Comparison) -> tuple[str, ...]:
+def _make_row_key(row: Comparison) -> tuple[str, ...]:
     return row.mechanism, row.case, row.engine, row.reference, row.quantity, row.unit

@@ -60,7 +60,7 @@ class CaseRow:
     @property
     def slug(self) -> str:
         """A name for files and links."""
-        return slug(f"{self.mechanism}-{self.case}")
+        return make_slug(f"{self.mechanism}-{self.case}")
 
     @property
     def held(self) -> bool:
@@ -206,17 +206,17 @@ class Results:
     @cached_property
     def comparisons_of(self) -> Mapping[Place, tuple[Comparison, ...]]:
         """Return the comparisons of every engine in every case."""
-        return _group_by_place(self.comparisons)
+        return _split_by_place(self.comparisons)
 
     @cached_property
     def runs_of(self) -> Mapping[Place, tuple[RunRow, ...]]:
         """Return the runs of every engine in every case: one, where it has run."""
-        return _group_by_place(self.runs)
+        return _split_by_place(self.runs)
 
     @cached_property
     def certificates_of(self) -> Mapping[Place, tuple[Check, ...]]:
         """Return the lines of every engine's certificate in every case."""
-        return _group_by_place(self.certificates)
+        return _split_by_place(self.certificates)
 
     @property
     def compared(self) -> bool:
@@ -231,7 +231,7 @@ class Results:
         rows += ["error"] if self.cases and not self.compared else []  # skipped is not passed
         rows += [run.verdict for run in self.runs]
         rows += [one.verdict for one in self.comparisons]
-        rows += ["deviation" for line in self.certificates if fails(line)]
+        rows += ["deviation" for line in self.certificates if is_failing(line)]
         rows += ["deviation" for _ in self.baseline.get("gone", ())]  # what was compared once and is no more
         rows += ["deviation" for _ in self.moves_by_reason]
         return rows + [study.verdict for study in self.studies]
@@ -242,14 +242,14 @@ class Results:
         return exit_code(self.verdicts)
 
 
-def _group_by_place(rows: Iterable[Row]) -> dict[Place, tuple[Row, ...]]:
+def _split_by_place(rows: Iterable[Row]) -> dict[Place, tuple[Row, ...]]:
     groups: dict[Place, list[Row]] = {}
     for row in rows:
         groups.setdefault((row.mechanism, row.case, row.engine), []).append(row)
     return {place: tuple(group) for place, group in groups.items()}
 
 
-def fails(line: Check) -> bool:
+def is_failing(line: Check) -> bool:
     """Return True if a line of a certificate does not hold; an engine without a certificate has no such line."""
     return not line.holds and line.what != NO_CERTIFICATE
 
@@ -275,17 +275,17 @@ def _replace_unsayable(plain: dict[str, Any]) -> dict[str, Any]:
     """Return JSON values in which null stands for every number that is not finite, with a message that says so."""
     places: list[str] = []
 
-    def replaced(value: Any, place: str) -> Any:
+    def replace_value(value: Any, place: str) -> Any:
         if isinstance(value, Mapping):
-            return {str(key): replaced(item, f"{place}.{key}") for key, item in value.items()}
+            return {str(key): replace_value(item, f"{place}.{key}") for key, item in value.items()}
         if isinstance(value, list | tuple):
-            return [replaced(item, f"{place}[{k}]") for k, item in enumerate(value)]
+            return [replace_value(item, f"{place}[{k}]") for k, item in enumerate(value)]
         if isinstance(value, float) and not math.isfinite(value):
             places.append(place.removeprefix("."))
             return None
         return value
 
-    made: dict[str, Any] = replaced(plain, "")
+    made: dict[str, Any] = replace_value(plain, "")
     words = f"numbers that are not finite stand as null: {len(places)}, the first is {places[0]}"
     message = "; ".join(filter(None, [str(made["message"]), words]))
     return made | {"message": message, "exit_code": exit_code(["error"])}
@@ -297,7 +297,7 @@ def read(file: Path) -> Results:
     if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
         raise ValueError(f"{file} is not a results file of schema {SCHEMA}")
     values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results) if f.name in plain}
-    values |= {name: tuple(_row(kind, row) for row in plain.get(name, ())) for name, kind in TABLES.items()}
+    values |= {name: tuple(_make_row(kind, row) for row in plain.get(name, ())) for name, kind in TABLES.items()}
     return Results(**values)
 
 
@@ -313,34 +313,34 @@ TABLES: dict[str, type] = {
 }
 
 
-def _row(kind: type, row: Mapping[str, Any]) -> Any:
+def _make_row(kind: type, row: Mapping[str, Any]) -> Any:
     names = {f.name for f in dataclasses.fields(kind)}
     return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items() if k in names})
 
 
-def slug(text: str) -> str:
+def make_slug(text: str) -> str:
     """Return a name that is safe in a path and a link; one that had to be changed gets a mark of its own."""
     safe = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:80]
     return safe if safe == text != "" else f"{safe}-{sha256(text.encode()).hexdigest()[:8]}"
 
 
-def now() -> str:
+def format_current_time() -> str:
     """Return date and time with the zone, to the second."""
     return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
 
 
-def machine() -> dict[str, str]:
+def describe_machine() -> dict[str, str]:
     """Return the properties of this machine that timings depend on."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
-        "processor": processor(),
+        "processor": read_processor_name(),
         "cores": str(cores),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "Python": f"{platform.python_implementation()} {platform.python_version()}",
     }
 
 
-def processor() -> str:
+def read_processor_name() -> str:
     """Return the name of the processor."""
     try:
         names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
@@ -349,7 +349,7 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def versions() -> dict[str, str]:
+def list_versions() -> dict[str, str]:
     """Return the installed versions of the packages that results depend on."""
     found = {}
     for package in PACKAGES:

@@ -46,18 +46,18 @@ def portrait(task: Task) -> Portrait:
     kinds = f"{len(mechanism.links)} links, " + (f"of which beams: {', '.join(beams)}" if beams else "all rigid")
     lines = [
         ("what", kinds),
-        ("freedoms", _freedoms(task)),
+        ("freedoms", _describe_freedoms(task)),
         ("mass", f"{total:.5g} kg"),
         ("reach", f"{reach.max():.4g} m from the first joint during the motion"),
-        ("frequencies", _frequencies(task)),
-        ("largest effort", _efforts(solution)),
+        ("frequencies", _describe_frequencies(task)),
+        ("largest effort", _describe_efforts(solution)),
     ]
     if mechanism.notes:
         lines.append(("note", "; ".join(mechanism.notes)))
     return Portrait(tuple(lines), solution)
 
 
-def _freedoms(task: Task) -> str:
+def _describe_freedoms(task: Task) -> str:
     mechanism = task.mechanism
     if mechanism.closures:
         return describe_mobility(mechanism, task.case).partition(": ")[2]
@@ -66,7 +66,7 @@ def _freedoms(task: Task) -> str:
     return f"{mechanism.nv} joint coordinates, {drives} drives{free}; an open tree: no constraint, none redundant"
 
 
-def _frequencies(task: Task) -> str:
+def _describe_frequencies(task: Task) -> str:
     """Words about the first natural frequencies where the case starts, joints held (in a loop: the drives)."""
     mechanism = task.case.meshed(task.mechanism)
     if mechanism.is_rigid:
@@ -79,7 +79,7 @@ def _frequencies(task: Task) -> str:
     return ", ".join(named) + " where the case starts, drives held"
 
 
-def _efforts(solution: Solution) -> str:
+def _describe_efforts(solution: Solution) -> str:
     table = solution.summary()
     rows = table.loc[list(solution.torque_names)].nlargest(3, "peak effort")
     return ", ".join(f"{name} {row['peak effort']:.4g} {row['unit']}" for name, row in rows.iterrows())
@@ -90,11 +90,11 @@ def picture(one: Portrait, file: Path) -> None:
     from matplotlib.figure import Figure
 
     solution = one.solution
-    flat = drawing.plane_of(solution.nodes.x)
+    flat = drawing.find_motion_plane(solution.nodes.x)
     figure = Figure(figsize=(10, 4.6))
     figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.93, wspace=0.2)
     last = len(solution.time) - 1
-    moving = drawing.samples(last + 1)
+    moving = drawing.list_drawn_samples(last + 1)
     views: list[Any] = []
     for title, samples in (
         ("at rest, where the case starts", [0]),
@@ -105,7 +105,7 @@ def picture(one: Portrait, file: Path) -> None:
         views.append(axes)
         for k in samples:
             shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
-            line = _one_line(strokes(solution, k))
+            line = _join_lines(list_strokes(solution, k))
             axes.plot(
                 *line.T[list(flat or (0, 1, 2))], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3
             )
@@ -113,14 +113,14 @@ def picture(one: Portrait, file: Path) -> None:
         for name, axis in zip("xy" if flat else "xyz", flat or (0, 1, 2), strict=False):
             getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
     if not flat:
-        share(views)
+        apply_common_limits(views)
     for axes in views:
         axes.set_aspect("equal")
         axes.locator_params(nbins=8 if flat else 4)
     figure.savefig(file, bbox_inches="tight")
 
 
-def share(views: list[Any]) -> None:
+def apply_common_limits(views: list[Any]) -> None:
     """Give views in space the same limits [m], none so narrow that the numbers along it lie on each other."""
     limits = np.array([[getattr(axes, f"get_{name}lim")() for name in "xyz"] for axes in views])
     middle = (limits[..., 0].min(axis=0) + limits[..., 1].max(axis=0)) / 2
@@ -134,16 +134,16 @@ def share(views: list[Any]) -> None:
 def small(one: Portrait) -> str:
     """Return the small drawing (`crosscheck.report.drawing`) of the motion, as SVG."""
     solution = one.solution
-    instants = [strokes(solution, k) for k in drawing.samples(len(solution.time))]
-    return str(drawing.svg(instants, f"{solution.mesh.mechanism.name} in motion"))
+    instants = [list_strokes(solution, k) for k in drawing.list_drawn_samples(len(solution.time))]
+    return str(drawing.draw_svg(instants, f"{solution.mesh.mechanism.name} in motion"))
 
 
-def _one_line(lines: list[drawing.Stroke]) -> Array:
+def _join_lines(lines: list[drawing.Stroke]) -> Array:
     """Return lines as one, (points, 3) [m] with a gap of NaN after each: one line is drawn many times as fast as many."""
     return np.concatenate([np.vstack([points, np.full(3, np.nan)]) for points, _ in lines])
 
 
-def strokes(solution: Solution, k: int) -> list[drawing.Stroke]:
+def list_strokes(solution: Solution, k: int) -> list[drawing.Stroke]:
     """Return the lines to draw of sample ``k``: (2, 3) [m] from every node to its parent, and on to the tips."""
     mesh = solution.mesh
     x = solution.nodes.x[k]

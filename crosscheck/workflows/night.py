@@ -63,7 +63,7 @@ class Nightly:
     bench: tuple[Study, ...] = ()
 
 
-def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
+def run_night(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
     """Run a night and return its results and its folder; what went wrong beside the engines is in ``message``.
 
     tell : is given one line about everything that a reader at the terminal has to know
@@ -71,45 +71,45 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
     scheduler answers, no driver of the history's database is installed, or the disk has no room for a night.
     """
     night.reports.mkdir(parents=True, exist_ok=True)
-    with only_one(night.reports):
+    with take_reports_lock(night.reports):
         known = baseline.find(night.baseline)
         check_space(night.reports)
         database, trouble = open_history(night.url, tell)
         if database is not None:
-            catch_up(database, night.reports, tell)
-        folder = night_folder(night.reports, night.label)
+            add_missing_nights(database, night.reports, tell)
+        folder = make_night_folder(night.reports, night.label)
         if night.work.options.resume:
             take_over(night.reports, night.label, folder, tell)
         options = replace(night.work.options, baseline=known, whole=night.whole, fresh=True)
-        with no_trace(folder):
+        with remove_unused_folder(folder):
             results = run(replace(night.work, options=options), folder, notify, night.command, tell)
         if night.bench and results.finished:
-            results = with_speed(results, night, notify)
-        results = remember(database, night, failed(results, trouble), folder, tell)
-        results = keep(results, folder, None if night.label else night.reports / LATEST, database, tell)
+            results = add_speed_tables(results, night, notify)
+        results = add_to_history(database, night, add_failure(results, trouble), folder, tell)
+        results = write_night(results, folder, None if night.label else night.reports / LATEST, database, tell)
     return results, folder
 
 
-def with_speed(results: Results, night: Nightly, notify: Notify) -> Results:
+def add_speed_tables(results: Results, night: Nightly, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
         speed = run_parts(night.bench, night.work.options.timeout, Path(folder), notify)
     tables = (*results.studies, *speed.studies)
     whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
-    return whole if speed.finished else replace(failed(whole, speed.message), finished=False)
+    return whole if speed.finished else replace(add_failure(whole, speed.message), finished=False)
 
 
 @contextmanager
-def only_one(reports: Path) -> Iterator[None]:
+def take_reports_lock(reports: Path) -> Iterator[None]:
     """Hold the lock of a folder of reports.  Raises NightRunning with what is known of the other night."""
     try:
-        with owned.alone(reports, LOCK, HOLDER, "a night is under way in"):
+        with owned.take_folder_lock(reports, LOCK, HOLDER, "a night is under way in"):
             yield
     except owned.Busy as error:
         raise NightRunning(str(error)) from None
 
 
-def night_folder(reports: Path, label: str = "") -> Path:
+def make_night_folder(reports: Path, label: str = "") -> Path:
     """Return a new folder for a night: its date, and a number from the second on."""
     date = datetime.date.today().isoformat() + (f"-{label}" if label else "")
     names = (date if k == 1 else f"{date}-{k}" for k in range(1, 1000))
@@ -117,18 +117,18 @@ def night_folder(reports: Path, label: str = "") -> Path:
 
 
 @contextmanager
-def no_trace(folder: Path) -> Iterator[None]:
+def remove_unused_folder(folder: Path) -> Iterator[None]:
     """Remove the folder where a night cannot even begin (no scheduler answers), unless it holds what is to be resumed."""
     try:
         yield
     except InputError:
-        owned.discard(folder)
+        owned.remove_empty_folder(folder)
         raise
 
 
 def take_over(reports: Path, label: str, folder: Path, tell: Callable[[str], None]) -> None:
     """Move what the last night of the same label left that was cut short into the folder of this one; else tell."""
-    left = [f for f in reports.glob(f"[0-9]*/{KEPT}") if _label(f.parent.name) == label]
+    left = [f for f in reports.glob(f"[0-9]*/{KEPT}") if _read_label(f.parent.name) == label]
     if not left:
         tell("nothing to resume: no night was cut short")
         return
@@ -137,7 +137,7 @@ def take_over(reports: Path, label: str, folder: Path, tell: Callable[[str], Non
     owned.move(last.parent, folder, KEPT)
 
 
-def _label(name: str) -> str:
+def _read_label(name: str) -> str:
     """Return the label in the name of a night's folder: between its date and its number."""
     return re.sub(r"-\d+$", "", name[len("2026-01-01") :]).removeprefix("-")
 
@@ -161,8 +161,8 @@ def open_history(url: str, tell: Callable[[str], None]) -> tuple[Any, str]:
     Raises InputError where it can never be opened: no driver is installed, or the address is none.
     """
     try:
-        database = history.connect(url)
-        history.try_writing(database)
+        database = history.open_database(url)
+        history.check_writing(database)
         return database, ""
     except history.HistorySetupError as error:
         raise InputError(str(error)) from error
@@ -171,75 +171,79 @@ def open_history(url: str, tell: Callable[[str], None]) -> tuple[Any, str]:
         return None, str(error)
 
 
-def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
+def add_missing_nights(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
     """Add the nights whose folders are there and that the history does not know (it was locked, or the disk full)."""
     for file in sorted(reports.glob(f"[0-9]*/{RESULTS}")):
         try:
             results = store.read(file)
-            if results.settings.get("night") and not history.holds(database, results):
+            if results.settings.get("night") and not history.has_night(database, results):
                 label = str(results.settings["night"]["label"])
-                signals = baseline.signals_of(results, file.parent)
+                signals = baseline.collect_signals(results, file.parent)
                 history.add_night(database, results, file.parent.name, label, list_metrics(results.studies), signals)
                 tell(f"added {file.parent.name} to the history, which was missing there")
         except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
             tell(f"{file.parent.name} could not be added to the history: {error}")
 
 
-def remember(database: Any, night: Nightly, results: Results, folder: Path, tell: Callable[[str], None]) -> Results:
+def add_to_history(
+    database: Any, night: Nightly, results: Results, folder: Path, tell: Callable[[str], None]
+) -> Results:
     """Add the night to the history and return the results with what changed, or with why that is not known."""
     settings = {**results.settings, "night": {"label": night.label, "folder": folder.name}}
     results = replace(results, settings=settings)
     if database is None:
         return results
     try:
-        signals = baseline.signals_of(results, folder)
+        signals = baseline.collect_signals(results, folder)
         number = history.add_night(database, results, folder.name, night.label, list_metrics(results.studies), signals)
-        before = changes.previous(database, number, night.against)
+        before = changes.find_previous_night(database, number, night.against)
         if before is None:
             return results
-        results = replace(results, changes=changes.between(database, before, number))
-        tell(changed.sentence(results.changes))
+        results = replace(results, changes=changes.collect_changes(database, before, number))
+        tell(changed.describe_changes(results.changes))
     except (history.HistoryError, RecordError) as error:
-        return failed(results, str(error))
+        return add_failure(results, str(error))
     except LookupError as error:
-        return failed(results, str(error.args[0]))
+        return add_failure(results, str(error.args[0]))
     return results
 
 
-def keep(results: Results, folder: Path, latest: Path | None, database: Any, tell: Callable[[str], None]) -> Results:
+def write_night(
+    results: Results, folder: Path, latest: Path | None, database: Any, tell: Callable[[str], None]
+) -> Results:
     """Write results, trends and pages, exchange ``latest`` for a copy of the night, and return the results; a full disk is told.
 
     latest : None of a night that is no ordinary one (the newest engines are not what the project stands for)
     """
     try:
-        results = drawn(results, folder, database)
+        results = draw_trends(results, folder, database)
         store.write(results, folder / RESULTS)
         render(results, folder)
         if latest is not None:
-            exchange(folder, latest)
+            replace_latest(folder, latest)
     except OSError as error:
         tell(f"the report could not be written: {error}; {LATEST} is as it was before")
         raise
     return results
 
 
-def drawn(results: Results, folder: Path, database: Any) -> Results:
+def draw_trends(results: Results, folder: Path, database: Any) -> Results:
     """Draw the trends of a history, where there is one, and return the results, with why it cannot be read."""
     if database is None:
         return results
     try:
         trends.write(database, folder)
     except history.HistoryError as error:
-        return failed(results, str(error))
+        return add_failure(results, str(error))
     return results
 
 
-def exchange(folder: Path, latest: Path) -> None:
+def replace_latest(folder: Path, latest: Path) -> None:
     """Make ``latest`` a copy of a folder: it is the old one or the new one, never a part.
 
     Raises OSError, also where it holds what crosscheck did not write.
     """
-    if latest.exists() and (others := owned.foreign(latest)):
+    if latest.exists() and (others := owned.list_foreign_files(latest)):
         raise FileExistsError(f"{latest} holds {others[0]}, which crosscheck did not write: move it away")
     with TemporaryDirectory(prefix=f".{latest.name}-", dir=latest.parent, ignore_cleanup_errors=True) as beside:
         new = Path(beside) / "new"
@@ -254,6 +258,6 @@ def exchange(folder: Path, latest: Path) -> None:
             raise
 
 
-def failed(results: Results, words: str) -> Results:
+def add_failure(results: Results, words: str) -> Results:
     """Return the results with a failure of the harness, which makes their exit code 2 (without words, as they are)."""
     return replace(results, message="; ".join(filter(None, [results.message, words])))

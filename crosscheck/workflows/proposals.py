@@ -17,8 +17,8 @@ from typing import Any
 from crosscheck.engines import ENGINES
 from crosscheck.measures.limits import WIDEST_BAR
 from crosscheck.output_folder import replace
-from crosscheck.report.words import short
-from crosscheck.verdicts.compare import Comparison, fraction
+from crosscheck.report.words import format_short
+from crosscheck.verdicts.compare import Comparison, compute_fraction
 from flexinv.errors import InputError
 
 MARK = "# --- limits: crosscheck verify NAME --write replaces those below that it proposed ---"
@@ -46,24 +46,24 @@ class Proposal:
     expires: datetime.date | None = None
 
 
-def propose(rows: Iterable[Comparison], today: datetime.date) -> list[Proposal]:
+def list_proposals(rows: Iterable[Comparison], today: datetime.date) -> list[Proposal]:
     """Return proposals from the comparisons of a run, engines with the same limit together."""
     measured: dict[tuple[str, str, str], list[tuple[float, float | None]]] = {}
     for row in rows:
         known = row.engine in ENGINES and ENGINES[row.engine].native  # its cause is named; no limit judges it
         if row.maximum is not None and row.scale is not None and row.quantity != "frequency" and not known:
-            bar = None if row.error_bar is None or row.unordered else fraction(row.error_bar, row.scale)
-            pair = fraction(row.maximum, row.scale), bar
+            bar = None if row.error_bar is None or row.unordered else compute_fraction(row.error_bar, row.scale)
+            pair = compute_fraction(row.maximum, row.scale), bar
             measured.setdefault((row.quantity, row.reference, row.engine), []).append(pair)
     groups: dict[tuple[str, str, str, float], list[str]] = {}
     for (quantity, reference, engine), pairs in measured.items():
-        groups.setdefault((quantity, reference, *_kind(pairs)), []).append(engine)
+        groups.setdefault((quantity, reference, *_choose_limit(pairs)), []).append(engine)
     out = []
     for (quantity, reference, kind, maximum), engines in groups.items():
         pairs = [pair for engine in engines for pair in measured[quantity, reference, engine]]
         expires = today + datetime.timedelta(days=FOR_A_WHILE) if kind == BEYOND else None
         limit = maximum if kind in (COVERED, BEYOND) else None
-        out.append(Proposal(quantity, reference, tuple(engines), limit, _reason(kind, pairs), expires))
+        out.append(Proposal(quantity, reference, tuple(engines), limit, _describe_reason(kind, pairs), expires))
     return out
 
 
@@ -74,26 +74,26 @@ COARSE = "coarse"
 APART = "apart"
 
 
-def _kind(pairs: list[tuple[float, float | None]]) -> tuple[str, float]:
+def _choose_limit(pairs: list[tuple[float, float | None]]) -> tuple[str, float]:
     """Return the meaning of the measured differences and error bars, parts of the range, and the limit that follows."""
-    share, bar = _largest(pairs)
+    share, bar = _find_largest(pairs)
     if any(pair[1] is None for pair in pairs):
         return UNKNOWN, math.nan
     if bar > WIDEST_BAR:
         return COARSE, math.nan
-    maximum = rounded_up(max(bar, FINEST))
+    maximum = find_next_round_number(max(bar, FINEST))
     if share <= maximum:
         return COVERED, maximum
-    return (BEYOND, rounded_up(share)) if share <= SMALL else (APART, math.nan)
+    return (BEYOND, find_next_round_number(share)) if share <= SMALL else (APART, math.nan)
 
 
-def _largest(pairs: list[tuple[float, float | None]]) -> tuple[float, float]:
+def _find_largest(pairs: list[tuple[float, float | None]]) -> tuple[float, float]:
     return max(pair[0] for pair in pairs), max(pair[1] or 0.0 for pair in pairs)
 
 
-def _reason(kind: str, pairs: list[tuple[float, float | None]]) -> str:
-    share, bar = (short(number) for number in _largest(pairs))
-    rounding = " (rounding of closed formulas)" if _largest(pairs)[1] < FINEST else ""
+def _describe_reason(kind: str, pairs: list[tuple[float, float | None]]) -> str:
+    share, bar = (format_short(number) for number in _find_largest(pairs))
+    rounding = " (rounding of closed formulas)" if _find_largest(pairs)[1] < FINEST else ""
     return {
         COVERED: f"error bars of both engines together {bar} of the range{rounding}; measured difference {share}",
         BEYOND: f"measured difference {share} of the range, beyond the error bars of {bar}: not explained yet",
@@ -103,7 +103,7 @@ def _reason(kind: str, pairs: list[tuple[float, float | None]]) -> str:
     }[kind]
 
 
-def rounded_up(value: float) -> float:
+def find_next_round_number(value: float) -> float:
     """Return the next of 1, 2, 5 times a power of ten [-]; what is one already stays itself."""
     power = 10.0 ** math.floor(math.log10(value))
     for factor in (1, 2, 5, 10):
@@ -112,7 +112,7 @@ def rounded_up(value: float) -> float:
     return float(f"{10 * power:.0e}")
 
 
-def toml(proposal: Proposal, source: str) -> str:
+def format_proposal_toml(proposal: Proposal, source: str) -> str:
     """Return a proposal as a table of ``cases.toml``; without a maximum, as a comment that says why."""
     engines = ", ".join(f'"{name}"' for name in proposal.engines)
     if proposal.maximum is None:
@@ -122,7 +122,7 @@ def toml(proposal: Proposal, source: str) -> str:
         f'quantity = "{proposal.quantity}"',
         f"engines = [{engines}]",
         *([f'reference = "{proposal.reference}"'] if proposal.reference != "flexinv" else []),
-        f"maximum = {_number(proposal.maximum)}",
+        f"maximum = {_format_number(proposal.maximum)}",
         f'reason = "{proposal.reason}"',
         f'source = "{source}"',
         *([f"expires = {proposal.expires.isoformat()}"] if proposal.expires else []),
@@ -130,26 +130,26 @@ def toml(proposal: Proposal, source: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     digits, exponent = f"{value:.0e}".split("e")
     return f"{digits}e{int(exponent)}"
 
 
-def parts(file: Path) -> tuple[str, str]:
+def split_cases_file(file: Path) -> tuple[str, str]:
     """Return ``cases.toml`` above the mark and below it; a file without any limit ends above it.
 
     Raises InputError where limits are stated and there is no mark: what somebody stated is not overwritten.
     """
     text = file.read_text(encoding="utf-8")
     mark = MARKED.search(text)
-    if mark is None and _stated(text):
+    if mark is None and _has_limits(text):
         raise InputError(
             f"{file} has no line '{MARK}': its limits were stated by hand; put the line above what may be replaced"
         )
     return (text[: mark.start()], text[mark.end() :]) if mark else (f"{text.rstrip()}\n\n", "")
 
 
-def _stated(text: str) -> bool:
+def _has_limits(text: str) -> bool:
     table = tomllib.loads(text)
     return bool(table.get("limits")) or any(case.get("limits") for case in table.get("cases", {}).values())
 
@@ -160,25 +160,25 @@ def write(file: Path, proposals: Iterable[Proposal], source: str) -> None:
     Quantities without a proposal keep theirs, and whatever else stands below the mark stays.
     Raises InputError where there is no mark above stated limits, or where anything else would be lost.
     """
-    head, tail = parts(file)
+    head, tail = split_cases_file(file)
     made = list(proposals)
     covered = {p.quantity for p in made if p.maximum is not None}
-    before, after = _without(tail, covered)
-    limits = "\n".join(toml(p, source) for p in made)
+    before, after = _remove_proposals(tail, covered)
+    limits = "\n".join(format_proposal_toml(p, source) for p in made)
     text = (
         head + MARK + "".join(f"\n\n{part.strip(chr(10))}" for part in (before, limits, after) if part.strip()) + "\n"
     )
-    _nothing_lost(file, text, covered)
+    _check_completeness(file, text, covered)
     replace(file, text)
 
 
-def _without(tail: str, covered: Collection[str]) -> tuple[str, str]:
+def _remove_proposals(tail: str, covered: Collection[str]) -> tuple[str, str]:
     """Return the text below the mark without proposals for these quantities: before their place, and after it."""
     kept: list[str] = []
     place = None
     for block in re.split(r"^(?=[ \t]*\[)", tail, flags=re.MULTILINE):
         lines = [line for line in block.splitlines(keepends=True) if not line.startswith(NO_LIMIT)]
-        if block.startswith("[[limits]]") and _ours(block) and _quantity(block) in covered:
+        if block.startswith("[[limits]]") and _is_ours(block) and _read_quantity(block) in covered:
             place = len(kept) if place is None else place
             lines = [line for line in lines if line.lstrip().startswith("#")]
         kept.append("".join(lines))
@@ -186,28 +186,28 @@ def _without(tail: str, covered: Collection[str]) -> tuple[str, str]:
     return "".join(kept[:place]), "".join(kept[place:])
 
 
-def _ours(block: str) -> bool:
+def _is_ours(block: str) -> bool:
     """Return True if a table of limits was written by `crosscheck verify` or `crosscheck new`, and not by hand."""
     return any(line.startswith(OURS) for line in block.splitlines())
 
 
-def _nothing_lost(file: Path, text: str, covered: Collection[str]) -> None:
+def _check_completeness(file: Path, text: str, covered: Collection[str]) -> None:
     """Raise InputError where the new text has less of the old file than it should, or is no TOML."""
     old = tomllib.loads(file.read_text(encoding="utf-8"))
     try:
         new = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file}: limits cannot be put in without harm ({error}); state them by hand") from error
-    stay = [limit for limit in old.pop("limits", []) if limit.get("quantity") not in covered or not _proposed(limit)]
+    stay = [limit for limit in old.pop("limits", []) if limit.get("quantity") not in covered or not _is_proposed(limit)]
     limits = new.pop("limits", [])
     if old != new or any(limit not in limits for limit in stay):
         raise InputError(f"{file}: limits cannot be put in without losing something else; state them by hand")
 
 
-def _proposed(limit: Mapping[str, Any]) -> bool:
+def _is_proposed(limit: Mapping[str, Any]) -> bool:
     return any(f'{key} = "{limit.get(key, "")}'.startswith(OURS) for key in ("source", "reason"))
 
 
-def _quantity(block: str) -> str:
+def _read_quantity(block: str) -> str:
     found = [line.split("=", 1)[1].strip().strip('"') for line in block.splitlines() if line.startswith("quantity")]
     return found[0] if found else ""

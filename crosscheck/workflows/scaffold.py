@@ -59,9 +59,9 @@ reason = "provisional: crosscheck verify proposes one from the error bars"
 """
 
 
-def from_template(models: Path, name: str, template: str) -> Path:
+def write_from_template(models: Path, name: str, template: str) -> Path:
     """Write the starter ``template`` as ``models/name``; return the folder.  Raises InputError for a name that cannot be."""
-    folder = _folder(models, name)
+    folder = _resolve_new_folder(models, name)
     folder.mkdir(parents=True)  # ours from here on
     try:
         shutil.copytree(FOLDER / template, folder, dirs_exist_ok=True)
@@ -76,19 +76,22 @@ def from_urdf(models: Path, name: str, file: Path, base: str = "fixed") -> Path:
 
     Raises InputError where the URDF cannot be read; nothing is left behind then.
     """
-    folder = _folder(models, name)
+    folder = _resolve_new_folder(models, name)
     read_robot(file)  # a file, of a size that is read: nothing is copied without end
     folder.mkdir(parents=True)
     try:
         shutil.copyfile(file, folder / "robot.urdf")
-        words = {"title": _toml(name.replace("_", " ").capitalize()), "source": _toml(f"URDF file {file.name}")}
+        words = {
+            "title": _format_toml(name.replace("_", " ").capitalize()),
+            "source": _format_toml(f"URDF file {file.name}"),
+        }
         mechanism = _read(folder, URDF.format(**words, base=base, mimic=""))
         if any("mimic" in note for note in mechanism.notes):
             _read(
                 folder,
                 URDF.format(**words, base=base, mimic='mimic = "independent"            # coordinates of their own'),
             )
-        joints = "\n".join(_motion(joint) for joint in mechanism.joints if joint.nv)
+        joints = "\n".join(_format_motion(joint) for joint in mechanism.joints if joint.nv)
         (folder / "cases.toml").write_text(CASES.format(joints=joints), encoding="utf-8")
     except (InputError, OSError):
         shutil.rmtree(folder)
@@ -103,7 +106,7 @@ def _read(folder: Path, text: str) -> Mechanism:
         return load_mechanism(folder)
 
 
-def _folder(models: Path, name: str) -> Path:
+def _resolve_new_folder(models: Path, name: str) -> Path:
     if not NAME.fullmatch(name):
         raise InputError(
             f"a mechanism called {name!r}: expected letters, digits, _ and -, beginning with a letter or digit"
@@ -114,8 +117,8 @@ def _folder(models: Path, name: str) -> Path:
     return folder
 
 
-def _motion(joint: Joint) -> str:
-    key = f"joints.{_toml(joint.name)}"
+def _format_motion(joint: Joint) -> str:
+    key = f"joints.{_format_toml(joint.name)}"
     if joint.kind == "free":
         return f"{key} = {{ at_xyz_m = [0, 0, 0], at_quaternion = [0, 0, 0, 1] }}"
     lower = joint.limits.lower
@@ -134,7 +137,7 @@ def _motion(joint: Joint) -> str:
     return f"{key} = {{ from_m = {first:.4g}, to_m = {last:.4g} }}"
 
 
-def _toml(text: str) -> str:
+def _format_toml(text: str) -> str:
     """Return a TOML string (also for a key); control characters, which TOML forbids, become spaces."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -95,18 +95,18 @@ def test_a_newer_kit_is_refused_by_its_number_alone(tmp_path: Path) -> None:
 
 def test_a_newer_history_is_refused_and_one_of_before_the_number_is_read(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'history.sqlite'}"
-    database = history.connect(url)
+    database = history.open_database(url)
     history.add_night(database, NIGHT)
     with database.begin() as link:
         assert link.scalar(sql.text("select number from history_format")) == history.FORMAT
         link.execute(sql.text("drop table history_format"))  # as histories were before
-    again = history.connect(url)
-    assert len(history.nights(again)) == 1
+    again = history.open_database(url)
+    assert len(history.list_nights(again)) == 1
     history.add_night(again, Results("2026-03-02T01:00:00+00:00", finished=True))  # which writes the number
     with again.begin() as link:
         link.execute(sql.text("update history_format set number = 2"))
     with pytest.raises(HistoryError, match="of format 2, and this crosscheck knows 1; install a newer crosscheck"):
-        history.connect(url)
+        history.open_database(url)
 
 
 def test_results_of_another_schema_are_refused(tmp_path: Path) -> None:

@@ -19,10 +19,10 @@ from crosscheck_examples import write_models
 from crosscheck.cli import main
 from crosscheck.commands.shared import terminal
 from crosscheck.measures.record import Record
-from crosscheck.report.failure import failure
+from crosscheck.report.failure import describe_failure
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.run_cache import Attempts
-from crosscheck.verdicts.baseline import Baseline, by_baseline, key
+from crosscheck.verdicts.baseline import Baseline, judge_by_baseline, make_comparison_key
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
 
@@ -34,7 +34,7 @@ ROW = Comparison(
 
 
 def test_a_deviation_says_everything() -> None:
-    assert failure(ROW, "rotor inertia is missing") == "\n".join(
+    assert describe_failure(ROW, "rotor inertia is missing") == "\n".join(
         [
             "arm/swing, torque: exudyn-ge differs from flexinv by more than its limit",
             "  difference    0.013 N m, 0.013 of the range of 1 N m",
@@ -51,14 +51,14 @@ def test_a_deviation_says_everything() -> None:
 
 
 def test_a_measurement_is_not_exported() -> None:
-    assert "crosscheck export" in failure(ROW)
-    assert "crosscheck export" not in failure(replace(ROW, engine="measured"))
+    assert "crosscheck export" in describe_failure(ROW)
+    assert "crosscheck export" not in describe_failure(replace(ROW, engine="measured"))
 
 
 def test_a_comparison_without_limit_asks_for_one() -> None:
     words = "no limit is stated for this quantity and engine: crosscheck verify proposes one"
     row = replace(ROW, verdict="unjudged", limit=None, reason="", message=words, error_bar=None, maximum=2.0)
-    assert failure(row) == "\n".join(
+    assert describe_failure(row) == "\n".join(
         [
             "arm/swing, torque: exudyn-ge is compared with flexinv, but no limit holds",
             "  difference    2 N m, 2 of the range of 1 N m",
@@ -74,9 +74,9 @@ def test_a_comparison_without_limit_asks_for_one() -> None:
 
 
 def test_a_comparison_that_has_become_worse_says_since_when_it_is_blessed() -> None:
-    known = Baseline({key(ROW): 0.001}, "looked at", "2026-03-01T01:00:00+00:00")
-    row = by_baseline(replace(ROW, verdict="within", message="", limit=0.05), known)
-    assert failure(row, "the viscous damping of hub differs by 0.05 N m s/rad").split("\n") == [
+    known = Baseline({make_comparison_key(ROW): 0.001}, "looked at", "2026-03-01T01:00:00+00:00")
+    row = judge_by_baseline(replace(ROW, verdict="within", message="", limit=0.05), known)
+    assert describe_failure(row, "the viscous damping of hub differs by 0.05 N m s/rad").split("\n") == [
         "arm/swing, torque: exudyn-ge differs from flexinv by more than when it was blessed",
         "  difference    0.013 N m, 0.013 of the range of 1 N m",
         "  where         torque/hub, at t = 0.035 s",
@@ -92,8 +92,8 @@ def test_a_comparison_that_has_become_worse_says_since_when_it_is_blessed() -> N
 
 
 def test_a_comparison_that_nobody_has_blessed_says_how() -> None:
-    row = by_baseline(replace(ROW, verdict="within", message="", limit=0.05), Baseline())
-    lines = failure(row).split("\n")
+    row = judge_by_baseline(replace(ROW, verdict="within", message="", limit=0.05), Baseline())
+    lines = describe_failure(row).split("\n")
     assert lines[0] == "arm/swing, torque: exudyn-ge is compared with flexinv, but nothing is blessed yet"
     accept = '  to accept     crosscheck run arm/swing, look at its report, then crosscheck bless --reason "..."'
     assert lines[5] == accept
@@ -101,7 +101,7 @@ def test_a_comparison_that_nobody_has_blessed_says_how() -> None:
 
 def test_an_engine_that_failed_says_why() -> None:
     row = Comparison("arm", "swing", "mujoco", "flexinv", "tip", "", "error", "timeout: stopped after 9 s")
-    assert failure(row) == "\n".join(
+    assert describe_failure(row) == "\n".join(
         [
             "arm/swing, tip: mujoco cannot be compared with flexinv",
             "  why           timeout: stopped after 9 s",
@@ -239,8 +239,8 @@ def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> No
     skipped = Attempt(Record(engine="x", status="skipped", message="has no beams"), "printed", 1.5)
     with kept.alone(task, "x"):
         assert kept.find(task, "x") is None
-        kept.keep(task, "x", skipped)
-        kept.keep(task, "y", replace(skipped, record=Record(engine="y", status="error")))
+        kept.add_answer(task, "x", skipped)
+        kept.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))
     found = kept.find(task, "x")
     assert found is not None
     assert (found.record.message, found.printed, found.elapsed) == ("has no beams", "printed", 1.5)
@@ -253,7 +253,7 @@ def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> No
     record = tmp_path / "measured.csv"
     record.write_text("time [s]\n0\n")
     measured = replace(task, case=replace(task.case, measured=record))
-    kept.keep(measured, "x", skipped)
+    kept.add_answer(measured, "x", skipped)
     assert kept.find(measured, "x") is not None
     record.write_text("time [s]\n1\n")  # another measurement
     assert kept.find(measured, "x") is None
@@ -305,14 +305,14 @@ def test_a_job_on_github_gets_the_summary(tmp_path: Path, monkeypatch: pytest.Mo
     page, out = tmp_path / "page.md", tmp_path / "report"
     out.mkdir()
     (out / "summary.md").write_text("# All is well\n" + "| a | b |\n" * 20)
-    terminal.step_summary(out)
+    terminal.add_step_summary(out)
     assert not page.exists()
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(page))
-    terminal.step_summary(out)
+    terminal.add_step_summary(out)
     assert page.read_text() == (out / "summary.md").read_text()
     monkeypatch.setattr(terminal, "LARGEST_SUMMARY", 105)
     page.unlink()
-    terminal.step_summary(out)
+    terminal.add_step_summary(out)
     lines = page.read_text().splitlines()
     assert lines[-1] == "Cut off here: the whole is summary.md of the report."
     assert lines[-3] == "| a | b |"

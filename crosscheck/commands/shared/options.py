@@ -10,7 +10,16 @@ from typing import Any
 
 import click
 
-from crosscheck.commands.shared.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, compared, plan_of
+from crosscheck.commands.shared.terminal import (
+    JOBS,
+    MODELS,
+    PATTERNS,
+    TIMEOUT,
+    Failure,
+    match_engines,
+    match_entries,
+    plan_of,
+)
 from crosscheck.doors.registry import Doors, doors, limited, stamp
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.run.work import Options, Work
@@ -75,12 +84,12 @@ class Asked:
         Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
         """
         options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume)
-        known = doors_of(self.models, self.config, self.engine)
-        engines = compared(known.engines, self.engines)
-        admit(known, engines, self.trust_commands, say)
+        known = collect_engines(self.models, self.config, self.engine)
+        engines = match_engines(known.engines, self.engines)
+        check_trust(known, engines, self.trust_commands, say)
         # a reader who names mechanisms wants those; the studies belong to the whole
-        wanted = ("" if self.names else declared(self.models)) if self.studies is None else self.studies
-        tables = chosen(STUDIES, wanted, "study")
+        wanted = ("" if self.names else read_study_patterns(self.models)) if self.studies is None else self.studies
+        tables = match_entries(STUDIES, wanted, "study")
         studies = (replace(study, options=self._told(study, engines)) for study in tables.values())
         plan = limited(plan_of(self.models, self.names), engines)
         return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
@@ -95,7 +104,7 @@ class Asked:
         return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
 
 
-def doors_of(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:
+def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:
     """Return the engines of a folder of models.  Raises Failure where a file is refused."""
     try:
         return doors(models, config, named)
@@ -103,7 +112,7 @@ def doors_of(models: Path, config: Path | None = None, named: Iterable[str] = ()
         raise Failure(str(error)) from error
 
 
-def admit(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
+def check_trust(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
     """Say which programs run.  Raises Failure where one is not trusted."""
     try:
         known.admit(chosen, trusting, say)
@@ -111,7 +120,7 @@ def admit(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[st
         raise Failure(str(error)) from error
 
 
-def declared(models: Path) -> str:
+def read_study_patterns(models: Path) -> str:
     """Return the patterns of the studies that belong to a folder of models, as its studies.toml says; "" without one.
 
     Raises Failure where it says something else.
@@ -131,7 +140,7 @@ def declared(models: Path) -> str:
     return ",".join(names)
 
 
-def running(command: Callable[..., Any]) -> Callable[..., Any]:
+def add_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the options of what to run: it is called with them as one ``Asked``, and with its own by name."""
 
     @functools.wraps(command)
@@ -144,7 +153,7 @@ def running(command: Callable[..., Any]) -> Callable[..., Any]:
     return called
 
 
-def one_task(models: Path, name: str, case: str | None) -> Task:
+def find_task(models: Path, name: str, case: str | None) -> Task:
     """Return the task of one case; without its name that of the only one.  Raises Failure."""
     plan = plan_of(models, (f"{name}/{case}" if case else name,))
     if plan.broken:

@@ -20,10 +20,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from crosscheck.report import render
-from crosscheck.report.words import SIGNS, sentence, unchanged
+from crosscheck.report.words import SIGNS, describe_run, describe_unchanged
 from crosscheck.run.guarded import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
-from crosscheck.secrets import without_passwords
+from crosscheck.secrets import remove_passwords
 from crosscheck.start import interrupt
 from crosscheck.verdicts.plan import Plan, discover
 from crosscheck.verdicts.results import Results
@@ -95,7 +95,7 @@ PATTERNS = click.option(
 )
 
 
-def out(default: str) -> Callable[[C], C]:
+def make_out_option(default: str) -> Callable[[C], C]:
     """Return the option for the folder of a report."""
     words = "Folder of the report; an older report there is replaced, and nothing else."
     return click.option("--out", type=FOLDER, default=Path(default), show_default=True, help=words)
@@ -107,7 +107,7 @@ class Failure(click.ClickException):
     exit_code = 2
 
     def __init__(self, message: str) -> None:
-        super().__init__(tame(without_passwords(message)))
+        super().__init__(tame(remove_passwords(message)))
 
 
 def tame(text: str) -> str:
@@ -139,7 +139,7 @@ def plan_of(models: Path, names: tuple[str, ...]) -> Plan:
         raise Failure(str(error)) from error
 
 
-def chosen(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
+def match_entries(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
     """Return the entries that fit one of the patterns, in their own order; a pattern that fits none is a Failure."""
     wanted = [p.strip() for p in patterns.split(",") if p.strip()]
     for pattern in wanted:
@@ -148,9 +148,9 @@ def chosen(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
     return {name: thing for name, thing in known.items() if any(fnmatchcase(name, p) for p in wanted)}
 
 
-def compared(known: Mapping[str, T], patterns: str) -> dict[str, T]:
+def match_engines(known: Mapping[str, T], patterns: str) -> dict[str, T]:
     """Return the engines that fit the patterns, at least two of them: fewer are a Failure, nothing would be compared."""
-    engines = chosen(known, patterns, "engine")
+    engines = match_entries(known, patterns, "engine")
     if len(engines) < 2:
         left = f"leaves only {next(iter(engines))}" if engines else "names no engine"
         raise Failure(
@@ -159,26 +159,26 @@ def compared(known: Mapping[str, T], patterns: str) -> dict[str, T]:
     return engines
 
 
-def finish(console: Console, results: Results, out: Path) -> NoReturn:
+def write_report_and_end(console: Console, results: Results, out: Path) -> NoReturn:
     """Write the report, say how it went, and leave with the exit code of the results."""
     try:
         render(results, out)
     except OSError as error:
-        unread(console, results)
-        raise Failure(f"{sentence(results)} The report could not be written: {error}") from error
+        write_unread_models(console, results)
+        raise Failure(f"{describe_run(results)} The report could not be written: {error}") from error
     try:
-        step_summary(out)
+        add_step_summary(out)
     except OSError as error:
         console.print(escape(f"the summary could not be added to the page of this job: {error}"), soft_wrap=True)
-    unread(console, results)
-    console.print(f"[bold]{escape(sentence(results))}[/bold]", soft_wrap=True)
-    if words := unchanged(results):
+    write_unread_models(console, results)
+    console.print(f"[bold]{escape(describe_run(results))}[/bold]", soft_wrap=True)
+    if words := describe_unchanged(results):
         console.print(escape(words), soft_wrap=True)
     console.print(f"report: {out / 'index.html'}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
 
 
-def unread(console: Console, results: Results) -> None:
+def write_unread_models(console: Console, results: Results) -> None:
     """Say which models could not be read, and why."""
     for case in results.cases:
         if case.problem:
@@ -187,8 +187,8 @@ def unread(console: Console, results: Results) -> None:
             )
 
 
-def step_summary(out: Path) -> None:
-    """Add the summary of the report in ``out`` to the page of a job on GitHub, where this is one."""
+def add_step_summary(out: Path) -> None:
+    """Add the summary of the report in ``make_out_option`` to the page of a job on GitHub, where this is one."""
     if page := os.environ.get("GITHUB_STEP_SUMMARY"):
         text = (out / "summary.md").read_text(encoding="utf-8")
         if len(text.encode()) > LARGEST_SUMMARY:
@@ -199,7 +199,7 @@ def step_summary(out: Path) -> None:
 
 
 @contextlib.contextmanager
-def progress(console: Console) -> Iterator[Any]:
+def open_progress(console: Console) -> Iterator[Any]:
     """Give a function that shows what finished: a bar on a terminal, lines elsewhere."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
@@ -216,7 +216,7 @@ def progress(console: Console) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def terminated() -> Iterator[None]:
+def convert_sigterm() -> Iterator[None]:
     """Treat a polite kill (SIGTERM) like Ctrl-C, so that no engine is left behind."""
 
     before = signal.signal(signal.SIGTERM, interrupt)

@@ -17,23 +17,23 @@ from crosscheck.equivalence.output.text import (
     render_markdown,
 )
 from crosscheck.equivalence.result import INCOMPARABLE, NOT_PROVEN, WORDS, Comparison
-from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.junit import FORBIDDEN
-from crosscheck.verdicts.results import versions
+from crosscheck.verdicts.results import list_versions
 
 
 def write(found: Comparison, out: Path) -> None:
     """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
-    style(out)
+    copy_style(out)
     now = datetime.datetime.now().isoformat(timespec="seconds")
-    stamp = {"started": now, "versions": versions()}
+    stamp = {"started": now, "versions": list_versions()}
     view: dict[str, Any] = {
         "found": found, "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS], "words": WORDS,
         "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told], "repaired": describe_repair(found), "rounding": describe_rounding(found),
         "results": stamp, "root": "",
     }  # fmt: skip
-    write_page(environment(), "compare.html.j2", out / "index.html", **view)
+    write_page(prepare_templates(), "compare.html.j2", out / "index.html", **view)
     owned.write(out / "results.json", json.dumps(found.plain | stamp, indent=1, ensure_ascii=False))
     owned.write(out / "summary.md", render_markdown(found))
     owned.write(out / "junit.xml", render_junit(found))

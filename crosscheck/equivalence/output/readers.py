@@ -11,16 +11,16 @@ from xml.etree import ElementTree as ET
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import describe_difference, format_cell
 from crosscheck.equivalence.readers import Loaded
-from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.junit import FORBIDDEN
-from crosscheck.verdicts.results import versions
+from crosscheck.verdicts.results import list_versions
 
 
 def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
     """Write index.html, results.json, summary.md and junit.xml of the readers of a file into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
-    style(out)
-    stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": versions()}
+    copy_style(out)
+    stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": list_versions()}
     view = {
         "name": Path(file).name,
         "rows": rows,
@@ -29,7 +29,7 @@ def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
         "root": "",
         "line": describe_difference,
     }
-    write_page(environment(), "readers.html.j2", out / "index.html", **view)
+    write_page(prepare_templates(), "readers.html.j2", out / "index.html", **view)
     plain = {"format": "crosscheck-readers/1", "file": file, "readers": [row.plain for row in rows]} | stamp
     owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
     owned.write(out / "summary.md", render_readers_table(file, rows))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.result import WORDS, Comparison
-from crosscheck.report.words import short
+from crosscheck.report.words import format_short
 
 GROUPS = (
     ("causes", "Differences that torques feel"),
@@ -36,7 +36,7 @@ def describe_difference(difference: Difference) -> str:
     parts = [difference.words, *difference.hints]
     if difference.effect:
         parts.append(
-            f"changes an effort by {short(difference.effect)} N m or N, {short(difference.share)} times its range"
+            f"changes an effort by {format_short(difference.effect)} N m or N, {format_short(difference.share)} times its range"
         )
     return "; ".join(parts)
 
@@ -46,7 +46,7 @@ def describe_rounding(found: Comparison) -> list[str]:
     count = len(found.judged.rounding)
     if not count:
         return []
-    effect = short(found.judged.rounding_effort)
+    effect = format_short(found.judged.rounding_effort)
     return [f"rounding: {count} numbers differ by less than their printed digits; effect {effect} N m or N"]
 
 
@@ -56,12 +56,10 @@ def describe_repair(found: Comparison) -> str:
     added = [d for d in judged.causes if d.family == "feature"]
     if judged.before <= found.tolerance and len(judged.causes) == len(added):
         whose = "efforts of the mechanisms" if added else "efforts"
-        return f"{whose} agree to {short(judged.before)} of their ranges"
+        return f"{whose} agree to {format_short(judged.before)} of their ranges"
     where = f" at joint {judged.worst_joint}" if judged.worst_joint else ""
-    before = (
-        f"efforts differ by up to {short(judged.before_effort)} N m or N{where}, {short(judged.before)} times its range"
-    )
-    return f"{before}; with the differences put right, {short(judged.after)} of it is left"
+    before = f"efforts differ by up to {format_short(judged.before_effort)} N m or N{where}, {format_short(judged.before)} times its range"
+    return f"{before}; with the differences put right, {format_short(judged.after)} of it is left"
 
 
 def render_markdown(found: Comparison) -> str:
@@ -98,7 +96,7 @@ def _list_table_lines(group: Iterable[Difference]) -> Iterator[str]:
     yield "| what | where | A | B | size | effect | looks like |"
     yield "|---|---|---|---|--:|--:|---|"
     for d in group:
-        effect = f"{short(d.effect)} ({short(d.share)} times its range)" if d.effect else ""
+        effect = f"{format_short(d.effect)} ({format_short(d.share)} times its range)" if d.effect else ""
         size = f"{d.size:.6g} {d.unit}".removesuffix(" -")
         cells = [f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, size, effect, "; ".join(d.hints)]
         yield "| " + " | ".join(map(format_cell, cells)) + " |"

@@ -24,7 +24,7 @@ from crosscheck.commands.selftest import command
 from crosscheck.engines import ENGINES
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, torque_series
-from crosscheck.verdicts.plan import discover, task
+from crosscheck.verdicts.plan import discover, make_task
 from flexinv.files.load_cases import load_cases
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
@@ -34,7 +34,7 @@ def scene(name: str, case: str, engine: str, models: Path = MODELS) -> Scene:
     """A scene with an effort of 1 everywhere: enough to draw from."""
     mechanism = read_mechanism(models / name)
     known = load_cases(models / name, mechanism)[case]
-    time = task(models / name, mechanism, known).time
+    time = make_task(models / name, mechanism, known).time
     effort = torque_series(mechanism, np.ones((time.size, mechanism.nv)))
     return Scene(mechanism, known, engine, Record("flexinv", time=time, series=effort))
 

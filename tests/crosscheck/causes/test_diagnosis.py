@@ -24,10 +24,10 @@ from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import save
 from crosscheck.report import render
-from crosscheck.report.explanations import sheets, uncertified
+from crosscheck.report.explanations import collect_warnings, list_certificates
 from crosscheck.report.markdown import escape
 from crosscheck.run.isolation import Children, ask
-from crosscheck.run.questions import Question, diagnosis, group_by_case, questions
+from crosscheck.run.questions import Question, list_questions, read_diagnosis, split_by_case
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
@@ -60,7 +60,7 @@ def test_a_cause_is_named_with_its_size_and_taken_out(tmp_path: Path) -> None:
     asked = harmed_question(tmp_path, "double_pendulum/swing", "viscous damping", "knee", 0.05)
     answer, ending = ask(asked.job, 120.0, Children())
     assert ending.status == "ok", ending.printed
-    found = diagnosis(asked, answer, ending.message)
+    found = read_diagnosis(asked, answer, ending.message)
     assert [one["cause"] for one in found.named] == ["viscous damping"]
     assert found.words.startswith(
         "the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99% of the"
@@ -92,15 +92,17 @@ def test_one_question_for_each_engine_that_deviates_from_the_reference(tmp_path:
         replace(row, engine="mujoco", verdict="within"),
         replace(row, engine="mujoco", quantity="tip", verdict="within"),
     )
-    asked = questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
+    asked = list_questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
     assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
     elsewhere = (*rows, replace(row, quantity="tip"), replace(row, engine="mujoco", quantity="tip"))
-    asked = questions(Results("now", runs=runs, comparisons=elsewhere), plan, tmp_path)
+    asked = list_questions(Results("now", runs=runs, comparisons=elsewhere), plan, tmp_path)
     assert {q.place[2] for q in asked} == {"pinocchio", "mujoco"}
     assert len(asked) == 2
     unblessed = replace(row, verdict="unjudged", message=UNBLESSED)  # the first night would ask of everything
-    assert not questions(Results("now", runs=runs, comparisons=(unblessed,)), plan, tmp_path)
-    assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved
+    assert not list_questions(Results("now", runs=runs, comparisons=(unblessed,)), plan, tmp_path)
+    assert not list_questions(
+        Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path
+    )  # its series was not saved
 
 
 @pytest.mark.slow
@@ -133,7 +135,7 @@ def test_engines_of_one_case_are_diagnosed_together_and_told_the_same(tmp_path: 
         harmed_question(tmp_path / str(k), "rigid_one_link/cycloid", cause, target, size)
         for k, (cause, target, size) in enumerate(HARMED)
     ]
-    (together,) = group_by_case([asked[0], *(replace(one, place=(*asked[0].place[:2], "x", "y")) for one in asked[1:])])
+    (together,) = split_by_case([asked[0], *(replace(one, place=(*asked[0].place[:2], "x", "y")) for one in asked[1:])])
     answer, ending = ask(together.job, 120.0, Children())
     assert ending.status == "ok", ending.printed
     alone = [diagnose(**one.options) for one in asked]
@@ -164,7 +166,7 @@ def test_a_run_with_two_engines_that_deviate_diagnoses_both(root: Path, tmp_path
 
 
 def test_a_diagnosis_that_fails_says_so() -> None:
-    found = diagnosis(Question(("m", "c", "e", "flexinv"), {}), None, "stopped after the time limit of 1 s")
+    found = read_diagnosis(Question(("m", "c", "e", "flexinv"), {}), None, "stopped after the time limit of 1 s")
     assert found.words == "not diagnosed: stopped after the time limit of 1 s"
 
 
@@ -179,8 +181,8 @@ def test_a_diagnosis_that_fails_says_so() -> None:
 def test_dynamics_without_a_certificate_are_labelled(line: Check, verdict: str, words: str) -> None:
     results = Results("now", certificates=(line,))
     case = CaseRow("m", "c")
-    assert [(sheet.verdict, sheet.words) for sheet in sheets(results, case)] == [(verdict, words)]
-    assert uncertified(results, case) == ({} if verdict == "within" else {"e": words})
+    assert [(sheet.verdict, sheet.words) for sheet in list_certificates(results, case)] == [(verdict, words)]
+    assert collect_warnings(results, case) == ({} if verdict == "within" else {"e": words})
 
 
 def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:

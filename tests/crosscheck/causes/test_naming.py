@@ -18,7 +18,7 @@ from crosscheck.causes.pairs import AND, find_pairs
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.record import Record, load, save
-from crosscheck.run.child import certified
+from crosscheck.run.child import make_certificate
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.links import Body
@@ -34,7 +34,7 @@ def records(folder: Path, mechanism: str, case: str, cause: str, target: str, si
     for called, one in (("pinocchio", harmed), ("flexinv", subject)):
         engine = adapter(ENGINES[called])
         record = engine.run(one.mechanism, one.case, called, {"error": False})
-        save(replace(record, certificate=certified(engine, one.mechanism, one.case, called)), folder / called)
+        save(replace(record, certificate=make_certificate(engine, one.mechanism, one.case, called)), folder / called)
     return {
         "folder": str(MODELS / mechanism), "case": case, "engine": "pinocchio",
         "ours": str(folder / "pinocchio"), "theirs": str(folder / "flexinv"),

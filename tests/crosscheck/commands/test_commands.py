@@ -227,9 +227,9 @@ def test_the_benches_are_found_where_they_were_installed(
     assert files == {f"share/flexinv/models/{name}": [f"models/{name}/*"] for name in names}
     monkeypatch.setattr(selftest, "INSTALLED", root / "models")
     monkeypatch.chdir(tmp_path)
-    assert selftest.with_all(names, None) == root / "models"
+    assert selftest.find_model_folder(names, None) == root / "models"
     with pytest.raises(Failure, match=r"the benches need flexinv's own models: .* has no ur5; write --models"):
-        selftest.with_all(["ur5"], tmp_path)
+        selftest.find_model_folder(["ur5"], tmp_path)
 
 
 # --- what is broken, full, or not there -------------------------------------------------------------------------------

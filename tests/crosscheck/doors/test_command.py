@@ -22,10 +22,10 @@ from crosscheck.doors.command import environment
 from crosscheck.doors.registry import COMMAND, RECORD
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.kit.write import write
-from crosscheck.run.cluster import far, luggage
+from crosscheck.run.cluster import read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, run_engine
-from crosscheck.run.runner import _do
+from crosscheck.run.runner import _run_job
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task, discover
 
@@ -235,9 +235,9 @@ def test_a_worker_of_a_cluster_asks_programs_and_records(root: Path, tmp_path: P
     records = Engine("adams", RECORD, "", "", settings={})
     for which in (one, records):
         job = pickle.loads(pickle.dumps(("run", task, which)))
-        files = luggage(task)
+        files = read_task_files(task)
         shutil.move(models, tmp_path / "hidden")  # a worker has another file system
-        attempt = far(_do, job, files, Options(timeout=60.0))
+        attempt = run_on_worker(_run_job, job, files, Options(timeout=60.0))
         shutil.move(tmp_path / "hidden", models)
         assert attempt.record.status == "ok", attempt.record.message
         assert attempt.record.engine == which.name

@@ -23,7 +23,7 @@ from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import apply_values
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.settings import read_settings
-from crosscheck.output_folder import listed
+from crosscheck.output_folder import list_our_files
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.rigid.joint_torques import joint_torques
@@ -312,7 +312,7 @@ def test_a_page_says_it_all_and_limits_decide(folder: Path, tmp_path: Path) -> N
             ],
         )
         codes.append(done.exit_code)
-    assert {"parameters.csv", "judged.csv", "identified.toml"} <= listed(out)  # a third run may write over them
+    assert {"parameters.csv", "judged.csv", "identified.toml"} <= list_our_files(out)  # a third run may write over them
     assert codes == [0, 1]
     junit = (out / "junit.xml").read_text()
     assert 'failures="2"' in junit

@@ -22,9 +22,9 @@ from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
 from crosscheck.measures.certificate import Certificate, Check, certificate, checks, holds
 from crosscheck.measures.record import Record
-from crosscheck.run.child import given
-from crosscheck.verdicts.certificates import certificates
-from crosscheck.verdicts.plan import task
+from crosscheck.run.child import describe_supplied_data
+from crosscheck.verdicts.certificates import list_certificate_lines
+from crosscheck.verdicts.plan import make_task
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.linearized.modal_damping import apply_stated_ratio
@@ -206,7 +206,7 @@ def test_an_engine_without_a_certificate_says_why() -> None:
         "flexinv": Record("flexinv", certificate=says(mechanism, case, "flexinv").plain),
         "exudyn-dae": Record("exudyn-dae", certificate={"problem": "redundant coordinates"}),
     }
-    found = certificates(task(MODELS / "four_bar", mechanism, case), records)
+    found = list_certificate_lines(make_task(MODELS / "four_bar", mechanism, case), records)
     assert [(line.what, line.holds, line.words) for line in found] == [
         ("no certificate", False, "redundant coordinates")
     ]
@@ -273,9 +273,9 @@ def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -
 def test_a_certificate_says_who_computed_what_an_engine_is_given() -> None:
     """The file states a damping ratio; the time that follows from it comes from flexinv's modes."""
     folder = MODELS / "flex_one_link_damped"
-    assert given(load_mechanism(folder)) == {}  # nothing is computed yet
+    assert describe_supplied_data(load_mechanism(folder)) == {}  # nothing is computed yet
     mechanism = apply_stated_ratio(load_mechanism(folder))
-    (line,) = checks("m", "c", "exudyn", Certificate(given=given(mechanism)), Certificate())
+    (line,) = checks("m", "c", "exudyn", Certificate(given=describe_supplied_data(mechanism)), Certificate())
     assert line.holds
     assert line.words.startswith("retardation time 0.00095267 s from ratio 0.03 at mode 1, computed by flexinv")
-    assert given(load_mechanism(MODELS / "flex_one_link")) == {}
+    assert describe_supplied_data(load_mechanism(MODELS / "flex_one_link")) == {}

@@ -11,7 +11,7 @@ import pytest
 
 from crosscheck.measures.record import Record, vector_series
 from crosscheck.report import animation
-from crosscheck.verdicts.plan import discover, skeleton
+from crosscheck.verdicts.plan import discover, list_skeleton_links
 
 TIME = np.linspace(0.0, 1.0, 401)
 
@@ -38,7 +38,7 @@ MAIN = Record("flexinv", time=TIME, series=TIPS | NODES)
 
 
 def test_links_run_from_their_joint_through_their_nodes_to_their_tip() -> None:
-    data = animation.picture(PARTS, {"flexinv": MAIN})
+    data = animation.build_animation(PARTS, {"flexinv": MAIN})
     assert data is not None
     assert [(p["name"], p["points"], p["parent"]) for p in data["links"]] == [("upper", 3, -1), ("lower", 2, 0)]
     base = decode(data["base"], animation.FRAMES, 5, 3)
@@ -50,7 +50,7 @@ def test_links_run_from_their_joint_through_their_nodes_to_their_tip() -> None:
 
 def test_another_engine_is_known_by_its_tips_and_by_how_far_they_are_apart() -> None:
     moved = {n: replace(s, values=s.values + 1e-3 * (n == "tip/lower/z")) for n, s in TIPS.items() if "lower" in n}
-    data = animation.picture(PARTS, {"flexinv": MAIN, "other": Record("other", time=TIME, series=moved)})
+    data = animation.build_animation(PARTS, {"flexinv": MAIN, "other": Record("other", time=TIME, series=moved)})
     assert data is not None
     assert data["known"]["other"] == [False, True]
     assert data["apart"]["other"] == pytest.approx(1e-3)
@@ -59,24 +59,24 @@ def test_another_engine_is_known_by_its_tips_and_by_how_far_they_are_apart() -> 
 
 
 def test_without_flexinv_the_tips_make_the_picture_and_without_tips_there_is_none() -> None:
-    data = animation.picture(PARTS, {"other": Record("other", time=TIME, series=TIPS)})
+    data = animation.build_animation(PARTS, {"other": Record("other", time=TIME, series=TIPS)})
     assert data is not None
     base = decode(data["base"], animation.FRAMES, 4, 3)
     np.testing.assert_allclose(base[0], [[0.5, 0, 0], [1, 0, 0], [1, 0, 0], [2, 0, 0]])
-    assert animation.picture(PARTS, {"none": Record("none", time=TIME)}) is None
-    assert animation.picture((), {"flexinv": MAIN}) is None
+    assert animation.build_animation(PARTS, {"none": Record("none", time=TIME)}) is None
+    assert animation.build_animation((), {"flexinv": MAIN}) is None
 
 
 def test_large_mechanisms_get_fewer_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(animation, "MOST", 12 * 7 * 40)  # forty frames of five points and two tips
-    data = animation.picture(PARTS, {"flexinv": MAIN})
+    data = animation.build_animation(PARTS, {"flexinv": MAIN})
     assert data is not None
     assert decode(data["time"], -1).size == 40
 
 
 def test_a_mechanism_says_what_its_picture_connects(root: Path) -> None:
     task, *_ = discover(root / "models", ["flex_two_link"]).tasks
-    parts = list(skeleton(task.mechanism))
+    parts = list(list_skeleton_links(task.mechanism))
     assert [(p["link"], p["parent"], p["bends"], p["at"]) for p in parts] == [
         ("link1", "world", True, [0.0, 0.0, 0.0]),
         ("link2", "link1", True, None),

@@ -16,7 +16,7 @@ import readable
 from crosscheck_examples import Night, night_run
 
 from crosscheck.report import render
-from crosscheck.verdicts.certificates import by_certificate
+from crosscheck.verdicts.certificates import judge_by_certificate
 
 pytestmark = [
     pytest.mark.browser,
@@ -117,7 +117,9 @@ def test_no_column_of_a_case_is_lost_also_where_a_certificate_fails(
     )
     assert lines != night.results.certificates
     render(
-        replace(night.results, certificates=lines, comparisons=tuple(by_certificate(night.results.comparisons, lines))),
+        replace(
+            night.results, certificates=lines, comparisons=tuple(judge_by_certificate(night.results.comparisons, lines))
+        ),
         out,
     )
     for folder in (night.out, out):

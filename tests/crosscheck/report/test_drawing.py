@@ -21,7 +21,7 @@ def lines(svg: str) -> list[np.ndarray]:
 
 
 def test_lengths_keep_their_ratio_up_is_up_and_all_is_inside() -> None:
-    rod, mast = lines(str(drawing.svg([[(ROD, False), (MAST, True)]], "an L")))
+    rod, mast = lines(str(drawing.draw_svg([[(ROD, False), (MAST, True)]], "an L")))
     # numbers are printed to 0.1 px: a length of two of them is off by 0.15 px at most
     assert np.ptp(rod[:, 0]) == pytest.approx(2 * np.ptp(mast[:, 1]), abs=0.3)
     assert mast[1, 1] < mast[0, 1]  # pixels count downwards
@@ -31,7 +31,7 @@ def test_lengths_keep_their_ratio_up_is_up_and_all_is_inside() -> None:
 
 
 def test_later_instants_are_darker_and_links_that_bend_have_their_own_colour() -> None:
-    text = str(drawing.svg([[(ROD, False)], [(MAST, True)]], "two"))
+    text = str(drawing.draw_svg([[(ROD, False)], [(MAST, True)]], "two"))
     shades = [float(shade) for shade in re.findall(r'opacity="([0-9.]+)"', text)]
     assert shades == [drawing.FAINTEST, 1.0]
     assert re.findall(r'stroke="(#\w+)"', text) == [drawing.RIGID, drawing.BENDS]
@@ -39,9 +39,9 @@ def test_later_instants_are_darker_and_links_that_bend_have_their_own_colour() -
 
 def test_a_mechanism_in_space_is_seen_from_the_side_and_from_above() -> None:
     x = np.eye(3)
-    assert drawing.plane_of(x * [1.0, 1.0, 0.0]) == (0, 1)
-    assert drawing.plane_of(x) is None
-    seen = drawing.seen(x, None)
+    assert drawing.find_motion_plane(x * [1.0, 1.0, 0.0]) == (0, 1)
+    assert drawing.find_motion_plane(x) is None
+    seen = drawing.convert_to_view(x, None)
     assert np.linalg.norm(seen[2]) == pytest.approx(
         np.cos(drawing.ELEVATION), rel=1e-12
     )  # an upright rod, foreshortened
@@ -50,11 +50,11 @@ def test_a_mechanism_in_space_is_seen_from_the_side_and_from_above() -> None:
 
 
 def test_one_point_alone_is_drawn_and_its_name_is_only_text() -> None:
-    text = str(drawing.svg([[(np.zeros((1, 3)), False)]], '"><script>'))
+    text = str(drawing.draw_svg([[(np.zeros((1, 3)), False)]], '"><script>'))
     assert "<script" not in text
     assert lines(text)[0] == pytest.approx(np.array([[drawing.WIDTH / 2, drawing.HEIGHT / 2]]))
 
 
 @pytest.mark.parametrize(("count", "expected"), [(1, [0]), (2, [0, 1]), (101, [0, 20, 40, 60, 80, 100])])
 def test_the_instants_begin_and_end_with_the_motion(count: int, expected: list[int]) -> None:
-    assert drawing.samples(count) == expected
+    assert drawing.list_drawn_samples(count) == expected

@@ -49,7 +49,7 @@ def test_an_engine_that_can_do_nothing_has_no_field_but_its_reason_once(night: N
     )
     results = replace(night.results, runs=runs, comparisons=rows)
     case = next(c for c in results.cases if c.case)
-    assert words.left_out(results, [case]) == [(reason, ["fine", "nan"]), ("not run", ["absent"])]
+    assert words.list_absent_engines(results, [case]) == [(reason, ["fine", "nan"]), ("not run", ["absent"])]
     out = shutil.copytree(night.out, tmp_path / "out")
     render(results, out)
     page = Page(out / "index.html")

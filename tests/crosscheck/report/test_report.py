@@ -84,7 +84,7 @@ def test_a_wicked_name_is_only_text(night: Night) -> None:
 
 def test_the_first_page_says_what_is_wrong_and_where(night: Night) -> None:
     page = Page(night.out / "index.html")
-    assert words.sentence(night.results) in page.text
+    assert words.describe_run(night.results) in page.text
     assert "1 comparison deviates" in page.text
     assert "3 runs failed" in page.text
     assert "1 model cannot be read" in page.text
@@ -99,7 +99,7 @@ def test_the_page_of_a_case_has_every_comparison_run_and_file(night: Night) -> N
     page = Page(night.out / "cases" / f"{case.slug}.html")
     flat = " ".join(page.text.split())
     for row in night.results.comparisons:
-        for shown in (row.reason, row.message, words.short(row.fraction), row.series):
+        for shown in (row.reason, row.message, words.format_short(row.fraction), row.series):
             assert " ".join(shown.split()) in flat
     for run in night.results.runs:
         assert run.engine in page.text
@@ -193,12 +193,12 @@ def test_a_run_of_studies_alone_has_no_empty_matrix(tmp_path: Path) -> None:
     ],
 )
 def test_the_first_sentence(results: Results, sentence: str) -> None:
-    assert words.sentence(results) == sentence
+    assert words.describe_run(results) == sentence
 
 
 def test_engines_that_say_the_same_of_themselves_share_a_row() -> None:
     rows = [EngineRow(name, True, "1.0", can) for name, can in (("a", "beams"), ("c", "bodies"), ("b", "beams"))]
-    found = words.engines_alike([*rows, EngineRow("d", False, message="gone")])
+    found = words.join_alike_engines([*rows, EngineRow("d", False, message="gone")])
     assert [(names, row.abilities or row.message) for row, names in found] == [
         (["a", "b"], "beams"), (["c"], "bodies"), (["d"], "gone"),
     ]  # fmt: skip
@@ -206,22 +206,24 @@ def test_engines_that_say_the_same_of_themselves_share_a_row() -> None:
 
 def test_only_a_good_run_is_called_good() -> None:
     for bad in ("deviation", "error", "unjudged"):
-        assert words.sentence(example(row("within"), row(bad))).startswith("1 of 2 comparisons is within its limit; ")
-        assert words.troubles(example(row(bad)))
+        assert words.describe_run(example(row("within"), row(bad))).startswith(
+            "1 of 2 comparisons is within its limit; "
+        )
+        assert words.list_troubles(example(row(bad)))
     failed = replace(example(row("within")), studies=(StudyRow("s", "S", status="timeout", message="slow"),))
-    assert words.sentence(failed).endswith("1 study is off.")
-    assert words.troubles(failed)[0][3] == "timeout: slow"
+    assert words.describe_run(failed).endswith("1 study is off.")
+    assert words.list_troubles(failed)[0][3] == "timeout: slow"
 
 
 def test_a_field_shows_the_comparison_nearest_its_limit() -> None:
     near = row("within", 0.009, 1e-3, quantity="tip")
     far = row("within", 5.0, 1.0, quantity="torque")
-    field = words.cell(example(far, near), CaseRow("arm", "move"), "e")
+    field = words.make_cell(example(far, near), CaseRow("arm", "move"), "e")
     assert (field.verdict, field.headline, field.detail) == ("within", "9e-4", "tip ≤ 0.001")
-    field = words.cell(example(near, row("deviation", 0.1, 1e-3)), CaseRow("arm", "move"), "e")
+    field = words.make_cell(example(near, row("deviation", 0.1, 1e-3)), CaseRow("arm", "move"), "e")
     assert (field.verdict, field.headline) == ("deviation", "0.01")
-    assert words.cell(example(near), CaseRow("arm", "move"), "flexinv").headline == "reference"
-    assert words.cell(example(near), CaseRow("arm", "move"), "absent").verdict is None
+    assert words.make_cell(example(near), CaseRow("arm", "move"), "flexinv").headline == "reference"
+    assert words.make_cell(example(near), CaseRow("arm", "move"), "absent").verdict is None
 
 
 @pytest.mark.parametrize(
@@ -238,11 +240,11 @@ def test_a_field_shows_the_comparison_nearest_its_limit() -> None:
     ],
 )
 def test_numbers_are_short(number: float | None, text: str) -> None:
-    assert words.short(number) == text
+    assert words.format_short(number) == text
 
 
 def test_durations_are_in_words() -> None:
-    assert [words.duration(s) for s in (0.0042, 3.14159, 125.0)] == ["4.2 ms", "3.1 s", "2 min 5 s"]
+    assert [words.format_duration(s) for s in (0.0042, 3.14159, 125.0)] == ["4.2 ms", "3.1 s", "2 min 5 s"]
 
 
 # --- Markdown and JUnit -----------------------------------------------------------------------------------------------
@@ -290,7 +292,7 @@ def test_junit_is_xml_whatever_is_in_it() -> None:
 
 def test_rows_without_numbers_and_with_the_same_words_are_gathered() -> None:
     rows = [row("error", None), row("error", None, quantity="tip"), row("within"), row("error", None, message="other")]
-    gathered = words.gathered(rows)
+    gathered = words.join_alike_comparisons(rows)
     assert [(r.verdict, r.quantity) for r in gathered] == [
         ("error", "torque, tip"),
         ("within", "torque"),
@@ -299,7 +301,7 @@ def test_rows_without_numbers_and_with_the_same_words_are_gathered() -> None:
 
 
 def test_names_break_where_they_may_and_stay_escaped() -> None:
-    assert html.breakable("a_b/<c>") == "a_<wbr>b/<wbr>&lt;c&gt;"
+    assert html.format_breakable("a_b/<c>") == "a_<wbr>b/<wbr>&lt;c&gt;"
 
 
 def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_path: Path) -> None:
@@ -330,11 +332,11 @@ def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_
 def test_a_case_with_but_the_reference_is_skipped_not_passed(night: Night) -> None:
     """Nothing was compared: the page does not say "within", which it does as soon as one engine is."""
     case = next(row for row in night.results.cases if row.case)
-    cells = [words.cell(night.results, case, engine) for engine in ("flexinv", "pinocchio")]
+    cells = [words.make_cell(night.results, case, engine) for engine in ("flexinv", "pinocchio")]
     alone = replace(cells[0], comparisons=(), verdict="within")
-    assert html.standing([alone]) == "skipped"
-    assert html.standing([alone, cells[1]]) == cells[1].verdict
-    assert html.standing([replace(alone, verdict="error")]) == "error"
+    assert html.find_case_verdict([alone]) == "skipped"
+    assert html.find_case_verdict([alone, cells[1]]) == cells[1].verdict
+    assert html.find_case_verdict([replace(alone, verdict="error")]) == "error"
 
 
 def test_curves_of_a_study_stay_in_the_order_in_which_it_gives_them(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def test_what_is_only_not_blessed_yet_is_one_line_of_a_mechanism() -> None:
         for q in ("torque", "tip", "axial")
         for e in ("e", "f")
     ]
-    found = words.troubles(night(*rows, replace(ONE, quantity="reaction")))
+    found = words.list_troubles(night(*rows, replace(ONE, quantity="reaction")))
     assert [(verdict, what) for verdict, _, what, _ in found] == [
         ("deviation", "e reaction"), ("unjudged", "6 comparisons (e, f)"),
     ]  # fmt: skip
@@ -34,5 +34,5 @@ def test_what_is_only_not_blessed_yet_is_one_line_of_a_mechanism() -> None:
 
 def test_a_quantity_in_several_units_is_told_with_its_unit() -> None:
     rows = [replace(ONE, quantity="wrench", unit=unit) for unit in ("N", "N m")]
-    found = words.troubles(night(*rows, ONE))
+    found = words.list_troubles(night(*rows, ONE))
     assert [what for _, _, what, _ in found] == ["e wrench [N]", "e wrench [N m]", "e torque"]

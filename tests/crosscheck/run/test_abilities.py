@@ -10,7 +10,7 @@ from crosscheck_examples import write_models
 
 from crosscheck.engines import Engine
 from crosscheck.run import abilities as asking
-from crosscheck.run.abilities import LIMIT, abilities, skipped
+from crosscheck.run.abilities import LIMIT, abilities, make_skipped_attempt
 from crosscheck.run.isolation import Children
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
@@ -94,6 +94,6 @@ def test_every_case_has_a_row_where_asking_crashed(rows: dict[tuple[str, str], R
 
 def test_who_says_no_has_the_row_of_one_who_ran(plan: Plan) -> None:
     (task, _) = plan.tasks
-    said = skipped(task, engine("refusing"), "has no legs", "0.rogue").record
+    said = make_skipped_attempt(task, engine("refusing"), "has no legs", "0.rogue").record
     assert (said.status, said.message, said.version, said.engine) == ("skipped", "has no legs", "0.rogue", "refusing")
     assert said.model_hash

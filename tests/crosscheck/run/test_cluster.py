@@ -20,7 +20,7 @@ from crosscheck_examples import write_models
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES
 from crosscheck.measures.record import load
-from crosscheck.run.cluster import luggage, workers
+from crosscheck.run.cluster import open_workers, read_task_files
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.run_cache import Attempts
 from crosscheck.run.runner import KEPT, run
@@ -125,7 +125,7 @@ def test_a_run_that_was_cut_short_is_resumed(root: Path, tmp_path: Path) -> None
     done = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), tmp_path / "other")
     first = plan.tasks[0]
     record = load(tmp_path / "other" / done.runs[0].series)
-    kept.keep(first, "pinocchio", Attempt(record, "printed before", 7.0))
+    kept.add_answer(first, "pinocchio", Attempt(record, "printed before", 7.0))
     again = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0, resume=True)), out)
     assert again.finished
     assert [r.status for r in again.runs] == ["ok", "ok"]
@@ -139,33 +139,33 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("crosscheck.run.cluster.CONNECT", 0.5)
     with (
         pytest.raises(InputError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler answers there"),
-        workers("tcp://127.0.0.1:9", 1),
+        open_workers("tcp://127.0.0.1:9", 1),
     ):
         pass
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(InputError, match=r"needs Dask; to install it: python -m pip install 'flexinv\[cluster\]'"),
-        workers("tcp://x", 1),
+        open_workers("tcp://x", 1),
     ):
         pass
 
 
 def test_a_worker_gets_the_files_of_the_mechanism(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (task,) = cases(root, tmp_path, 1).tasks
-    files = luggage(task)
+    files = read_task_files(task)
     assert set(files) == {"mechanism.toml", "cases.toml"}
     assert files["cases.toml"] == (task.folder / "cases.toml").read_bytes()
-    assert luggage("crosscheck.engines.pinocchio.adapter") == {}
+    assert read_task_files("crosscheck.engines.pinocchio.adapter") == {}
     monkeypatch.setattr("crosscheck.run.cluster.LARGEST_MODEL", 10)
     with pytest.raises(InputError, match="is not sent to workers"):
-        luggage(task)
+        read_task_files(task)
 
 
 def test_a_cluster_without_workers_says_so_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A scheduler alone takes jobs and does none: the reader at the terminal knows why nothing happens."""
     monkeypatch.setattr("crosscheck.run.cluster.AGAIN", 0.2)  # [s]
     said: list[str] = []
-    with cluster(tmp_path, workers=0) as (address, _), workers(address, 1, said.append):
+    with cluster(tmp_path, workers=0) as (address, _), open_workers(address, 1, said.append):
         until = clock.monotonic() + 20.0
         while len(said) < 3 and clock.monotonic() < until:
             clock.sleep(0.05)
@@ -175,9 +175,9 @@ def test_a_cluster_without_workers_says_so_and_again(tmp_path: Path, monkeypatch
 
 def test_workers_of_another_python_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with cluster(tmp_path) as (address, _):
-        with workers(address, 1) as pool:
+        with open_workers(address, 1) as pool:
             pool.submit(int, "1").result(60.0)  # both are there
         monkeypatch.setattr("crosscheck.run.cluster.HERE", "3.1")
         words = r"has Python 3\.\d+, this machine has 3\.1; start workers with Python 3\.1"
-        with pytest.raises(InputError, match=words), workers(address, 1):
+        with pytest.raises(InputError, match=words), open_workers(address, 1):
             pass

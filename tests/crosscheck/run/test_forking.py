@@ -206,7 +206,7 @@ def test_engines_share_one_common_process(task: Task, shared: Children) -> None:
 
 def test_without_the_common_process_every_job_starts_afresh(task: Task, children: Children) -> None:
     servers = servers_of(children)
-    servers.common = forking._started()
+    servers.common = forking._begin_common()
     os.kill(servers.common.process.pid, signal.SIGKILL)
     for _ in range(2):
         assert attempt(task, rogue.engine("fine"), children).record.status == "ok"
@@ -236,15 +236,15 @@ def test_trouble_is_seen_before_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
     worker = threading.Thread(target=stop.wait)
     worker.start()
     try:
-        assert "other thread" in fork_server.trouble()
+        assert "other thread" in fork_server.describe_fork_trouble()
     finally:
         stop.set()
         worker.join()
     monkeypatch.setattr(fork_server.os, "listdir", lambda folder: ["1"])
     monkeypatch.setattr(fork_server.os, "readlink", lambda file: "/dev/nvidia0")
-    assert fork_server.trouble() == "it has /dev/nvidia0 open"
+    assert fork_server.describe_fork_trouble() == "it has /dev/nvidia0 open"
     monkeypatch.setattr(fork_server.os, "readlink", lambda file: "/dev/null")
-    assert fork_server.trouble() == ""
+    assert fork_server.describe_fork_trouble() == ""
 
 
 def test_every_adapter_of_ours_may_be_forked() -> None:

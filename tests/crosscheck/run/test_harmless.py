@@ -9,7 +9,7 @@ from crosscheck_examples import write_models
 
 from crosscheck.report import render
 from crosscheck.verdicts import results as store
-from crosscheck.verdicts.plan import case_row, discover
+from crosscheck.verdicts.plan import discover, make_case_row
 from crosscheck.verdicts.results import CaseRow, Results, RunRow
 
 SCRIPT = "<script>alert(1)<"
@@ -35,7 +35,7 @@ def report(root: Path, tmp_path: Path) -> Path:
     (code / "mechanism.toml").write_text("title = __import__('os').system('touch harmed')\n")
     plan = discover(models)
     rows = [CaseRow(name, "", problem=message) for name, message in plan.broken]
-    cases = (*rows, *map(case_row, plan.tasks))
+    cases = (*rows, *map(make_case_row, plan.tasks))
     runs = tuple(RunRow(t.folder.name, t.case.name, SCRIPT, "error", message=f"{SCRIPT}/script>") for t in plan.tasks)
     out = tmp_path / "report"
     out.mkdir()

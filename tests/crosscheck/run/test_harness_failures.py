@@ -104,7 +104,7 @@ def test_stages_that_fail_leave_a_row_for_everything(
 def test_numbers_that_json_cannot_say_stand_as_null_and_are_counted(tmp_path: Path) -> None:
     row = RunRow("m", "c", "e", "ok", peaks={"torque/j": [(1.0, float("inf"))]})
     (tmp_path / "out").mkdir()
-    with owned.report(tmp_path / "out"):
+    with owned.open_report_folder(tmp_path / "out"):
         store.write(Results("now", finished=True, runs=(row,)), tmp_path / "out" / "results.json")
     plain = json.loads((tmp_path / "out" / "results.json").read_text())
     assert plain["message"] == "numbers that are not finite stand as null: 1, the first is runs[0].peaks.torque/j[0][1]"
@@ -118,7 +118,7 @@ def test_a_page_that_fails_costs_no_other_page(plan: Plan, tmp_path: Path, monke
     def fail(*_: object) -> None:
         raise ArithmeticError("something of ours")
 
-    monkeypatch.setattr("crosscheck.report.html.case_view", fail)
+    monkeypatch.setattr("crosscheck.report.html.build_case_view", fail)
     with pytest.raises(ReportError, match=r"cases/double_pendulum-swing\S*.html: ArithmeticError: something of ours"):
         render(results, tmp_path / "out")
     assert (tmp_path / "out" / "index.html").is_file()

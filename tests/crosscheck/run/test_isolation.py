@@ -19,8 +19,8 @@ import rogue_engines as rogue
 
 from crosscheck.engines import Engine
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Attempt, Children, ask, run_engine, scratch, too_late
-from crosscheck.run.processes import waited
+from crosscheck.run.isolation import Attempt, Children, ask, describe_timeout, open_scratch_folder, run_engine
+from crosscheck.run.processes import read_waiting_time
 from crosscheck.verdicts.plan import Task, discover
 
 LIMIT = 60.0  # [s]: no test waits for it; a child needs a second or two to import on a busy machine
@@ -165,21 +165,23 @@ def test_who_waits_for_a_processor_is_told_from_who_sleeps() -> None:
     with subprocess.Popen([sys.executable, "-c", SLEEP], stdout=subprocess.PIPE) as asleep:
         assert asleep.stdout is not None
         assert asleep.stdout.readline() == b"asleep\n"
-        before = waited(asleep.pid)
+        before = read_waiting_time(asleep.pid)
         spinning = [subprocess.Popen(words) for words in programs]
         try:
-            wait_for(lambda: waited(spinning[0].pid) > 2.0)
-            assert waited(asleep.pid) - before < 0.5
+            wait_for(lambda: read_waiting_time(spinning[0].pid) > 2.0)
+            assert read_waiting_time(asleep.pid) - before < 0.5
         finally:
             for one in (asleep, *spinning):
                 one.kill()
                 one.wait()
-    assert waited(spinning[0].pid) == 0.0  # it is gone
+    assert read_waiting_time(spinning[0].pid) == 0.0  # it is gone
 
 
 def test_a_late_process_that_had_no_processor_is_not_said_to_hang() -> None:
-    assert too_late(900.0, 3.0) == "stopped after the time limit of 900 s"
-    assert too_late(900.0, 850.0).endswith("of which it waited 850 s for a processor: too much runs on this machine")
+    assert describe_timeout(900.0, 3.0) == "stopped after the time limit of 900 s"
+    assert describe_timeout(900.0, 850.0).endswith(
+        "of which it waited 850 s for a processor: too much runs on this machine"
+    )
 
 
 def group(pid: int) -> int:
@@ -244,7 +246,7 @@ def test_questions_are_answered_or_explained(attempt: object) -> None:
 def test_a_folder_that_is_deeper_than_python_goes_is_removed() -> None:
     """An engine made it in its own folder, where nobody else looks."""
     here = Path.cwd()
-    with scratch() as folder:
+    with open_scratch_folder() as folder:
         os.chdir(folder)
         for _ in range(1500):
             os.mkdir("deep" * 20)

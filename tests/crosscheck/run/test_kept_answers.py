@@ -22,7 +22,7 @@ from crosscheck.measures.record import Record, torque_series
 from crosscheck.report import render
 from crosscheck.run import isolation, kept_answers, run_cache
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.kept_answers import ENDING, KeptAnswers, folder_of_user, lasting, trim
+from crosscheck.run.kept_answers import ENDING, KeptAnswers, find_user_folder, is_traceable, remove_oldest_entries
 from crosscheck.run.runner import run
 from crosscheck.run.work import Event, Options, Work
 from crosscheck.studies import Study
@@ -53,9 +53,9 @@ PINOCCHIO = ENGINES["pinocchio"]
 
 def test_what_was_kept_comes_back_with_its_time(task: Task, good: Attempt, tmp_path: Path) -> None:
     kept = KeptAnswers(tmp_path / "kept")
-    assert kept.attempt(task, PINOCCHIO) is None
-    kept.keep(task, PINOCCHIO, good)
-    found = KeptAnswers(tmp_path / "kept").attempt(task, PINOCCHIO)
+    assert kept.find_attempt(task, PINOCCHIO) is None
+    kept.add_answer(task, PINOCCHIO, good)
+    found = KeptAnswers(tmp_path / "kept").find_attempt(task, PINOCCHIO)
     assert found is not None
     assert found.kept
     assert (found.printed, found.elapsed) == ("printed", 0.5)
@@ -70,17 +70,17 @@ def test_a_study_depends_on_the_folders_that_it_names_and_not_on_words_that_are_
     jobs = [{"module": "theirs", "stamp": ["0" * 64] * 20}]
     study = Study("x", "X", "m", "f", {"models": str(tmp_path), "engines": jobs, "words": "w" * 1000})
     kept = KeptAnswers(tmp_path / "kept")
-    module, function, plain, folders = kept.study(study)
+    module, function, plain, folders = kept.list_study_dependencies(study)
     assert (module, function, plain) == ("m", "f", {"engines": jobs, "words": "w" * 1000})
     assert list(folders) == ["models"]  # type: ignore[call-overload]
     (tmp_path / "one.csv").write_text("2")
-    assert KeptAnswers(tmp_path / "kept").study(study)[3] != folders
+    assert KeptAnswers(tmp_path / "kept").list_study_dependencies(study)[3] != folders
 
 
 def test_what_failed_is_not_kept(task: Task, good: Attempt, tmp_path: Path) -> None:
     kept = KeptAnswers(tmp_path / "kept")
     for status in ("error", "timeout"):
-        kept.keep(task, PINOCCHIO, replace(good, record=Record("pinocchio", status=status)))  # type: ignore[arg-type]
+        kept.add_answer(task, PINOCCHIO, replace(good, record=Record("pinocchio", status=status)))  # type: ignore[arg-type]
     assert not (tmp_path / "kept").exists()
 
 
@@ -106,26 +106,26 @@ def _environment(patch: pytest.MonkeyPatch, task: Task) -> Task:
 
 
 def _packages(patch: pytest.MonkeyPatch, task: Task) -> Task:
-    patch.setattr(kept_answers, "installed", lambda: "numpy 9.9")
+    patch.setattr(kept_answers, "compute_installed_digest", lambda: "numpy 9.9")
     return task
 
 
 def _machine(name: str) -> Change:
     def change(patch: pytest.MonkeyPatch, task: Task) -> Task:
-        there = kept_answers.machine()
-        patch.setattr(kept_answers, "machine", lambda: {**there, name: "another"})
+        there = kept_answers.describe_machine()
+        patch.setattr(kept_answers, "describe_machine", lambda: {**there, name: "another"})
         return task
 
     return change
 
 
 def _sources(patch: pytest.MonkeyPatch, task: Task) -> Task:
-    patch.setattr(kept_answers, "ours", lambda: "another line")
+    patch.setattr(kept_answers, "compute_source_digest", lambda: "another line")
     return task
 
 
 def _versions(patch: pytest.MonkeyPatch, task: Task) -> Task:
-    patch.setattr(run_cache, "surroundings", lambda: "another version")
+    patch.setattr(run_cache, "compute_surroundings_digest", lambda: "another version")
     return task
 
 
@@ -147,17 +147,17 @@ def _versions(patch: pytest.MonkeyPatch, task: Task) -> Task:
 def test_each_thing_that_matters_changes_the_key(
     change: Change, task: Task, good: Attempt, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    KeptAnswers(tmp_path / "kept").keep(task, PINOCCHIO, good)
+    KeptAnswers(tmp_path / "kept").add_answer(task, PINOCCHIO, good)
     other = change(monkeypatch, task)
-    assert KeptAnswers(tmp_path / "kept").attempt(other, PINOCCHIO) is None
+    assert KeptAnswers(tmp_path / "kept").find_attempt(other, PINOCCHIO) is None
 
 
 def test_engine_and_options_change_the_key_and_limits_do_not(task: Task, good: Attempt, tmp_path: Path) -> None:
     folder = tmp_path / "kept"
-    KeptAnswers(folder).keep(task, PINOCCHIO, good)
-    assert KeptAnswers(folder).attempt(task, ENGINES["mujoco"]) is None
-    assert KeptAnswers(folder, {"step": 1e-3}).attempt(task, PINOCCHIO) is None
-    assert KeptAnswers(folder).attempt(replace(task, case=replace(task.case, limits=())), PINOCCHIO) is not None
+    KeptAnswers(folder).add_answer(task, PINOCCHIO, good)
+    assert KeptAnswers(folder).find_attempt(task, ENGINES["mujoco"]) is None
+    assert KeptAnswers(folder, {"step": 1e-3}).find_attempt(task, PINOCCHIO) is None
+    assert KeptAnswers(folder).find_attempt(replace(task, case=replace(task.case, limits=())), PINOCCHIO) is not None
 
 
 def test_the_sources_of_another_package_change_the_key(
@@ -168,11 +168,11 @@ def test_the_sources_of_another_package_change_the_key(
     source = tmp_path / "outside" / "__init__.py"
     source.write_text("one = 1")
     engine = Engine("outside", "outside:adapter", "", "")
-    KeptAnswers(tmp_path / "kept").keep(task, engine, good)
-    assert KeptAnswers(tmp_path / "kept").attempt(task, engine) is not None
+    KeptAnswers(tmp_path / "kept").add_answer(task, engine, good)
+    assert KeptAnswers(tmp_path / "kept").find_attempt(task, engine) is not None
     (tmp_path / "outside" / "law.py").write_text("two = 2")
-    kept_answers.package.cache_clear()
-    assert KeptAnswers(tmp_path / "kept").attempt(task, engine) is None
+    kept_answers.compute_package_digest.cache_clear()
+    assert KeptAnswers(tmp_path / "kept").find_attempt(task, engine) is None
 
 
 def test_programs_and_modules_of_the_user_are_always_asked(task: Task, good: Attempt, tmp_path: Path) -> None:
@@ -180,10 +180,10 @@ def test_programs_and_modules_of_the_user_are_always_asked(task: Task, good: Att
     module = Engine("mine", "mine:adapter", "", "", path=str(tmp_path))
     kept = KeptAnswers(tmp_path / "kept")
     for engine in (program, module):
-        assert not lasting(engine)
-        kept.keep(task, engine, good)
-        assert kept.attempt(task, engine) is None
-    assert all(lasting(engine) for engine in ENGINES.values())
+        assert not is_traceable(engine)
+        kept.add_answer(task, engine, good)
+        assert kept.find_attempt(task, engine) is None
+    assert all(is_traceable(engine) for engine in ENGINES.values())
 
 
 # --- what may happen to the folder --------------------------------------------------------------------------------------
@@ -208,10 +208,10 @@ def test_a_damaged_entry_is_removed_and_told(
     harm: Callable[[bytes], bytes], task: Task, good: Attempt, tmp_path: Path
 ) -> None:
     kept = KeptAnswers(tmp_path)
-    kept.keep(task, PINOCCHIO, good)
+    kept.add_answer(task, PINOCCHIO, good)
     file = entry(tmp_path)
     file.write_bytes(harm(file.read_bytes()))
-    assert kept.attempt(task, PINOCCHIO) is None
+    assert kept.find_attempt(task, PINOCCHIO) is None
     assert "a kept answer was damaged and is computed again" in kept.trouble[0]
     assert not file.exists()
 
@@ -224,8 +224,8 @@ def test_where_nothing_can_be_written_that_is_told_once(
 
     monkeypatch.setattr(kept_answers.owned, "replace", full)
     kept = KeptAnswers(tmp_path)
-    kept.keep(task, PINOCCHIO, good)
-    kept.keep(task, ENGINES["mujoco"], good)
+    kept.add_answer(task, PINOCCHIO, good)
+    kept.add_answer(task, ENGINES["mujoco"], good)
     kept.close({})
     assert kept.trouble == ["answers are not kept: [Errno 28] No space left on device"]
 
@@ -237,7 +237,7 @@ def test_what_was_not_used_for_longest_goes_first(tmp_path: Path) -> None:
         file.write_bytes(bytes(1000))
         os.utime(file, (1e9 - age, 1e9 - age))
     (tmp_path / "mine.txt").write_bytes(bytes(5000))
-    trim(tmp_path, 2000)
+    remove_oldest_entries(tmp_path, 2000)
     assert sorted(f.stem for f in (tmp_path / "ab").iterdir()) == ["new", "old"]
     assert (tmp_path / "mine.txt").exists()
 
@@ -248,10 +248,10 @@ def test_two_runs_at_once_share_a_folder(task: Task, good: Attempt, tmp_path: Pa
     def use() -> None:
         kept = KeptAnswers(tmp_path)
         for _ in range(10):
-            kept.keep(task, PINOCCHIO, good)
-            found = kept.attempt(task, PINOCCHIO)
+            kept.add_answer(task, PINOCCHIO, good)
+            found = kept.find_attempt(task, PINOCCHIO)
             assert found is None or found.record.series.keys() == good.record.series.keys()
-            trim(tmp_path, 0)
+            remove_oldest_entries(tmp_path, 0)
         kept.close({"a": 1.0})
         troubles.extend(kept.trouble)
 
@@ -261,16 +261,16 @@ def test_two_runs_at_once_share_a_folder(task: Task, good: Attempt, tmp_path: Pa
     for thread in threads:
         thread.join()
     assert troubles == []
-    assert KeptAnswers(tmp_path).times() == {"a": 1.0}
+    assert KeptAnswers(tmp_path).read_times() == {"a": 1.0}
 
 
 def test_the_folder_is_the_users_cache_unless_it_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert folder_of_user() is None  # in tests: see conftest
+    assert find_user_folder() is None  # in tests: see conftest
     monkeypatch.setenv("CROSSCHECK_KEPT", str(tmp_path))
-    assert folder_of_user() == tmp_path
+    assert find_user_folder() == tmp_path
     monkeypatch.delenv("CROSSCHECK_KEPT")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert folder_of_user() == tmp_path / "crosscheck" / "answers"
+    assert find_user_folder() == tmp_path / "crosscheck" / "answers"
 
 
 # --- whole runs -----------------------------------------------------------------------------------------------------------

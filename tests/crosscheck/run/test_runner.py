@@ -25,7 +25,7 @@ from crosscheck.run.work import Options, Work
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.plan import Plan, case_row, discover
+from crosscheck.verdicts.plan import Plan, discover, make_case_row
 from crosscheck.verdicts.results import CaseRow, Results, RunRow, StudyRow
 from flexinv.errors import InputError
 
@@ -178,7 +178,10 @@ def test_what_seems_worse_than_blessed_is_run_again_with_other_last_digits(
     monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
     engines = {"flexinv": ENGINES["flexinv"], kind: rogue.engine(kind)}
     first = run(Work(plan, engines, (), Options(600.0, jobs=2)), tmp_path / "first")
-    known = {baseline.key(c): (c.fraction or 0.0) - 1.2e-13 * (c.quantity == "torque") for c in first.comparisons}
+    known = {
+        baseline.make_comparison_key(c): (c.fraction or 0.0) - 1.2e-13 * (c.quantity == "torque")
+        for c in first.comparisons
+    }
     night = baseline.Baseline(known, "as measured", first.started, {})
     again = run(Work(plan, engines, (), Options(600.0, jobs=2, baseline=night)), tmp_path / "again")
     torque = next(c for c in again.comparisons if c.quantity == "torque")
@@ -344,8 +347,8 @@ def test_the_end_of_the_motion_is_found(plan: Plan) -> None:
     (task,) = plan.tasks
     assert task.rest == pytest.approx(0.5)
     assert task.time[-1] == pytest.approx(0.75)
-    assert case_row(task).held
-    assert not replace(case_row(task), rest=0.7).held
+    assert make_case_row(task).held
+    assert not replace(make_case_row(task), rest=0.7).held
 
 
 def test_a_missing_cases_file_is_a_broken_model(root: Path, tmp_path: Path) -> None:
@@ -358,7 +361,7 @@ def test_a_missing_cases_file_is_a_broken_model(root: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["a/../../b", "..", "<b>", "a b", "ä", "x" * 300, ""])
 def test_slugs_are_safe_and_differ(name: str) -> None:
-    made = store.slug(name)
+    made = store.make_slug(name)
     assert made.replace("-", "").replace("_", "").isalnum()
     assert len(made) < 100
-    assert made != store.slug(name + "!")
+    assert made != store.make_slug(name + "!")

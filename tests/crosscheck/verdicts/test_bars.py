@@ -17,9 +17,9 @@ from crosscheck.measures.budget import STATED, Family, estimate, is_checked, wit
 from crosscheck.measures.record import Record, RecordError, Series, check, load, save, series
 from crosscheck.report import junit, markdown, words
 from crosscheck.verdicts.bars import COARSE, PART
-from crosscheck.verdicts.baseline import blessed
+from crosscheck.verdicts.baseline import choose_blessable
 from crosscheck.verdicts.compare import Comparison, Pair, compare
-from crosscheck.verdicts.refinement import Finer, is_open, read_kind, renewed, wanted
+from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, is_open, read_kind, update_open_rows
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.motion import Motion
@@ -240,21 +240,21 @@ def test_the_reference_is_refined_as_far_as_a_comparison_needs_and_no_further() 
     reference = replace(reference, budget={NAME: lines})
     open_ = row(bare(EXACT), reference, maximum=2e-2)
     assert is_open(open_)
-    assert wanted([open_], reference, Finer()) == Finer(step=2)  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
-    assert wanted([open_], reference, Finer(step=3)) is None  # no more halvings than that
-    assert wanted([replace(open_, verdict="deviation")], reference, Finer()) is None
+    assert find_wanted_refinement([open_], reference, Finer()) == Finer(step=2)  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
+    assert find_wanted_refinement([open_], reference, Finer(step=3)) is None  # no more halvings than that
+    assert find_wanted_refinement([replace(open_, verdict="deviation")], reference, Finer()) is None
     assert read_kind(Finer(2, 1).kind) == Finer(2, 1)
     assert read_kind("again") is None
     closed = replace(reference, budget={NAME: {**lines, "bars": {"rounding": 1.0}}})
-    assert wanted([open_], closed, Finer()) is None  # closed formulas have nothing to refine
+    assert find_wanted_refinement([open_], closed, Finer()) is None  # closed formulas have nothing to refine
 
 
 def test_only_open_comparisons_are_judged_anew() -> None:
     open_ = row(bare(EXACT), blurred(0.029))
     fresh = row(bare(EXACT), record("flexinv", 1e-6))
-    assert [one.verdict for one in renewed([open_], [fresh])] == ["within"]
+    assert [one.verdict for one in update_open_rows([open_], [fresh])] == ["within"]
     shut = replace(open_, verdict="within", message="")
-    assert renewed([shut], [fresh]) == [shut]
+    assert update_open_rows([shut], [fresh]) == [shut]
 
 
 # ------------------------------------------------------------------------------------------------- what outputs say
@@ -269,12 +269,12 @@ def results(*rows: Comparison) -> Results:
 
 def test_every_output_says_that_the_reference_is_too_coarse() -> None:
     found = results(row(bare(EXACT + 0.006 * RANGE * SHAPE), blurred(0.029)))
-    assert "1 comparison needs a finer reference" in words.sentence(found)
+    assert "1 comparison needs a finer reference" in words.describe_run(found)
     assert COARSE in markdown.render(found)
     assert COARSE in str(junit.render(found))
-    assert any(COARSE in text for _, _, _, text in words.troubles(found))
+    assert any(COARSE in text for _, _, _, text in words.list_troubles(found))
     assert found.exit_code == 1
-    good, bad = blessed(found)
+    good, bad = choose_blessable(found)
     assert not good
     assert COARSE in bad[0]
 

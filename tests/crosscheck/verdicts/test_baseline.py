@@ -38,7 +38,7 @@ def night(*rows: Comparison, **more: object) -> Results:
 
 
 def blessed(fraction: float, row: Comparison = ROW) -> Baseline:
-    return Baseline({baseline.key(row): fraction}, "it was looked at", "2026-02-01T01:00:00+00:00", {})
+    return Baseline({baseline.make_comparison_key(row): fraction}, "it was looked at", "2026-02-01T01:00:00+00:00", {})
 
 
 @pytest.mark.parametrize(
@@ -55,21 +55,21 @@ def blessed(fraction: float, row: Comparison = ROW) -> Baseline:
     ],
 )
 def test_worse_than_blessed_by_more_than_noise_is_a_deviation(row: Comparison, before: float, verdict: str) -> None:
-    found = baseline.by_baseline(row, blessed(before, row))
+    found = baseline.judge_by_baseline(row, blessed(before, row))
     assert found.verdict == verdict
     assert found.blessed == before
     assert ("worse than blessed" in found.message) == (verdict == "deviation")
 
 
 def test_the_message_says_what_it_was_and_how_to_bless() -> None:
-    assert baseline.by_baseline(ROW, blessed(1e-5)).message == (
+    assert baseline.judge_by_baseline(ROW, blessed(1e-5)).message == (
         "worse than blessed: 0.0002 of the range, on 2026-02-01 it was 1e-05 (noise 1e-05); mend the cause, or "
         'crosscheck bless --reason "..."'
     )
 
 
 def test_a_missing_value_fails_and_says_how_to_bless(tmp_path: Path) -> None:
-    found = baseline.by_baseline(ROW, baseline.find(tmp_path))
+    found = baseline.judge_by_baseline(ROW, baseline.find(tmp_path))
     assert found.verdict == "unjudged"
     assert 'no blessed value for it yet: crosscheck bless --reason "..."' in found.message
     assert night(found).exit_code == 1
@@ -78,13 +78,13 @@ def test_a_missing_value_fails_and_says_how_to_bless(tmp_path: Path) -> None:
 def test_what_deviates_is_skipped_or_has_no_limit_is_left_as_it_is() -> None:
     explained = replace(ROW, verdict="explained", limit=None)
     for row in (DEVIATION, SKIPPED, explained):
-        assert baseline.by_baseline(row, Baseline()) is row
+        assert baseline.judge_by_baseline(row, Baseline()) is row
     bars = replace(ROW, verdict="explained", maximum=2e-3, message="by discretisation: ...")
-    assert baseline.by_baseline(bars, blessed(1e-3, bars)).verdict == "deviation"
+    assert baseline.judge_by_baseline(bars, blessed(1e-3, bars)).verdict == "deviation"
 
 
 def test_what_is_no_longer_compared_is_missed_after_a_run_over_everything() -> None:
-    known = Baseline({baseline.key(ROW): 1e-3, baseline.key(SMALL): 1e-13})
+    known = Baseline({baseline.make_comparison_key(ROW): 1e-3, baseline.make_comparison_key(SMALL): 1e-13})
     assert baseline.apply(night(ROW), known, whole=False).exit_code == 0
     whole = baseline.apply(night(ROW), known, whole=True)
     assert whole.baseline["gone"] == ("arm swing mujoco flexinv tip m",)
@@ -95,7 +95,7 @@ def test_blessing_a_run_over_everything_drops_what_is_gone(bless: Callable[..., 
     assert bless(night(ROW, SMALL)).exit_code == 0
     whole = baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), whole=True)
     assert "1 dropped" in bless(whole).output
-    assert list(baseline.read(tmp_path / "baseline").fractions) == [baseline.key(ROW)]
+    assert list(baseline.read(tmp_path / "baseline").fractions) == [baseline.make_comparison_key(ROW)]
 
 
 def test_files_are_text_in_a_fixed_order_and_come_back(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_files_are_text_in_a_fixed_order_and_come_back(tmp_path: Path) -> None:
     baseline.write(tmp_path, night(other), [other], "one more")
     back = baseline.read(tmp_path)
     assert len(back.fractions) == 3  # what was not run keeps its value
-    assert back.fractions[baseline.key(other)] == 1.23e-4
+    assert back.fractions[baseline.make_comparison_key(other)] == 1.23e-4
     assert (back.reason, back.date, back.versions) == ("one more", "2026-03-01T01:00:00+00:00", {"mujoco": "4.0"})
 
 
@@ -149,7 +149,7 @@ def test_bless_writes_what_is_inside_its_limit_and_lists_the_rest(bless: Callabl
     assert done.exit_code == 1
     assert "arm swing mujoco flexinv torque N m: 0.0002 -> 0.0003" in done.output
     assert "not blessed arm/swing exudyn torque [N m]: 0.005 of the range is beyond its limit of 0.001" in done.output
-    assert baseline.key(DEVIATION) not in baseline.read(tmp_path / "baseline").fractions
+    assert baseline.make_comparison_key(DEVIATION) not in baseline.read(tmp_path / "baseline").fractions
     assert json.loads((tmp_path / "baseline" / "blessed.json").read_text())["reason"] == "measured anew"
 
 
@@ -205,4 +205,4 @@ def test_an_interrupt_leaves_a_baseline_whole(
     with pytest.raises(KeyboardInterrupt):
         baseline.write(tmp_path, night(worse), [worse], "the second")
     found = baseline.read(tmp_path)
-    assert (found.reason, found.fractions[baseline.key(ROW)]) == ("the second", 3e-4)
+    assert (found.reason, found.fractions[baseline.make_comparison_key(ROW)]) == ("the second", 3e-4)

@@ -10,7 +10,7 @@ import pytest
 
 from crosscheck.measures import limits
 from crosscheck.measures.record import Record, series, torque_series, wrench_series
-from crosscheck.verdicts.compare import Comparison, Pair, compare, fraction, signal_range
+from crosscheck.verdicts.compare import Comparison, Pair, compare, compute_fraction, compute_signal_range
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.model.motion import Motion
@@ -74,10 +74,10 @@ def test_the_limit_is_where_it_is_stated(size: float, verdict: str) -> None:
 
 def test_a_holding_torque_is_measured_by_its_size() -> None:
     hold = np.full(10, 7.0) + np.linspace(0.0, 1e-14, 10)
-    assert signal_range([hold, np.zeros(10)]) == pytest.approx(7.0)
-    assert signal_range([hold, np.linspace(-1.0, 1.0, 10)]) == pytest.approx(2.0)
-    assert fraction(0.0, 0.0) == 0.0
-    assert fraction(1e-300, 0.0) == np.inf
+    assert compute_signal_range([hold, np.zeros(10)]) == pytest.approx(7.0)
+    assert compute_signal_range([hold, np.linspace(-1.0, 1.0, 10)]) == pytest.approx(2.0)
+    assert compute_fraction(0.0, 0.0) == 0.0
+    assert compute_fraction(1e-300, 0.0) == np.inf
 
 
 def test_an_error_in_a_quantity_that_is_zero_is_a_deviation() -> None:

@@ -25,7 +25,7 @@ FIRST = Results(
 
 @pytest.fixture
 def database(tmp_path: Path) -> sql.Engine:
-    return history.connect(f"sqlite:///{tmp_path / 'history.sqlite'}")
+    return history.open_database(f"sqlite:///{tmp_path / 'history.sqlite'}")
 
 
 def later(day: int, **more: object) -> Results:
@@ -35,15 +35,15 @@ def later(day: int, **more: object) -> Results:
 def test_a_night_comes_back_and_is_added_once(database: sql.Engine) -> None:
     number = history.add_night(database, FIRST, "2026-03-01")
     assert history.add_night(database, FIRST, "2026-03-01") == number
-    assert history.holds(database, FIRST)
-    assert not history.holds(database, later(2))
-    (night,) = history.nights(database)
+    assert history.has_night(database, FIRST)
+    assert not history.has_night(database, later(2))
+    (night,) = history.list_nights(database)
     assert (night.folder, night.finished, night.exit_code, night.elapsed) == ("2026-03-01", True, 0, 10.0)
-    (row,) = history.rows_of(database, history.COMPARISON, number)
+    (row,) = history.read_rows(database, history.COMPARISON, number)
     assert (row["engine"], row["fraction"], row["limit"], row["verdict"]) == ("mujoco", 2e-4, 1e-3, "within")
-    (timing,) = history.rows_of(database, history.TIMING, number)
+    (timing,) = history.read_rows(database, history.TIMING, number)
     assert (timing["wall_time"], timing["version"]) == (2.0, "4.0")
-    assert history.rows_of(database, history.MODEL, number)[0]["hash"] == "aa"
+    assert history.read_rows(database, history.MODEL, number)[0]["hash"] == "aa"
 
 
 def test_two_nights_of_one_second_are_two(database: sql.Engine) -> None:
@@ -51,9 +51,9 @@ def test_two_nights_of_one_second_are_two(database: sql.Engine) -> None:
     one = FIRST
     other = replace(one, elapsed=one.elapsed + 0.1)
     assert history.add_night(database, one) != history.add_night(database, other)
-    assert len(history.nights(database)) == 2
-    assert history.holds(database, one)
-    assert not history.holds(database, replace(one, elapsed=one.elapsed + 0.2))
+    assert len(history.list_nights(database)) == 2
+    assert history.has_night(database, one)
+    assert not history.has_night(database, replace(one, elapsed=one.elapsed + 0.2))
 
 
 def test_a_night_that_cannot_be_written_as_a_whole_is_not_there_at_all(database: sql.Engine) -> None:
@@ -61,34 +61,34 @@ def test_a_night_that_cannot_be_written_as_a_whole_is_not_there_at_all(database:
     broken = later(2, runs=(RUN, replace(RUN, wall_time=[1.0])))  # no number: the database refuses this row
     with pytest.raises(HistoryError, match="it is as it was before"):
         history.add_night(database, broken)
-    assert len(history.nights(database)) == 1
+    assert len(history.list_nights(database)) == 1
     assert [len(history.ask(database, sql.select(t))) for t in (history.COMPARISON, history.TIMING)] == [1, 1]
     history.add_night(database, later(2))
-    assert len(history.nights(database)) == 2
+    assert len(history.list_nights(database)) == 2
 
 
 def test_a_locked_database_is_told_after_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(history, "PATIENCE", 0.2)
-    database = history.connect(f"sqlite:///{tmp_path / 'h.sqlite'}")
+    database = history.open_database(f"sqlite:///{tmp_path / 'h.sqlite'}")
     other = sqlite3.connect(tmp_path / "h.sqlite")
     other.execute("BEGIN EXCLUSIVE")
     with pytest.raises(HistoryError, match="database is locked"):
         history.add_night(database, FIRST)
     other.rollback()
     other.close()
-    assert history.nights(database) == []
+    assert history.list_nights(database) == []
     history.add_night(database, FIRST)
-    assert len(history.nights(database)) == 1
+    assert len(history.list_nights(database)) == 1
 
 
 def test_what_is_no_database_says_so_without_its_password(tmp_path: Path) -> None:
     (tmp_path / "text.sqlite").write_text("not a database at all, only words" * 50)
     with pytest.raises(HistoryError, match=r"cannot open the history sqlite.*file is not a database"):
-        history.connect(f"sqlite:///{tmp_path / 'text.sqlite'}")
+        history.open_database(f"sqlite:///{tmp_path / 'text.sqlite'}")
     with pytest.raises(HistoryError, match="cannot open the history"):
-        history.connect("no url at all")
+        history.open_database("no url at all")
     with pytest.raises(HistoryError) as caught:
-        history.connect("mysql+nothing://me:secret@host/nights")
+        history.open_database("mysql+nothing://me:secret@host/nights")
     assert "secret" not in str(caught.value)
 
 
@@ -99,12 +99,12 @@ def test_metrics_of_benchmarks_have_limits_like_torques(database: sql.Engine) ->
     ]
     assert replace(ratio, lower=None).verdict == "unjudged"
     number = history.add_metrics(database, [ratio, replace(ratio, name="other", value=0.5)])
-    assert [n.exit_code for n in history.nights(database, "bench")] == [1]
-    assert {r["name"]: r["value"] for r in history.rows_of(database, history.METRIC, number)} == {
+    assert [n.exit_code for n in history.list_nights(database, "bench")] == [1]
+    assert {r["name"]: r["value"] for r in history.read_rows(database, history.METRIC, number)} == {
         "ur5 over Pinocchio": 1.3,
         "other": 0.5,
     }
-    chart = trends.metric_charts(history.rows_of(database, history.METRIC, number), {number: 0})[1]
+    chart = trends.build_metric_charts(history.read_rows(database, history.METRIC, number), {number: 0})[1]
     assert (chart["title"], chart["lower"], chart["upper"]) == ("ur5 over Pinocchio", 1.0, None)
 
 
@@ -114,14 +114,14 @@ def test_metrics_of_benchmarks_have_limits_like_torques(database: sql.Engine) ->
 def difference(database: sql.Engine, after: Results) -> dict[str, object]:
     history.add_night(database, FIRST, "2026-03-01")
     number = history.add_night(database, after, "2026-03-02")
-    before = changes.previous(database, number)
+    before = changes.find_previous_night(database, number)
     assert before is not None
-    return changes.between(database, before, number)
+    return changes.collect_changes(database, before, number)
 
 
 def test_nothing_changed(database: sql.Engine) -> None:
     found = difference(database, later(2, comparisons=(replace(ROW, maximum=2.03e-4),)))  # within noise
-    assert changed.sentence(found) == "Since 2026-03-01: nothing changed."
+    assert changed.describe_changes(found) == "Since 2026-03-01: nothing changed."
 
 
 def test_values_versions_models_and_times_that_changed_are_named(database: sql.Engine) -> None:
@@ -136,7 +136,7 @@ def test_values_versions_models_and_times_that_changed_are_named(database: sql.E
     assert [(v["before"], v["after"], v["after_verdict"]) for v in found["values"]] == [(2e-4, 2e-3, "deviation")]
     assert found["appeared"] == ["arm/swing mujoco against flexinv: tip [m]"]
     assert found["slower"] == [{"run": "arm swing mujoco", "before": 2.0, "after": 5.0}]
-    assert changed.sentence(found) == (
+    assert changed.describe_changes(found) == (
         "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed, 1 comparison appeared, "
         "1 run slower."
     )
@@ -151,20 +151,23 @@ def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(databa
     history.add_night(database, replace(FIRST, diagnoses=(because("gravity", ""),)), "old")
     after = [because("rotor inertia", "hub"), because("gravity", "", "exudyn")]
     number = history.add_night(database, later(2, diagnoses=tuple(after), comparisons=(ROW, new)), "new")
-    before = changes.previous(database, number)
+    before = changes.find_previous_night(database, number)
     assert before is not None
-    found = changes.between(database, before, number)
+    found = changes.collect_changes(database, before, number)
     assert [(c["what"], c["name"]) for c in found["causes"]] == [
         ("appeared", "arm/swing mujoco against flexinv: rotor inertia (hub)"),
         ("vanished", "arm/swing mujoco against flexinv: gravity"),
     ]
     assert found["causes"][0]["words"] == "rotor inertia of hub differs"
     told = "Since old: 1 cause appeared, 1 cause vanished, 1 comparison appeared."
-    assert changed.sentence(found) == told
-    assert changed.sentence({k: v for k, v in found.items() if k != "causes"}) == "Since old: 1 comparison appeared."
+    assert changed.describe_changes(found) == told
+    assert (
+        changed.describe_changes({k: v for k, v in found.items() if k != "causes"})
+        == "Since old: 1 comparison appeared."
+    )
     night = replace(FIRST, changes=found)
     assert "| appeared | arm/swing mujoco against flexinv: rotor inertia (hub) |" in markdown.render(night)
-    page = html.environment().get_template("index.html.j2").render(**html.index_view(night, tmp_path))
+    page = html.prepare_templates().get_template("index.html.j2").render(**html.build_index_view(night, tmp_path))
     assert "cause vanished: <b>arm/swing mujoco against flexinv: gravity</b>" in page
 
 
@@ -172,13 +175,15 @@ def test_what_vanished_is_named_where_its_engine_ran(database: sql.Engine) -> No
     other = replace(ROW, quantity="tip", unit="m")
     history.add_night(database, replace(FIRST, comparisons=(ROW, other)), "a")
     number = history.add_night(database, later(2), "b")
-    before = changes.previous(database, number)
+    before = changes.find_previous_night(database, number)
     assert before is not None
-    assert changes.between(database, before, number)["vanished"] == ["arm/swing mujoco against flexinv: tip [m]"]
+    assert changes.collect_changes(database, before, number)["vanished"] == [
+        "arm/swing mujoco against flexinv: tip [m]"
+    ]
 
 
 def test_the_night_before_is_the_last_ordinary_one_that_finished(database: sql.Engine) -> None:
-    assert changes.previous(database, 1) is None
+    assert changes.find_previous_night(database, 1) is None
     numbers = [
         history.add_night(database, FIRST, "one"),
         history.add_night(database, later(2, finished=False), "two"),
@@ -186,14 +191,14 @@ def test_the_night_before_is_the_last_ordinary_one_that_finished(database: sql.E
     ]
     history.add_metrics(database, [Metric("m", 1.0, "-")])
     now = history.add_night(database, later(5), "now")
-    found = changes.previous(database, now)
+    found = changes.find_previous_night(database, now)
     assert (found and found.id, found and found.folder) == (numbers[0], "one")
     for wanted in ("three", "2026-03-03"):
-        other = changes.previous(database, now, wanted)
+        other = changes.find_previous_night(database, now, wanted)
         assert other is not None
         assert other.id == numbers[2]
     with pytest.raises(LookupError, match="no night is called 'monday'; the last ones are one, two, three"):
-        changes.previous(database, now, "monday")
+        changes.find_previous_night(database, now, "monday")
 
 
 def test_trends_mark_the_versions_that_changed(database: sql.Engine, tmp_path: Path) -> None:
@@ -212,5 +217,5 @@ def test_a_database_of_somebody_else_is_refused_and_stays(tmp_path: Path) -> Non
         mine.execute("create table night (id integer primary key, dreams text)")
     before = file.read_bytes()
     with pytest.raises(HistoryError, match="its table night has no column key, so it is somebody else's"):
-        history.connect(f"sqlite:///{file}")
+        history.open_database(f"sqlite:///{file}")
     assert file.read_bytes() == before

@@ -12,14 +12,14 @@ from crosscheck.measures.record import Record, series
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts.baseline import Baseline
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.repeatability import SHAKEN, scattered
+from crosscheck.verdicts.repeatability import SHAKEN, add_scatter
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 
 TIME = np.linspace(0.0, 1.0, 11)
 BLESSED, NOW, LIMIT = 8.6e-8, 1.02e-7, 1e-6
 ROW = Comparison("loop", "fold", "exudyn", "flexinv", "torque", "N m", "within", "", NOW, NOW, 1.0, limit=LIMIT)
-NIGHT = Baseline({baseline.key(ROW): BLESSED}, "it was looked at", "2026-02-01T01:00:00+00:00", {})
+NIGHT = Baseline({baseline.make_comparison_key(ROW): BLESSED}, "it was looked at", "2026-02-01T01:00:00+00:00", {})
 
 
 def record(off: float) -> Record:
@@ -33,9 +33,9 @@ REFERENCE = record(0.0)
 def test_what_last_digits_change_is_no_deterioration() -> None:
     """Runs between 9.2e-8 and 1.08e-7, all by 1e-15 in the start: 1.02e-7 is not known to be worse than 8.6e-8 + noise."""
     assert baseline.is_worse(ROW, NIGHT)
-    row = scattered(ROW, REFERENCE, [record(off) for off in (9.2e-8, 1.08e-7, 9.9e-8)])
+    row = add_scatter(ROW, REFERENCE, [record(off) for off in (9.2e-8, 1.08e-7, 9.9e-8)])
     assert row.scatter == pytest.approx(1.08e-7 - 9.2e-8)
-    found = baseline.by_baseline(row, NIGHT)
+    found = baseline.judge_by_baseline(row, NIGHT)
     assert found.verdict == "within"
     assert "the last digits of the input alone change it by 2e-08" in found.message
 
@@ -51,7 +51,7 @@ def test_what_last_digits_change_is_no_deterioration() -> None:
     ],
 )
 def test_what_is_worse_by_more_is_a_deviation(shaken: list[Record]) -> None:
-    found = baseline.by_baseline(scattered(ROW, REFERENCE, shaken), NIGHT)
+    found = baseline.judge_by_baseline(add_scatter(ROW, REFERENCE, shaken), NIGHT)
     assert found.verdict == "deviation"
     assert "worse than blessed" in found.message
 
@@ -60,7 +60,7 @@ def test_scatter_does_not_lift_a_limit() -> None:
     """Beyond its limit a comparison deviates however it scatters."""
     beyond = replace(ROW, maximum=1e-5, verdict="deviation")
     assert not baseline.is_worse(beyond, NIGHT)
-    assert baseline.by_baseline(replace(beyond, scatter=1.0), NIGHT).verdict == "deviation"
+    assert baseline.judge_by_baseline(replace(beyond, scatter=1.0), NIGHT).verdict == "deviation"
 
 
 def test_inputs_are_moved_by_last_digits_only_and_in_other_ways(root: object) -> None:

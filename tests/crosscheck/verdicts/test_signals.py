@@ -12,7 +12,7 @@ from crosscheck_examples import write_models
 
 from crosscheck.cli import main
 from crosscheck.measures.record import Record, Series
-from crosscheck.verdicts.provenance import Provenance, merge, read_provenance, write_provenance
+from crosscheck.verdicts.provenance import Provenance, join_provenance, read_provenance, write_provenance
 from crosscheck.verdicts.results import Results, read
 from crosscheck.verdicts.signals import (
     SAMPLES,
@@ -113,10 +113,10 @@ def test_what_changed_is_named_in_the_order_of_nearness(tmp_path: Path) -> None:
     )
     write_provenance(tmp_path, before)
     assert read_provenance(tmp_path) == before
-    assert before.explain(before, "arm", "swing", "mujoco") == ""
+    assert before.describe_source_changes(before, "arm", "swing", "mujoco") == ""
 
     def after(**changes: object) -> str:
-        return replace(before, **changes).explain(before, "arm", "swing", "mujoco")  # type: ignore[arg-type]
+        return replace(before, **changes).describe_source_changes(before, "arm", "swing", "mujoco")  # type: ignore[arg-type]
 
     engine = {"model": "1", "version": "3.9", "settings": "1"}
     files = {"arm": {"mechanism.toml": "2", "cases.toml": "1"}}
@@ -126,7 +126,7 @@ def test_what_changed_is_named_in_the_order_of_nearness(tmp_path: Path) -> None:
     assert after(engines={run: {**engine, "settings": "2"}}) == "the settings of mujoco"
     both = after(packages={"numpy": "2.2"}, code={"flexinv": "2"})
     assert both == "versions of packages (numpy) and our own code (flexinv)"
-    assert merge(before, replace(before, files={"other": {}})).files == {**before.files, "other": {}}
+    assert join_provenance(before, replace(before, files={"other": {}})).files == {**before.files, "other": {}}
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from crosscheck.run.work import Options
 from crosscheck.verdicts import history
 from crosscheck.verdicts.results import Results, read
 from crosscheck.workflows import latest_engines as fresh
-from crosscheck.workflows.night import exchange
+from crosscheck.workflows.night import replace_latest
 
 ROOT = Path(__file__).resolve().parents[3]
 REASON = ("--reason", "an example of the tests")
@@ -72,7 +72,7 @@ def last(reports: Path) -> Results:
 
 
 def known(reports: Path) -> list[history.Night]:
-    return history.nights(history.connect(f"sqlite:///{reports / 'history.sqlite'}"))
+    return history.list_nights(history.open_database(f"sqlite:///{reports / 'history.sqlite'}"))
 
 
 @pytest.mark.slow
@@ -129,7 +129,7 @@ def test_a_locked_history_is_told_and_caught_up_by_the_next_night(
     nightly: Invoke, reports: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reports.mkdir()
-    history.connect(f"sqlite:///{reports / 'history.sqlite'}").dispose()
+    history.open_database(f"sqlite:///{reports / 'history.sqlite'}").dispose()
     other = sqlite3.connect(reports / "history.sqlite")
     other.execute("BEGIN EXCLUSIVE")
     with monkeypatch.context() as hurried:  # a busy machine may need longer to write than this
@@ -187,13 +187,13 @@ def test_a_night_without_room_on_its_disk_does_not_begin(
 
 
 def test_a_history_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    history.connect(f"sqlite:///{tmp_path / 'nights.sqlite'}").dispose()
-    reading = history.connect(f"sqlite:///file:{tmp_path / 'nights.sqlite'}?mode=ro&uri=true")
+    history.open_database(f"sqlite:///{tmp_path / 'nights.sqlite'}").dispose()
+    reading = history.open_database(f"sqlite:///file:{tmp_path / 'nights.sqlite'}?mode=ro&uri=true")
     with pytest.raises(history.HistoryError, match="attempt to write a readonly database"):
-        history.try_writing(reading)
-    writing = history.connect(f"sqlite:///{tmp_path / 'nights.sqlite'}")
-    history.try_writing(writing)
-    assert history.nights(writing) == []
+        history.check_writing(reading)
+    writing = history.open_database(f"sqlite:///{tmp_path / 'nights.sqlite'}")
+    history.check_writing(writing)
+    assert history.list_nights(writing) == []
 
 
 @WITH_PASSWORDS
@@ -205,9 +205,9 @@ def test_passwords_are_in_no_file_and_no_message(
     monkeypatch.setattr(sys, "argv", ["crosscheck", "nightly", *words])
 
     def fail(url: str) -> None:
-        raise history.HistoryError(f"cannot open the history: {history._shown(url)} does not answer")
+        raise history.HistoryError(f"cannot open the history: {history._format_address(url)} does not answer")
 
-    monkeypatch.setattr(history, "connect", fail)
+    monkeypatch.setattr(history, "open_database", fail)
     done = nightly(*words)
     assert done.exit_code == 2
     assert "cannot open the history" in " ".join(done.output.split())
@@ -294,13 +294,13 @@ def small_files() -> None:
 def test_what_somebody_put_into_the_latest_report_is_not_lost(tmp_path: Path) -> None:
     night, latest = tmp_path / "2026-01-01", tmp_path / "latest"
     for k in range(2):
-        owned.adopt(night)
+        owned.make_listed_folder(night)
         owned.write(night / "index.html", f"night {k}")
-        exchange(night, latest)
+        replace_latest(night, latest)
         assert (latest / "index.html").read_text() == f"night {k}"
     (latest / "notes.txt").write_text("keep me")
     with pytest.raises(FileExistsError, match=r"latest holds notes\.txt, which crosscheck did not write: move it away"):
-        exchange(night, latest)
+        replace_latest(night, latest)
     assert (latest / "notes.txt").read_text() == "keep me"
     assert sorted(f.name for f in tmp_path.iterdir()) == ["2026-01-01", "latest"]
 
@@ -324,9 +324,9 @@ def test_a_full_disk_leaves_the_last_report_and_the_history_as_they_were(nightly
 
 
 def test_the_newest_engines_are_what_the_registry_names() -> None:
-    assert fresh.engine_packages() == ["pin", "mujoco", "exudyn"]
-    assert fresh.project() == [f"{ROOT}[engines,robots,report,history]"]
-    assert fresh.without_flag(["nightly", "--latest-engines", "--jobs", "1"]) == ["nightly", "--jobs", "1"]
+    assert fresh.list_engine_packages() == ["pin", "mujoco", "exudyn"]
+    assert fresh.list_project_packages() == [f"{ROOT}[engines,robots,report,history]"]
+    assert fresh.remove_flag(["nightly", "--latest-engines", "--jobs", "1"]) == ["nightly", "--jobs", "1"]
 
 
 @pytest.mark.slow
@@ -337,7 +337,7 @@ def test_an_environment_that_cannot_be_filled_says_what_pip_says(
     (tmp_path / "wheels").mkdir()
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "wheels"))
-    monkeypatch.setattr(fresh, "project", lambda: ["no-such-project-here"])
+    monkeypatch.setattr(fresh, "list_project_packages", lambda: ["no-such-project-here"])
     done = nightly("--latest-engines")
     assert done.exit_code == 2
     said = " ".join(done.output.split())

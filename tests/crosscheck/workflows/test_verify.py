@@ -15,12 +15,19 @@ from rigid_trees import urdf
 
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES
-from crosscheck.report.drawing import plane_of
+from crosscheck.report.drawing import find_motion_plane
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
-from crosscheck.workflows.model_summary import picture, portrait, share
-from crosscheck.workflows.proposals import MARK, Proposal, propose, rounded_up, toml, write
-from crosscheck.workflows.scaffold import TEMPLATES, from_template, from_urdf
+from crosscheck.workflows.model_summary import apply_common_limits, picture, portrait
+from crosscheck.workflows.proposals import (
+    MARK,
+    Proposal,
+    find_next_round_number,
+    format_proposal_toml,
+    list_proposals,
+    write,
+)
+from crosscheck.workflows.scaffold import TEMPLATES, from_urdf, write_from_template
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -47,7 +54,7 @@ def test_there_are_the_starters_that_the_command_names() -> None:
 
 @pytest.mark.parametrize("template", SEEN)
 def test_a_starter_is_explained(template: str, tmp_path: Path) -> None:
-    from_template(tmp_path, "mine", template)
+    write_from_template(tmp_path, "mine", template)
     (task,) = discover(tmp_path).tasks
     seen = portrait(task)
     lines = dict(seen.lines)
@@ -64,9 +71,9 @@ def test_a_starter_is_explained(template: str, tmp_path: Path) -> None:
 
 def test_a_plane_mechanism_is_drawn_in_its_plane() -> None:
     x = np.random.default_rng(0).normal(size=(3, 4, 3))
-    assert plane_of(x) is None
+    assert find_motion_plane(x) is None
     x[:, :, 1] = 0.7
-    assert plane_of(x) == (0, 2)
+    assert find_motion_plane(x) == (0, 2)
 
 
 def test_a_urdf_becomes_a_folder_that_loads(tmp_path: Path) -> None:
@@ -88,10 +95,10 @@ def test_a_urdf_becomes_a_folder_that_loads(tmp_path: Path) -> None:
 def test_what_cannot_be_a_mechanism_leaves_nothing_behind(tmp_path: Path) -> None:
     for name in ("../out", "a/b", "", ".hidden", "<script>", "x" * 80):
         with pytest.raises(InputError, match="expected letters, digits, _ and -"):
-            from_template(tmp_path, name, "arm")
-    from_template(tmp_path, "mine", "arm")
+            write_from_template(tmp_path, name, "arm")
+    write_from_template(tmp_path, "mine", "arm")
     with pytest.raises(InputError, match="exists already"):
-        from_template(tmp_path, "mine", "loop")
+        write_from_template(tmp_path, "mine", "loop")
     broken = tmp_path / "broken.urdf"
     broken.write_text("<robot><link name='a'>")
     with pytest.raises(InputError):
@@ -116,7 +123,7 @@ def test_limits_follow_from_error_bars() -> None:
         replace(ROW, engine=native, maximum=0.7),
         replace(ROW, quantity="reaction", maximum=None, scale=None),
     ]
-    made = propose(rows, TODAY)
+    made = list_proposals(rows, TODAY)
     found = {(p.quantity, p.engines): p.maximum for p in made}
     assert found == {
         ("torque", ("exudyn-ge", "exudyn-ancf")): 5e-5,
@@ -137,11 +144,11 @@ def test_limits_follow_from_error_bars() -> None:
 
 @pytest.mark.parametrize(("value", "limit"), [(1.1e-4, 2e-4), (2e-4, 2e-4), (4e-4, 5e-4), (6e-4, 1e-3), (1e-12, 1e-12)])
 def test_limits_are_round_numbers(value: float, limit: float) -> None:
-    assert rounded_up(value) == limit
+    assert find_next_round_number(value) == limit
 
 
 def test_written_limits_load_and_stated_ones_stay(tmp_path: Path) -> None:
-    folder = from_template(tmp_path, "mine", "arm")
+    folder = write_from_template(tmp_path, "mine", "arm")
     file, mechanism = folder / "cases.toml", load_mechanism(folder)
     made = Proposal("torque", "flexinv", ("mujoco", "exudyn"), 5e-5, 'error bars "x"'.replace('"', "'"), TODAY)
     none = Proposal("wrench", "flexinv", ("mujoco",), None, "the models differ")
@@ -161,11 +168,11 @@ def test_written_limits_load_and_stated_ones_stay(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="its limits were stated by hand"):
         write(file, [made], "crosscheck verify, a test")
     assert file.read_text() == before
-    assert tomllib.loads(toml(made, "crosscheck verify, a test"))["limits"][0]["maximum"] == 5e-5
+    assert tomllib.loads(format_proposal_toml(made, "crosscheck verify, a test"))["limits"][0]["maximum"] == 5e-5
 
 
 def test_what_somebody_put_below_the_mark_stays(tmp_path: Path) -> None:
-    folder = from_template(tmp_path, "mine", "arm")
+    folder = write_from_template(tmp_path, "mine", "arm")
     file = folder / "cases.toml"
     by_hand = '[[limits]]\nquantity = "torque"\nengines = ["exudyn"]\nmaximum = 3e-3\nreason = "by hand"\n'
     case = """# of mine
@@ -200,7 +207,7 @@ joints.elbow = { from_deg = 0, to_deg = 1 }
 
 def test_limits_are_added_to_a_file_that_has_none(tmp_path: Path) -> None:
     """What follows from models/README.md alone: a case without limits, and verify proposes them."""
-    folder = from_template(tmp_path, "mine", "arm")
+    folder = write_from_template(tmp_path, "mine", "arm")
     file, mechanism = folder / "cases.toml", load_mechanism(folder)
     file.write_text(file.read_text().partition(MARK)[0].replace('quantities = ["torque", "tip", "wrench"]\n', ""))
     (case,) = load_cases(folder, mechanism).values()
@@ -213,7 +220,7 @@ def test_limits_are_added_to_a_file_that_has_none(tmp_path: Path) -> None:
 
 
 def test_stated_limits_are_heard_before_the_engines_run(tmp_path: Path) -> None:
-    folder = from_template(tmp_path, "mine", "arm")
+    folder = write_from_template(tmp_path, "mine", "arm")
     file = folder / "cases.toml"
     file.write_text(file.read_text().replace(MARK, ""))
     done = command("verify", "mine", "--write", "--models", str(tmp_path), "--out", str(tmp_path / "out"))
@@ -227,13 +234,13 @@ def test_views_in_space_have_the_same_limits_and_room_for_numbers() -> None:
     views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
     for view, depth in zip(views, (0.1, 2.0), strict=True):  # at rest nearly in a plane
         view.set(xlim=(0, 3), ylim=(0, depth), zlim=(0, 1))
-    share(views)
+    apply_common_limits(views)
     sides = [[np.ptp(getattr(view, f"get_{name}lim")()) for name in "xyz"] for view in views]
     assert sides[0] == sides[1]
     assert sides[0] == pytest.approx([3, 2, 1], rel=1e-12)
     views[1].set_ylim(-1e-3, 1e-3)
     views[0].set_ylim(-1e-3, 1e-3)
-    share(views)
+    apply_common_limits(views)
     assert np.ptp(views[0].get_ylim()) == pytest.approx(0.3 * sides[0][0], rel=1e-12)
 
 
@@ -242,7 +249,7 @@ def command(*words: str) -> Result:
 
 
 def test_verify_of_what_cannot_be_read_says_so(tmp_path: Path) -> None:
-    folder = from_template(tmp_path, "mine", "arm")
+    folder = write_from_template(tmp_path, "mine", "arm")
     file = folder / "mechanism.toml"
     file.write_text(file.read_text().replace("mass_kg = 8.0", "mass_g = 8000"))
     done = command("verify", "mine", "--models", str(tmp_path))
