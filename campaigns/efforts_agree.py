@@ -19,7 +19,7 @@ from retelling import Told
 from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.pinocchio.model import build
-from crosscheck.lifting.rigid import inverse, on
+from crosscheck.lifting.rigid import apply_placement, inverse
 from flexinv.model.mechanism import Array, Mechanism, Placement
 
 SAMPLES = 5
@@ -132,7 +132,7 @@ def _carried(first: Mechanism, told: Told, state: State) -> State:
     link, seat = next((name, seat) for name, seat in told.links.items() if seat.name == root)
     pose, push = _of_link(first, link, state)
     push = np.concatenate(_shifted(seat.frame, push))
-    return State(q, qd, qdd, on(on(told.world, pose), seat.frame), push)
+    return State(q, qd, qdd, apply_placement(apply_placement(told.world, pose), seat.frame), push)
 
 
 def _shifted(frame: Placement, push: Array) -> tuple[Array, Array]:
@@ -206,7 +206,7 @@ def _of_pinocchio(model: Any, mechanism: Mechanism, state: State) -> tuple[Array
             placed = model.jointPlacements[number]
             assert state.pose is not None
             assert state.push is not None
-            pose = on(inverse(Placement(placed.translation, placed.rotation)), state.pose)
+            pose = apply_placement(inverse(Placement(placed.translation, placed.rotation)), state.pose)
             q[at] = np.concatenate([pose.position, Rotation.from_matrix(pose.rotation).as_quat()])
             a[vat] = state.push
             continue

@@ -10,7 +10,7 @@ import numpy as np
 from retelling import Dice, random_turn
 
 from crosscheck.equivalence.tree import join_bodies
-from crosscheck.lifting.assembly import depth_first
+from crosscheck.lifting.assembly import list_depth_first
 from crosscheck.lifting.urdf import lift_urdf
 from flexinv.files.from_urdf import find_robots_folder
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Limits, Link, Mechanism, Placement
@@ -86,7 +86,7 @@ def random_tree(number: int, seed: int = SEED) -> Mechanism:
             kind = "revolute"
         joints.append(_joint(dice, k, kind, parent, number))
         links.append(Link(f"link {k}", tuple(_bodies(dice, k, joints[-1], number))))
-    return Mechanism("tree", tuple(links), depth_first(joints), closures=tuple(_couplings(dice, joints, number)))
+    return Mechanism("tree", tuple(links), list_depth_first(joints), closures=tuple(_couplings(dice, joints, number)))
 
 
 def _parent(dice: Dice, links: list[Link], joints: list[Joint]) -> str:

@@ -31,7 +31,7 @@ from typing import Any
 import click
 import numpy as np
 
-from crosscheck.measures.record import Series, load
+from crosscheck.measures.record import Series, read_record
 
 ROOT = Path(__file__).resolve().parent.parent
 ENGINES = "flexinv,pinocchio,mujoco,exudyn-ge,fine,middle,wide"
@@ -158,7 +158,7 @@ class Project:
         """Return the saved series of a night by mechanism, case and engine."""
         latest = self.folder / "reports" / "latest"
         runs = [run for run in results["runs"] if run["status"] == "ok"]
-        return {(r["mechanism"], r["case"], r["engine"]): dict(load(latest / r["series"]).series) for r in runs}
+        return {(r["mechanism"], r["case"], r["engine"]): dict(read_record(latest / r["series"]).series) for r in runs}
 
 
 def prepare(folder: Path, history: str) -> Project:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crosscheck.lifting.assembly import depth_first
-from crosscheck.lifting.rigid import inverse, moved, on, turned
+from crosscheck.lifting.assembly import list_depth_first
+from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia, turned
 from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import (
     WORLD,
@@ -105,8 +105,13 @@ def turn_world(told: Told, dice: Dice) -> Told:
 
 def base_moved(told: Told, motion: Placement) -> Told:
     """Turn and move all that stands on the world [m]."""
-    joints = [replace(j, placement=on(motion, j.placement)) if j.parent == WORLD else j for j in told.mechanism.joints]
-    return replace(told, mechanism=replace(told.mechanism, joints=tuple(joints)), world=on(motion, told.world))
+    joints = [
+        replace(j, placement=apply_placement(motion, j.placement)) if j.parent == WORLD else j
+        for j in told.mechanism.joints
+    ]
+    return replace(
+        told, mechanism=replace(told.mechanism, joints=tuple(joints)), world=apply_placement(motion, told.world)
+    )
 
 
 def move_frames(told: Told, dice: Dice) -> Told:
@@ -134,24 +139,25 @@ def _reframed(told: Told, frames: Mapping[str, Placement]) -> Told:
     joints = []
     for joint in old.joints:
         own, carrier = frames.get(joint.child, none), frames.get(joint.parent, none)
-        at = on(on(inverse(carrier), joint.placement), own)
+        at = apply_placement(apply_placement(inverse(carrier), joint.placement), own)
         back = own.rotation.T
         joints.append(replace(joint, placement=at, axis=back @ joint.axis, second_axis=back @ joint.second_axis))
     links = tuple(_link_in(link, frames.get(link.name, none)) for link in old.links)
     closures = tuple(replace(c, first=_end_in(c.first, frames), second=_end_in(c.second, frames)) for c in old.closures)
     seats = {
-        name: replace(seat, frame=on(seat.frame, frames.get(seat.name, none))) for name, seat in told.links.items()
+        name: replace(seat, frame=apply_placement(seat.frame, frames.get(seat.name, none)))
+        for name, seat in told.links.items()
     }
     there = replace(old, links=links, joints=tuple(joints), closures=closures)
     return replace(told, mechanism=there, links=seats)
 
 
 def _link_in(link: Link, frame: Placement) -> Link:
-    return replace(link, bodies=tuple(replace(b, inertia=moved(inverse(frame), b.inertia)) for b in link.bodies))
+    return replace(link, bodies=tuple(replace(b, inertia=move_inertia(inverse(frame), b.inertia)) for b in link.bodies))
 
 
 def _end_in(end: Attachment, frames: Mapping[str, Placement]) -> Attachment:
-    return replace(end, placement=on(inverse(frames.get(end.link, Placement())), end.placement))
+    return replace(end, placement=apply_placement(inverse(frames.get(end.link, Placement())), end.placement))
 
 
 def merge_links(told: Told, dice: Dice) -> Told:
@@ -166,7 +172,7 @@ def _merged(told: Told, name: str) -> Told:
     old = told.mechanism
     gone = old.joint_of[name]
     at = gone.placement
-    bodies = [Body(f"{gone.child} {b.name}", moved(at, b.inertia)) for b in old.link_of[gone.child].bodies]
+    bodies = [Body(f"{gone.child} {b.name}", move_inertia(at, b.inertia)) for b in old.link_of[gone.child].bodies]
     links = []
     for link in old.links:
         if link.name == gone.parent:
@@ -175,12 +181,12 @@ def _merged(told: Told, name: str) -> Told:
         if link.name != gone.child:
             links.append(link)
     joints = [
-        replace(j, parent=gone.parent, placement=on(at, j.placement)) if j.parent == gone.child else j
+        replace(j, parent=gone.parent, placement=apply_placement(at, j.placement)) if j.parent == gone.child else j
         for j in old.joints
         if j is not gone
     ]
     seats = {key: seat for key, seat in told.links.items() if seat.name != gone.child}
-    return replace(told, mechanism=replace(old, links=tuple(links), joints=depth_first(joints)), links=seats)
+    return replace(told, mechanism=replace(old, links=tuple(links), joints=list_depth_first(joints)), links=seats)
 
 
 def split_links(told: Told, dice: Dice) -> Told:
@@ -213,11 +219,11 @@ def _split(told: Told, link: Link, dice: Dice) -> Told:
         parts[1] = parts[1].replace_unchecked(tensor=(1 - share) * body.tensor)
     name = f"{link.name}_part"
     frame = Placement(dice.uniform(-0.2, 0.2, 3), random_turn(dice))
-    made = Link(name, (Body(name, moved(inverse(frame), parts[0])),))
+    made = Link(name, (Body(name, move_inertia(inverse(frame), parts[0])),))
     old = told.mechanism
     links = [replace(k, bodies=(Body(k.name, parts[1]),)) if k is link else k for k in old.links]
     joint = Joint(f"{name}_weld", "fixed", link.name, name, frame, actuated=False)
-    joints = depth_first([*old.joints, joint])
+    joints = list_depth_first([*old.joints, joint])
     return replace(told, mechanism=replace(old, links=(*links, made), joints=joints))
 
 
@@ -258,7 +264,7 @@ def _renamed(closure: Closure, names: Mapping[str, str]) -> Closure:
 def reorder(told: Told, dice: Dice) -> Told:
     """Tell what a link carries in another order."""
     joints = [told.mechanism.joints[k] for k in dice.permutation(len(told.mechanism.joints))]
-    return replace(told, mechanism=replace(told.mechanism, joints=depth_first(joints)))
+    return replace(told, mechanism=replace(told.mechanism, joints=list_depth_first(joints)))
 
 
 def reverse_axes(told: Told, dice: Dice) -> Told:
@@ -306,7 +312,7 @@ def _counted(joint: Joint, sign: float, offset: float) -> Joint:
     lower, upper = sorted(((joint.limits.lower - offset) * sign, (joint.limits.upper - offset) * sign))
     limits = Limits(joint.limits.effort, joint.limits.velocity, lower, upper)
     rest = (joint.rest - offset) * sign if joint.stiffness else joint.rest
-    at = on(joint.placement, move) if offset else joint.placement
+    at = apply_placement(joint.placement, move) if offset else joint.placement
     return replace(joint, placement=at, axis=sign * joint.axis, limits=limits, rest=rest)
 
 
@@ -332,7 +338,7 @@ def _told_from(told: Told, base: Joint, way: list[Joint]) -> Told:
     names = {joint.name for joint in way}
     pose = base.placement
     for joint in way:
-        pose = on(pose, joint.placement)
+        pose = apply_placement(pose, joint.placement)
     joints = [replace(base, child=way[-1].child, placement=pose)]
     for joint in old.joints:
         if joint is base:
@@ -341,12 +347,15 @@ def _told_from(told: Told, base: Joint, way: list[Joint]) -> Told:
             at = inverse(frames.get(joint.child, Placement()))
             joints.append(replace(joint, parent=joint.child, child=joint.parent, placement=at, axis=-joint.axis))
         else:
-            at = on(inverse(frames.get(joint.parent, Placement())), joint.placement)
+            at = apply_placement(inverse(frames.get(joint.parent, Placement())), joint.placement)
             joints.append(replace(joint, placement=at))
     links = tuple(_link_in(link, frames.get(link.name, Placement())) for link in old.links)
     closures = tuple(replace(c, first=_end_in(c.first, frames), second=_end_in(c.second, frames)) for c in old.closures)
-    seats = {name: replace(s, frame=on(s.frame, frames.get(s.name, Placement()))) for name, s in told.links.items()}
-    there = replace(old, links=links, joints=depth_first(joints), closures=closures)
+    seats = {
+        name: replace(s, frame=apply_placement(s.frame, frames.get(s.name, Placement())))
+        for name, s in told.links.items()
+    }
+    there = replace(old, links=links, joints=list_depth_first(joints), closures=closures)
     return replace(told, mechanism=there, links=seats)
 
 

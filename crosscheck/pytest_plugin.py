@@ -112,8 +112,8 @@ class CasesFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """Yield one test per comparison that a run would make."""
-        from crosscheck.doors.registry import limited
-        from crosscheck.measures.limits import references
+        from crosscheck.doors.registry import add_engine_limits
+        from crosscheck.measures.limits import list_references
         from crosscheck.run.pair_runner import read_blessed_night
         from crosscheck.verdicts.baseline import BaselineError
         from crosscheck.verdicts.plan import discover
@@ -124,7 +124,7 @@ class CasesFile(pytest.File):
         wanted = _list_wanted_engines(self.config, known)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)  # a run says it in its report
-            plan = limited(discover(folder.parent, [folder.name]), {name: known[name] for name in wanted})
+            plan = add_engine_limits(discover(folder.parent, [folder.name]), {name: known[name] for name in wanted})
         if plan.broken:
             raise self.CollectError(plan.broken[0][1])
         try:
@@ -133,7 +133,7 @@ class CasesFile(pytest.File):
             raise self.CollectError(str(error)) from error
         for task in plan.tasks:
             for engine in wanted:
-                others = references(task.case.limits, engine)
+                others = list_references(task.case.limits, engine)
                 for reference in (r for r in others if r in known):
                     against = "" if reference == "flexinv" else f"-{reference}"
                     for quantity in task.case.quantities:
@@ -151,14 +151,14 @@ def _find_baseline(config: pytest.Config, models: Path) -> Path | None:
 
 def _collect_engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
     """Return the engines of a folder of models; programs that are chosen have to be trusted."""
-    from crosscheck.doors.registry import doors
+    from crosscheck.doors.registry import collect_doors
     from flexinv.errors import InputError
 
     stated = config.getoption("--crosscheck-config")
     try:
-        known = doors(models, Path(stated) if stated else None, config.getoption("--crosscheck-engine"))
+        known = collect_doors(models, Path(stated) if stated else None, config.getoption("--crosscheck-engine"))
         wanted = _list_wanted_engines(config, known.engines)
-        known.admit(
+        known.check_trust(
             wanted, bool(config.getoption("crosscheck_trust_commands")), config.stash.setdefault(SAID, set()).add
         )
     except InputError as error:
@@ -195,7 +195,7 @@ class ComparisonItem(pytest.Item):
 
     def runtest(self) -> None:
         """Run both engines unless that was done, compare, and fail with words."""
-        from crosscheck.measures.limits import worst
+        from crosscheck.measures.limits import find_worst_verdict
         from crosscheck.run.pair_runner import compare_engines, describe_pair_cause
 
         shared = self._shared()
@@ -203,7 +203,7 @@ class ComparisonItem(pytest.Item):
         rows = [row for row in pair if row.quantity == self.quantity]
         for row in rows:
             self._note(row)
-        verdict = worst(row.verdict for row in rows)
+        verdict = find_worst_verdict(row.verdict for row in rows)
         messages = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
         if verdict == "skipped":
             pytest.skip(messages)

@@ -21,7 +21,7 @@ from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE, find
-from crosscheck.measures.record import Record, RecordError, check, load
+from crosscheck.measures.record import Record, RecordError, check, read_record
 from crosscheck.run.child import run_case
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.questions import list_questions
@@ -64,7 +64,7 @@ class Place:
     def scene(self) -> Scene:
         """The scene of the unharmed reference.  Raises RecordError where there is none."""
         task = self.task
-        return Scene(task.mechanism, task.case, self.engine, load(self.stem(REFERENCE)))
+        return Scene(task.mechanism, task.case, self.engine, read_record(self.stem(REFERENCE)))
 
 
 def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
@@ -76,7 +76,7 @@ def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
         stem = place.stem(place.engine)
         stem.parent.mkdir(parents=True, exist_ok=True)
         run_case(place.job(place.engine, stem))
-        record = load(stem)
+        record = read_record(stem)
         row = {"mechanism": place.mechanism, "case": place.case, "engine": place.engine, "status": record.status}
         rows.append({**row, "message": record.message, "seconds": clock.perf_counter() - start})
     return rows
@@ -134,7 +134,7 @@ def _run_harmed_engine(place: Place, scene: Scene, fault: Fault, stem: Path, col
     if record.status != "ok":
         return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
     reference = scene.reference
-    unharmed = load(place.stem(place.engine))
+    unharmed = read_record(place.stem(place.engine))
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
     lines = list_certificate_lines(task, records)
@@ -185,7 +185,7 @@ def _judge_trial(
 
 
 def _read(stem: Path, task: Task) -> Record:
-    record = load(stem)
+    record = read_record(stem)
     try:
         check(record, task.time)
     except RecordError as error:

@@ -25,7 +25,7 @@ from crosscheck.engines.base import Adapter
 from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
-from crosscheck.measures.record import Record, load
+from crosscheck.measures.record import Record, read_record
 from crosscheck.verdicts.bars import find_checked_bar
 from flexinv.files.load_cases import load_cases
 
@@ -132,8 +132,8 @@ def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: 
     """Return the naming by two saved records (stems of their files) of a case [-]; no engine is run."""
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
-    record = load(Path(ours))
-    reference = load(Path(theirs))
+    record = read_record(Path(ours))
+    reference = read_record(Path(theirs))
     model = make_model(subject, reference)
     residual = model.residual(record, reference)
     evidence = Evidence(

@@ -18,7 +18,7 @@ from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import sections as section_rows
 from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.rows import springs as spring_rows
-from crosscheck.doors.packages import CAUSE_GROUP, Point, points
+from crosscheck.doors.packages import CAUSE_GROUP, Point, list_entry_points
 
 TABLES = (
     joint_rows,
@@ -39,7 +39,7 @@ DICTIONARY: dict[str, Cause] = {cause.name: cause for table in TABLES for cause 
 def collect_causes() -> dict[str, Cause]:
     """Return the dictionary and the causes of installed packages (entry points ``crosscheck.causes``), by name."""
     found = dict(DICTIONARY)
-    for point in points(CAUSE_GROUP):
+    for point in list_entry_points(CAUSE_GROUP):
         for cause in _list_entry_point_causes(point):
             if cause.name in found:
                 warnings.warn(f"package {point.package}: a cause called {cause.name!r} is there already", stacklevel=2)

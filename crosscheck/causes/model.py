@@ -12,7 +12,7 @@ from crosscheck.causes.apply import apply_effort_changes
 from crosscheck.causes.subject import Array, States, Subject
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.flexinv.adapter import solve_case
-from crosscheck.measures.record import Record, Series, effort_units, fingerprint
+from crosscheck.measures.record import Record, Series, compute_fingerprint, list_effort_units
 from crosscheck.verdicts.compare import compute_signal_range
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
@@ -89,7 +89,7 @@ class Model:
     def is_like(self, other: Model) -> bool:
         """Return True if another model has the same mechanism, case, samples, efforts and scale, number by number."""
         same = all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("rows", "torque", "scale"))
-        return same and fingerprint(self.base.mechanism, self.base.case) == fingerprint(
+        return same and compute_fingerprint(self.base.mechanism, self.base.case) == compute_fingerprint(
             other.base.mechanism, other.base.case
         )
 
@@ -146,7 +146,7 @@ def find_stride(mechanism: Mechanism, time: Array, most: int) -> int:
 
 def compute_effort_scales(mechanism: Mechanism, torque: Array) -> Array:
     """Return the range of the efforts of each coordinate's unit, (nv,) [N m] or [N]; 1 where there is none."""
-    units = effort_units(mechanism)
+    units = list_effort_units(mechanism)
     ranges = {u: compute_signal_range([torque[:, k] for k, v in enumerate(units) if v == u]) for u in set(units)}
     return np.array([ranges[u] or 1.0 for u in units])
 

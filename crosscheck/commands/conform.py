@@ -113,7 +113,7 @@ def command(
         place = ladder.FOLDER
         if seed is not None:
             place = folder / "models"
-            rounds.written(ladder.FOLDER, place, seed)
+            rounds.write_blind_models(ladder.FOLDER, place, seed)
         work = Work(plan_of(place, names), taking, (), Options(timeout, jobs, climbing=True))
         try:
             with owned.open_report_folder(out), convert_sigterm(), open_progress(console) as notify:
@@ -137,7 +137,7 @@ def _add_ladder_table(results: Results, wanted: Mapping[str, Engine], seed: int 
     inside = [name for name in wanted if name not in outside]
     words = {"programs": ", ".join(outside) or "none", "inside": ", ".join(inside) or "none"}
     text = OPEN if seed is None else BLIND.format(seed=seed, **words)
-    results = replace(results, studies=(ladder.table(results, tuple(wanted), text),))
+    results = replace(results, studies=(ladder.make_ladder_table(results, tuple(wanted), text),))
     store.write(results, out / RESULTS)
     render(results, out)
     return results
@@ -150,11 +150,11 @@ def _write_ladder_and_end(
     code = 2 if results.message else 0
     for name, one in wanted.items():
         blind = "" if seed is None else f", {'blind' if one.module == COMMAND else 'numbers unknown'} (seed {seed})"
-        climbed = list(ladder.rungs(results, name))
+        climbed = list(ladder.list_rungs(results, name))
         for rung in climbed:
             line = f"  {rung.name.replace('_', ' '):<17} {rung.message}"
             console.print(line, style=COLOURS[rung.verdict], markup=False, highlight=False, soft_wrap=True)
-        code = max(code, ladder.code(climbed))
-        click.echo(ladder.quote(results, name, blind))
+        code = max(code, ladder.find_exit_code(climbed))
+        click.echo(ladder.describe_engine(results, name, blind))
     console.print(f"report: {out / 'studies' / 'conform.html'}", highlight=False, soft_wrap=True)
     sys.exit(code)

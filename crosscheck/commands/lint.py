@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FOR_FILE, Console, Failure
-from crosscheck.linting.lint import Linted, lint, lint_each
-from crosscheck.linting.output import junit as written_junit
+from crosscheck.linting.lint import Linted, check_sources, lint
+from crosscheck.linting.output import build_junit_xml as written_junit
 from crosscheck.linting.output import write
 from crosscheck.run.guarded import Guard
 
@@ -51,7 +51,7 @@ def command(
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
     """
     try:
-        found = lint_each(files, strict, meshes, partial(Guard(timeout, memory).call, lint))
+        found = check_sources(files, strict, meshes, partial(Guard(timeout, memory).call, lint))
         if out is not None:
             write(found, out)
         if junit is not None:

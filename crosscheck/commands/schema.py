@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from crosscheck.commands.shared.terminal import Failure
-from crosscheck.kit.schemas import NAMES, shipped
+from crosscheck.kit.schemas import NAMES, read_schema
 
 
 @click.command("schema", short_help="Print the JSON Schema of a file format.")
@@ -24,12 +24,12 @@ def command(name: str | None, out: Path | None) -> None:
     if (name is None) == (out is None):
         raise Failure(f"write one of {', '.join(NAMES)}, or --out with a folder for all of them")
     if name is not None:
-        click.echo(shipped(name), nl=False)
+        click.echo(read_schema(name), nl=False)
     if out is not None:
         try:
             out.mkdir(parents=True, exist_ok=True)
             for one in NAMES:
-                (out / f"{one}.schema.json").write_text(shipped(one), encoding="utf-8")
+                (out / f"{one}.schema.json").write_text(read_schema(one), encoding="utf-8")
         except OSError as error:
             raise Failure(f"{out} cannot be written: {error}; write --out with another folder") from error
         click.echo(f"wrote {', '.join(f'{one}.schema.json' for one in NAMES)} to {out}")

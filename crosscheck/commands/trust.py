@@ -9,7 +9,7 @@ import click
 from crosscheck.commands.shared.options import CONFIG, collect_engines
 from crosscheck.commands.shared.terminal import MODELS, Failure
 from crosscheck.doors.registry import SHOWN
-from crosscheck.doors.trust import store, trust
+from crosscheck.doors.trust import find_store, write_trusted_parts
 
 
 @click.command("trust", short_help="Allow the programs of crosscheck.toml to run.")
@@ -36,10 +36,10 @@ def command(models: Path, config: Path | None, yes: bool) -> None:
     if not yes and not click.confirm(f"Trust {known.config}?"):
         raise Failure("nothing was changed")
     try:
-        trust(known.config, {program.name: program.trusted_parts for program in known.programs})
+        write_trusted_parts(known.config, {program.name: program.trusted_parts for program in known.programs})
     except OSError as error:
-        raise Failure(f"{store()} cannot be written: {error}") from error
-    click.echo(f"remembered in {store()}")
+        raise Failure(f"{find_store()} cannot be written: {error}") from error
+    click.echo(f"remembered in {find_store()}")
 
 
 def _describe_files(files: list[str]) -> str:

@@ -26,7 +26,7 @@ from crosscheck.commands.shared.terminal import (
     open_progress,
     plan_of,
 )
-from crosscheck.doors.registry import limited
+from crosscheck.doors.registry import add_engine_limits
 from crosscheck.report import render
 from crosscheck.report.explanations import list_certificates
 from crosscheck.report.words import describe_run, format_short
@@ -81,7 +81,7 @@ def command(
     known = collect_engines(models, config, engine)
     wanted = match_engines(known.engines, engines)
     check_trust(known, wanted, trust_commands, lambda line: console.print(escape(line), soft_wrap=True))
-    plan = limited(plan_of(models, (name,)), wanted)
+    plan = add_engine_limits(plan_of(models, (name,)), wanted)
     if plan.broken:
         raise Failure(f"{name} cannot be read: {plan.broken[0][1]}")
     file = plan.tasks[0].folder / "cases.toml"

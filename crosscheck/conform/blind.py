@@ -47,17 +47,17 @@ OF_KEY = {
 WITH_MASS = ("inertia_kgm2", "axial_inertia_kgm2")  # a body keeps a shape that bodies can have
 
 
-def written(ladder: Path, out: Path, seed: int) -> None:
+def write_blind_models(ladder: Path, out: Path, seed: int) -> None:
     """Write a folder of models like another one, its numbers changed by a seed.  Raises OSError."""
     random = np.random.default_rng(seed)
     for folder in sorted(f.parent for f in ladder.glob("*/mechanism.toml")):
         (out / folder.name).mkdir(parents=True)
         for name in ("mechanism.toml", "cases.toml"):
-            plain = changed(read_toml(folder / name), random, name == "cases.toml")
-            (out / folder.name / name).write_text(toml(plain), encoding="utf-8")
+            plain = scale_table(read_toml(folder / name), random, name == "cases.toml")
+            (out / folder.name / name).write_text(format_toml(plain), encoding="utf-8")
 
 
-def changed(
+def scale_table(
     table: Mapping[str, Any], random: np.random.Generator, motion: bool = False, mass: float = 1.0
 ) -> dict[str, Any]:
     """Return a table whose numbers are changed by factors [-]; mass : of the body it belongs to; motion : of a cases file."""
@@ -67,41 +67,41 @@ def changed(
         if key == "start":
             made[key] = value  # the guess of a loop: its branch
         elif key == "mass_kg" or key in WITH_MASS:
-            made[key] = scaled(value, own)
+            made[key] = scale_value(value, own)
         elif isinstance(value, Mapping) and key not in OF_KEY:
-            made[key] = changed(value, random, motion, own)
+            made[key] = scale_table(value, random, motion, own)
         elif key in OF_KEY and not (motion and not key.startswith(("from_", "to_", "at_"))):
-            made[key] = scaled(value, 1.0 + OF_KEY[key] * random.uniform(-1.0, 1.0))
+            made[key] = scale_value(value, 1.0 + OF_KEY[key] * random.uniform(-1.0, 1.0))
         else:
             made[key] = value
     return made
 
 
-def scaled(value: Any, factor: float) -> Any:
+def scale_value(value: Any, factor: float) -> Any:
     """Return a number, a list or a table of numbers times a factor [-]."""
     if isinstance(value, Mapping):
-        return {key: scaled(one, factor) for key, one in value.items()}
+        return {key: scale_value(one, factor) for key, one in value.items()}
     if isinstance(value, list):
-        return [scaled(one, factor) for one in value]
+        return [scale_value(one, factor) for one in value]
     return value if isinstance(value, bool | str) else float(value) * factor
 
 
-def toml(table: Mapping[str, Any]) -> str:
+def format_toml(table: Mapping[str, Any]) -> str:
     """Return a table as TOML: every value inline, which reads the same."""
-    text = "".join(f"{_key(key)} = {_value(value)}\n" for key, value in table.items())
+    text = "".join(f"{_format_key(key)} = {_format_value(value)}\n" for key, value in table.items())
     tomllib.loads(text)
     return text
 
 
-def _key(name: str) -> str:
+def _format_key(name: str) -> str:
     return json.dumps(name, ensure_ascii=False)
 
 
-def _value(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{_format_key(k)} = {_format_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list):
-        return "[" + ", ".join(_value(one) for one in value) + "]"
+        return "[" + ", ".join(_format_value(one) for one in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

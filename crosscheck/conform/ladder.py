@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from crosscheck.measures.limits import BY_DISCRETISATION, Verdict, worst
+from crosscheck.measures.limits import BY_DISCRETISATION, Verdict, find_worst_verdict
 from crosscheck.report.words import format_short
 from crosscheck.run.run_state import INTERRUPTED
 from crosscheck.verdicts.compare import Comparison, compute_fraction
@@ -63,10 +63,10 @@ class Rung:
         return self.verdict in ("within", "explained")
 
 
-def rungs(results: Results, engine: str) -> Iterator[Rung]:
+def list_rungs(results: Results, engine: str) -> Iterator[Rung]:
     """Yield the rungs of an engine, and the certificate over all of them."""
     for name in RUNGS:
-        yield _rung(results, name, engine)
+        yield _judge_rung(results, name, engine)
     lines = [line for line in results.certificates if line.engine == engine and line.limit is not None]
     wrong = [
         f"{line.mechanism}: {line.what}" for line in results.certificates if line.engine == engine and is_failing(line)
@@ -84,27 +84,27 @@ def rungs(results: Results, engine: str) -> Iterator[Rung]:
         yield Rung(CERTIFICATE, engine, "skipped", "not climbed: it says nothing of its own model")
 
 
-def _rung(results: Results, name: str, engine: str) -> Rung:
+def _judge_rung(results: Results, name: str, engine: str) -> Rung:
     runs = [run for run in results.runs if (run.mechanism, run.engine) == (name, engine)]
     rows = [row for row in results.comparisons if (row.mechanism, row.engine) == (name, engine)]
     if all(case.mechanism != name for case in results.cases):
         return Rung(name, engine, "skipped", "not asked for")
-    if results.message and _cut_short(results, name, {engine, *(row.reference for row in rows)}):
+    if results.message and _is_interrupted(results, name, {engine, *(row.reference for row in rows)}):
         return Rung(name, engine, "error", UNFINISHED)
     if not runs or any(run.verdict == "error" for run in runs):
         said = "; ".join(run.message for run in runs if run.message) or "it did not run"
         return Rung(name, engine, "error", said)
-    rows = [_narrow(row) for row in rows]
-    verdict = worst(row.verdict for row in rows)
+    rows = [_judge_within_bars(row) for row in rows]
+    verdict = find_worst_verdict(row.verdict for row in rows)
     message = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
     words = SAID.get(verdict, "does not hold")
     why = [d.words for d in results.diagnoses if (d.mechanism, d.engine) == (name, engine) and d.words]
-    told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why, _bars(rows)]))]))
+    told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why, _describe_widest_bars(rows)]))]))
     shares = [row.fraction for row in rows if row.fraction is not None]
     return Rung(name, engine, verdict, told, max(shares, default=None), sum(run.wall_time for run in runs))
 
 
-def _narrow(row: Comparison) -> Comparison:
+def _judge_within_bars(row: Comparison) -> Comparison:
     """Return a comparison, one that wider error bars explain than a rung admits as a deviation."""
     bar = row.error_bar
     limit = row.limit
@@ -119,43 +119,43 @@ def _narrow(row: Comparison) -> Comparison:
     return replace(row, verdict="deviation", message=f"{row.message.removeprefix(BY_DISCRETISATION)}, {words}")
 
 
-def _bars(rows: Sequence[Comparison]) -> str:
+def _describe_widest_bars(rows: Sequence[Comparison]) -> str:
     """Return the widest error bars of a rung over the range, in words; "" where nothing was compared."""
     found = [row for row in rows if row.maximum is not None]
     if not found:
         return ""
     parts = [
-        f"{name} {_widest([(row.engine_bar if ours else row.reference_bar, row.scale) for row in found])}"
+        f"{name} {_describe_bars([(row.engine_bar if ours else row.reference_bar, row.scale) for row in found])}"
         for name, ours in ((found[0].engine, True), (found[0].reference, False))
     ]
     stated = [(row.stated_bar, row.scale) for row in found if row.stated_bar is not None]
-    told = f" (states {_widest(stated)} by itself, unchecked)" if stated else ""
+    told = f" (states {_describe_bars(stated)} by itself, unchecked)" if stated else ""
     return f"error bars: {parts[0]}{told}, {parts[1]} of the range"
 
 
-def _widest(bars: Sequence[tuple[float | None, float | None]]) -> str:
+def _describe_bars(bars: Sequence[tuple[float | None, float | None]]) -> str:
     shares = [compute_fraction(bar, scale or 0.0) for bar, scale in bars if bar is not None]
     return format_short(max(shares)) if shares else "none"
 
 
-def _cut_short(results: Results, name: str, engines: set[str]) -> bool:
+def _is_interrupted(results: Results, name: str, engines: set[str]) -> bool:
     """Return True if an interrupted run left the engine or what it is compared with without an answer, and neither failed."""
     runs = [run for run in results.runs if run.mechanism == name and run.engine in engines]
     said = [run.message.startswith(INTERRUPTED) for run in runs if run.verdict == "error"]
     return all(said) and (bool(said) or not runs)
 
 
-def code(climbed: Sequence[Rung]) -> int:
+def find_exit_code(climbed: Sequence[Rung]) -> int:
     """Return the exit code: 0 all that was climbed holds, and something was; 1 a rung does not hold; 2 the engine failed."""
     failed = [2 if rung.verdict == "error" else 1 for rung in climbed if not rung.holds and rung.verdict != "skipped"]
     return max(failed, default=0 if any(rung.holds for rung in climbed) else 1)
 
 
-def table(results: Results, engines: tuple[str, ...], text: str) -> StudyRow:
+def make_ladder_table(results: Results, engines: tuple[str, ...], text: str) -> StudyRow:
     """Return the table of the ladder for a report; differences over the range [-]."""
     rows: list[dict[str, Any]] = []
     for engine in engines:
-        for rung in rungs(results, engine):
+        for rung in list_rungs(results, engine):
             what = RUNGS.get(rung.name, "what its own model says of itself, everywhere")
             numbers = {"difference": rung.difference, "time": rung.time}
             known = {key: value for key, value in numbers.items() if value is not None}
@@ -164,21 +164,23 @@ def table(results: Results, engines: tuple[str, ...], text: str) -> StudyRow:
     return StudyRow("conform", f"The ladder ({VERSION})", text=text, columns=COLUMNS, rows=tuple(rows))
 
 
-def quote(results: Results, engine: str, blind: str) -> str:
+def describe_engine(results: Results, engine: str, blind: str) -> str:
     """Return one line about an engine that may be quoted; blind : how it was asked, in words."""
-    climbed = list(rungs(results, engine))
+    climbed = list(list_rungs(results, engine))
     held = [rung.name.replace("_", " ") for rung in climbed if rung.holds]
     open_ = [rung for rung in climbed if rung.message == UNFINISHED]
     wrong = [rung for rung in climbed if rung not in open_ and not rung.holds and rung.verdict != "skipped"]
     versions = {run.version for run in results.runs if run.engine == engine and run.version}
     name = " ".join([engine, *sorted(versions)])
     size = max((rung.difference for rung in climbed if rung.holds and rung.difference is not None), default=None)
-    apart = "" if size is None else f", at most {format_short(size)} of the range apart from {_reference(results)}"
+    apart = (
+        "" if size is None else f", at most {format_short(size)} of the range apart from {_describe_reference(results)}"
+    )
     line = f"{name} holds {len(held)} of {len(climbed)} rungs of {VERSION}{blind}: {', '.join(held) or 'none'}{apart}"
     named = {"not": wrong, "not finished": open_}
     said = [f"{what}: {', '.join(one.name.replace('_', ' ') for one in some)}" for what, some in named.items() if some]
     return "; ".join([line, *said])
 
 
-def _reference(results: Results) -> str:
+def _describe_reference(results: Results) -> str:
     return f"flexinv {results.versions.get('flexinv', '')}".strip()

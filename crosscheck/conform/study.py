@@ -11,7 +11,7 @@ from typing import Any
 from crosscheck.conform import ladder
 from crosscheck.doors.registry import RECORD
 from crosscheck.engines import ENGINES, Engine, describe_missing_package
-from crosscheck.measures.limits import REFERENCE, Verdict, worst
+from crosscheck.measures.limits import REFERENCE, Verdict, find_worst_verdict
 from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
@@ -33,19 +33,19 @@ COLUMNS = (
 )
 
 
-def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return the tables of the report: differences over the range [-], times [s].
 
     models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`)
     """
-    wanted = climbing(engines)
+    wanted = list_ladder_engines(engines)
     taking = {REFERENCE: ENGINES[REFERENCE], **wanted}
     with open_scratch_folder() as folder:
         results = run(Work(discover(ladder.FOLDER), taking, (), Options(LONGEST)), folder / "report")
-    return tables(results, tuple(wanted))
+    return make_tables(results, tuple(wanted))
 
 
-def climbing(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:
+def list_ladder_engines(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:
     """Return the engines that can be asked, by name: ours that are installed, then those of jobs."""
     ours = {name: one for name, one in ENGINES.items() if name not in UNASKED and describe_missing_package(one) is None}
     theirs = (
@@ -54,17 +54,19 @@ def climbing(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:
     return ours | {one.name: one for one in theirs if one.module != RECORD}
 
 
-def tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
+def make_tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
     """Return a row for each engine, and a table with each of its rungs; differences over the range [-], times [s]."""
-    rows = list(summaries(results, engines))
+    rows = list(list_summary_rows(results, engines))
     if not rows:
         return {"status": "skipped", "message": f"no engine beside {REFERENCE} climbs a rung"}
     climbed = {row["engine"] for row in rows}
     idle = [name for name in engines if name not in climbed]
     text = TEXT + (f"\n\nOn no rung: {', '.join(idle)}." if idle else "")
-    every = ladder.table(results, tuple(name for name in engines if name in climbed), "")
+    every = ladder.make_ladder_table(results, tuple(name for name in engines if name in climbed), "")
     verdicts = {
-        (_plain(rung.name), name): _verdict(results, rung) for name in climbed for rung in ladder.rungs(results, name)
+        (_describe_rung(rung.name), name): _judge_rung(results, rung)
+        for name in climbed
+        for rung in ladder.list_rungs(results, name)
     }
     judged = [{**row, "verdict": verdicts[row["rung"], row["engine"]]} for row in every.rows]
     said = [row for row, rung in zip(judged, every.rows, strict=True) if rung["verdict"] != "skipped"]
@@ -72,32 +74,32 @@ def tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
     return {"text": text, "columns": COLUMNS, "rows": rows, "tables": [table]}
 
 
-def summaries(results: Results, engines: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def list_summary_rows(results: Results, engines: tuple[str, ...]) -> Iterator[dict[str, Any]]:
     """Yield the row of each engine that climbed a rung; difference over the range [-], time [s]."""
     for name in engines:
-        climbed = [rung for rung in ladder.rungs(results, name) if rung.verdict != "skipped"]
+        climbed = [rung for rung in ladder.list_rungs(results, name) if rung.verdict != "skipped"]
         held = [rung for rung in climbed if rung.holds]
         if not climbed:
             continue
         shares = [rung.difference for rung in held if rung.difference is not None]
-        fallen = [f"{_plain(rung.name)}: {rung.message}" for rung in climbed if not rung.holds]
-        words = ", ".join(_plain(rung.name) for rung in held) or "none"
+        fallen = [f"{_describe_rung(rung.name)}: {rung.message}" for rung in climbed if not rung.holds]
+        words = ", ".join(_describe_rung(rung.name) for rung in held) or "none"
         yield {
             "engine": name,
             "holds": f"{len(held)} of {len(climbed)}",
             **({"difference": max(shares)} if shares else {}),
             "time": sum(rung.time or 0.0 for rung in climbed),
             "message": "; ".join([words, *fallen]),
-            "verdict": worst(_verdict(results, rung) for rung in climbed),
+            "verdict": find_worst_verdict(_judge_rung(results, rung) for rung in climbed),
         }
 
 
-def _verdict(results: Results, rung: ladder.Rung) -> Verdict:
+def _judge_rung(results: Results, rung: ladder.Rung) -> Verdict:
     """The verdict of a rung; as in cases without a limit, nothing is claimed where our engine says why it differs."""
     known = rung.engine in ENGINES and ENGINES[rung.engine].native
     said = any(run.message for run in results.runs if (run.mechanism, run.engine) == (rung.name, rung.engine))
     return "skipped" if rung.verdict == "deviation" and known and said else rung.verdict
 
 
-def _plain(rung: str) -> str:
+def _describe_rung(rung: str) -> str:
     return rung.replace("_", " ")

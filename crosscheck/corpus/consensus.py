@@ -30,8 +30,8 @@ from crosscheck.corpus.intervals import (
     make_interval,
 )
 from crosscheck.engines import Engine
-from crosscheck.kit.resolved import idle
-from crosscheck.measures.budget import is_checked, no_order
+from crosscheck.kit.resolved import list_idle_velocities
+from crosscheck.measures.budget import has_no_order, is_checked
 from crosscheck.measures.limits import REFERENCE, WIDEST_BAR
 from crosscheck.measures.record import Record, Series
 from crosscheck.report.explanations import describe_diagnosis, describe_failing_lines, find_diagnosis
@@ -141,7 +141,7 @@ def find_case_consensus(task: Task, records: Mapping[str, Record], panel: Panel)
 def list_compared_series(task: Task, records: Iterable[Record]) -> list[str]:
     """Return the names of the series that are compared and that some engine gives; efforts of idle joints [-] are not."""
     wanted = [q for q in COMPARED if q in task.case.quantities]
-    still = {f"torque/{name}" for name in idle(task.mechanism, task.case)}
+    still = {f"torque/{name}" for name in list_idle_velocities(task.mechanism, task.case)}
     names = dict.fromkeys(n for record in records for n in record.series if n not in still)
     return [n for q in wanted for n in names if n.split("/", 1)[0] == q]
 
@@ -209,7 +209,7 @@ def _describe_hindrance(task: Task, name: str, record: Record, size: float, pane
         return "" if panel.authors[record.engine].closed_form else "it gives no error bar"
     if not is_checked(record.budget, name):
         return "it states its error bar by itself, and no refinement that was asked for shows it"
-    if no_order(record.budget.get(name, {})):
+    if has_no_order(record.budget.get(name, {})):
         return "its refinement has no order, so that its bar is none"
     widest = float(one.error.max())
     span = compute_signal_range([one.values])

@@ -10,7 +10,7 @@ from crosscheck.corpus.consensus import REACHED, SINGLE, CaseConsensus, SeriesCo
 from crosscheck.corpus.intervals import FLOOR
 from crosscheck.corpus.notes import MechanismNote
 from crosscheck.corpus.published import Beside
-from crosscheck.kit.resolved import case_file
+from crosscheck.kit.resolved import build_case_file
 from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.compare import compute_signal_range
 from crosscheck.verdicts.results import make_slug
@@ -52,7 +52,7 @@ def make_entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) 
         "every series": case.whole,
         "counts": dict(sorted(counts.items())),
         "authors": sorted({v.author for one in case.series for v in one.voices if v.part == "agrees"}),
-        "case.json": case_file(task.mechanism, task.case).digest,
+        "case.json": build_case_file(task.mechanism, task.case).digest,
         "source": task.mechanism.source,
         "case source": task.case.source,
         "licence": note.licence,

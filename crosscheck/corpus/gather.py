@@ -8,7 +8,7 @@ from pathlib import Path
 from crosscheck.corpus.authors import find_author
 from crosscheck.corpus.consensus import CaseConsensus, Panel, find_case_consensus
 from crosscheck.corpus.notes import CorpusTable
-from crosscheck.measures.record import Record, load
+from crosscheck.measures.record import Record, read_record
 from crosscheck.run.runner import run
 from crosscheck.run.work import Notify, Work
 from crosscheck.verdicts.plan import Task
@@ -32,4 +32,6 @@ def find_all_consensus(work: Work, panel: Panel, folder: Path) -> Iterator[CaseC
 def read_records(results: Results, task: Task, folder: Path) -> dict[str, Record]:
     """Return the records of a case by engine [units of their series], as a run left them in a folder."""
     here = task.folder.name, task.case.name
-    return {r.engine: load(folder / r.series) for r in results.runs if (r.mechanism, r.case) == here and r.series}
+    return {
+        r.engine: read_record(folder / r.series) for r in results.runs if (r.mechanism, r.case) == here and r.series
+    }

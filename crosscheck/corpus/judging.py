@@ -18,8 +18,8 @@ from crosscheck.corpus.consensus import REACHED
 from crosscheck.corpus.entry import FORMAT
 from crosscheck.corpus.folder import KITS, MANIFEST, compute_digest
 from crosscheck.corpus.intervals import Given, Interval, make_interval
-from crosscheck.kit.answer import inside as file_inside
 from crosscheck.kit.answer import read_table
+from crosscheck.kit.answer import resolve_file as file_inside
 from crosscheck.kit.tables import MetaFile
 from crosscheck.measures.limits import WIDEST_BAR
 from crosscheck.measures.record import Series

@@ -9,7 +9,7 @@ import numpy as np
 
 from crosscheck.corpus.consensus import CaseConsensus, SeriesConsensus
 from crosscheck.corpus.notes import PublishedValue
-from crosscheck.lifting.printed import half_digit
+from crosscheck.lifting.printed import compute_half_digit
 
 
 @dataclass(frozen=True)
@@ -51,4 +51,4 @@ def _compare_value(case: CaseConsensus, value: PublishedValue, one: SeriesConsen
         k = int(np.abs(case.task.time - value.at_s).argmin())
         ends = float(low[k]), float(high[k])
     distance = max(ends[0] - value.value, value.value - ends[1], 0.0)
-    return Beside(value, *ends, distance <= (value.digits or half_digit(repr(value.value))), distance)
+    return Beside(value, *ends, distance <= (value.digits or compute_half_digit(repr(value.value))), distance)

@@ -19,12 +19,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from crosscheck.doors.config import does
+from crosscheck.doors.config import accepts_case
 from crosscheck.engines.base import Options
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.kit.answer import answered
+from crosscheck.kit.answer import read_answer
 from crosscheck.kit.write import write
-from crosscheck.measures.budget import Family, with_bars
+from crosscheck.measures.budget import Family, add_error_bars
 from crosscheck.measures.record import Record
 from crosscheck.measures.series_csv import write as write_series
 from crosscheck.output_folder import remove_tree
@@ -42,7 +42,7 @@ class ProgramError(RuntimeError):
     """A program that did not come to its end: how it ended, and what it said last."""
 
 
-def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Program:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Program:
     """Return the adapter of a program; mechanism : its folder; settings : see `Program`."""
     return Program(name, Path(mechanism).name, settings)
 
@@ -71,7 +71,7 @@ class Program:
     def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
         """Return the reason why it is not asked, or None where it is."""
         patterns = list(self._settings.get("cases", ["*"]))
-        if does(patterns, self._mechanism or mechanism.name, case.name):
+        if accepts_case(patterns, self._mechanism or mechanism.name, case.name):
             return None
         return f"crosscheck.toml asks it for {', '.join(patterns)} only"
 
@@ -83,12 +83,12 @@ class Program:
         refine = bool(self._settings.get("refine", False)) and bool(options.get("error", True))
         records = []
         for level in LEVELS if refine else LEVELS[:1]:
-            records.append(self._once(mechanism, case, level))
+            records.append(self._run_level(mechanism, case, level))
             if records[-1].status != "ok":
                 return records[-1]
         made = records[-1]
         if refine:
-            series, budget = with_bars(made.series, [Family("step and mesh", [one.series for one in records])])
+            series, budget = add_error_bars(made.series, [Family("step and mesh", [one.series for one in records])])
             made = replace(made, series=series, budget=budget, wall_time=sum(one.wall_time for one in records))
             made = replace(made, certificate=records[0].certificate)
         return replace(made, settings={**made.settings, "command": shlex.join(self._settings["command"])})
@@ -105,7 +105,7 @@ class Program:
         words = shlex.join(word.replace("{kit}", "kit").replace("{out}", "out") for word in self._settings["command"])
         (folder / "run.txt").write_text(f"{words}\n", encoding="utf-8")
 
-    def _once(self, mechanism: Mechanism, case: Case, level: int) -> Record:
+    def _run_level(self, mechanism: Mechanism, case: Case, level: int) -> Record:
         """Return the answer of one run, ``level`` times as fine."""
         scratch = Path.cwd() / f"{self._name}-{level}"
         remove_tree(scratch)
@@ -114,12 +114,12 @@ class Program:
         out.mkdir(parents=True)
         write(mechanism, case, kit, refinement=level)
         start = clock.perf_counter()
-        self._call(kit, out, scratch)
+        self._run_program(kit, out, scratch)
         wall = clock.perf_counter() - start
-        record = answered(out, mechanism, case, self._name)
+        record = read_answer(out, mechanism, case, self._name)
         return record if record.wall_time else replace(record, wall_time=wall)
 
-    def _call(self, kit: Path, out: Path, scratch: Path) -> None:
+    def _run_program(self, kit: Path, out: Path, scratch: Path) -> None:
         """Run the program.  Raises ProgramError unless it leaves with 0."""
         words = [w.replace("{kit}", str(kit)).replace("{out}", str(out)) for w in self._settings["command"]]
         blind = bool(self._settings.get("blind", False))
@@ -134,22 +134,22 @@ class Program:
                 done = subprocess.run(
                     words,
                     cwd=scratch if blind else home,
-                    env=environment(scratch if blind else None),
+                    env=make_environment(scratch if blind else None),
                     stdin=subprocess.DEVNULL,
                     stdout=stream,
                     stderr=subprocess.STDOUT,
-                    preexec_fn=_die_with_parent if sys.platform == "linux" else None,
+                    preexec_fn=_end_with_parent if sys.platform == "linux" else None,
                     check=False,
                 )
         except OSError as error:
             raise ProgramError(f"{words[0]} cannot be run: {error.strerror or error}") from error
-        printed = tail(log)
+        printed = read_tail(log)
         os.write(sys.stdout.fileno(), printed.encode())  # to what the report keeps of its child process
         if done.returncode:
-            raise ProgramError(ending(done.returncode, printed))
+            raise ProgramError(describe_ending(done.returncode, printed))
 
 
-def ending(code: int, printed: str) -> str:
+def describe_ending(code: int, printed: str) -> str:
     """Return the words for the end of a program, with the last line that it printed."""
     last = next((line for line in reversed(printed.splitlines()) if line.strip()), "")
     said = f": {last.strip()[:400]}" if last else ""
@@ -162,14 +162,14 @@ def ending(code: int, printed: str) -> str:
     return f"the program was killed by signal {-code} ({name}){said}"
 
 
-def tail(file: Path) -> str:
+def read_tail(file: Path) -> str:
     """Return the end of what was printed, whatever bytes are in it."""
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - TAIL))
         return stream.read().decode("utf-8", errors="replace")
 
 
-def environment(blind: Path | None = None) -> dict[str, str]:
+def make_environment(blind: Path | None = None) -> dict[str, str]:
     """Return the environment of a program: that of the user, without our own path.
 
     blind : a folder for modules that hide this project from Python, so that nothing of it can be imported
@@ -187,6 +187,6 @@ def environment(blind: Path | None = None) -> dict[str, str]:
     return made | ({"PYTHONPATH": os.pathsep.join(paths)} if paths else {})
 
 
-def _die_with_parent() -> None:
+def _end_with_parent() -> None:
     """Ask Linux to kill the program when its child process dies."""
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

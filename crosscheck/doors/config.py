@@ -64,7 +64,7 @@ class ConfigTable(Table):
     engines: dict[str, Any] = make_key("tables [engines.NAME]", "[engines.mine]", default={})
 
 
-def found(models: Path, stated: Path | None = None) -> Path | None:
+def find_config(models: Path, stated: Path | None = None) -> Path | None:
     """Return the file of a folder of models: the one that is stated, or the nearest one above; None where there is none.
 
     Raises InputError for one that may not be used.
@@ -76,14 +76,14 @@ def found(models: Path, stated: Path | None = None) -> Path | None:
                 f"{file} is refused: a folder of models is data and names no programs; move it to {inside.parent}"
             )
     if stated is not None:
-        return checked(stated, inside)
-    for folder in above(inside.parent):
+        return check_file(stated, inside)
+    for folder in list_parent_folders(inside.parent):
         if (folder / FILE).exists():
-            return checked(folder / FILE, inside)
+            return check_file(folder / FILE, inside)
     return None
 
 
-def above(folder: Path) -> list[Path]:
+def list_parent_folders(folder: Path) -> list[Path]:
     """Return the folders that are searched: up to a repository's root or the home folder; outside of both the first alone."""
     home = Path.home().resolve()
     chain = [folder, *folder.parents]
@@ -93,7 +93,7 @@ def above(folder: Path) -> list[Path]:
     return chain[:1]
 
 
-def checked(file: Path, models: Path) -> Path:
+def check_file(file: Path, models: Path) -> Path:
     """Return the file itself.  Raises InputError where it is not there, not ours, or inside the models."""
     real = file.resolve()
     if not real.is_file():
@@ -110,7 +110,7 @@ def checked(file: Path, models: Path) -> Path:
     return real
 
 
-def rows(file: Path) -> dict[str, EngineRow]:
+def read_rows(file: Path) -> dict[str, EngineRow]:
     """Return the engines of a file by name.  Raises InputError that says where, what was given and what to write."""
     table = check_table(ConfigTable, read_toml(file), Location(file))
     made = {}
@@ -131,11 +131,11 @@ def rows(file: Path) -> dict[str, EngineRow]:
     return made
 
 
-def limits(name: str, row: EngineRow) -> tuple[Limit, ...]:
+def list_limits(name: str, row: EngineRow) -> tuple[Limit, ...]:
     """Return the limits [-] that an engine's table states."""
     return tuple(Limit(one.quantity, (name,), one.maximum, one.reason) for one in row.limits)
 
 
-def does(patterns: list[str], mechanism: str, case: str) -> bool:
+def accepts_case(patterns: list[str], mechanism: str, case: str) -> bool:
     """Return True if one of the patterns fits a case: ``mechanism/case``, or ``mechanism`` for all of its cases."""
     return any(fnmatchcase(f"{mechanism}/{case}", p if "/" in p else f"{p}/*") for p in patterns)

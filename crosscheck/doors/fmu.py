@@ -18,19 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.doors.config import does
+from crosscheck.doors.config import accepts_case
 from crosscheck.doors.fmu_description import (
     PLACE,
     check_feedthrough,
     check_stateless,
+    find_variables,
     is_forward,
     read_description,
-    variables,
 )
 from crosscheck.doors.fmu_replay import ForwardFmu
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.kit.resolved import UNITS, asked_series, idle
-from crosscheck.measures.record import Record, effort_units, torque_series
+from crosscheck.kit.resolved import UNITS, list_idle_velocities, list_quantity_series
+from crosscheck.measures.record import Record, list_effort_units, torque_series
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -40,7 +40,7 @@ MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as man
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
 
-def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu | ForwardFmu:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu | ForwardFmu:
     """Return the adapter of an FMU; mechanism : its folder; settings : fmu (path), cases, version, abilities.
 
     In the path ``{mechanism}`` is the name of the mechanism's folder: FMUs of many mechanisms are one engine.
@@ -78,7 +78,7 @@ class Fmu:
     def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
         """Return the reason why it is not asked, or None where it is."""
         patterns = list(self._settings.get("cases", ["*"]))
-        if not does(patterns, self._mechanism or mechanism.name, case.name):
+        if not accepts_case(patterns, self._mechanism or mechanism.name, case.name):
             return f"crosscheck.toml asks it for {', '.join(patterns)} only"
         if not self._path.is_file():
             return f"there is no FMU {self._path.name}"
@@ -90,15 +90,15 @@ class Fmu:
         description = read_description(self._path)
         time = sample_times(case)
         check_stateless(description, self._path)
-        names, wanted, table = ports(mechanism, case, time)
-        inputs = variables(description, names, "input")
-        outputs = variables(description, wanted, "output")
+        names, wanted, table = prepare_inputs(mechanism, case, time)
+        inputs = find_variables(description, names, "input")
+        outputs = find_variables(description, wanted, "output")
         check_feedthrough(description, inputs, outputs)
         folder = importlib.import_module("fmpy").extract(str(self._path))
         try:
             start = clock.perf_counter()
-            with Instance(description, folder, starts(description, mechanism, case)) as instance:
-                got, steps = instance.evaluated(inputs, outputs, time, table)
+            with Instance(description, folder, find_start_values(description, mechanism, case)) as instance:
+                got, steps = instance.evaluate_outputs(inputs, outputs, time, table)
             wall = clock.perf_counter() - start
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -108,7 +108,7 @@ class Fmu:
         return Record(engine, settings=said, time=time, series=torque_series(mechanism, torque), wall_time=wall)
 
 
-def ports(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str], dict[str, str], Array]:
+def prepare_inputs(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str], dict[str, str], Array]:
     """Return units by name of inputs and of outputs, and the inputs (samples, inputs) [rad], [m], [s] over time [s]."""
     given = set(case.motion.joints(mechanism))
     joints = [joint for joint in mechanism.joints if joint.nv and joint.name in given]
@@ -121,13 +121,13 @@ def ports(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str]
             names[f"{joint.name}.{part}"] = unit
             slices = mechanism.q_slices if part == "q" else mechanism.v_slices
             columns.append(parts[part][:, slices[joint.name]])
-    efforts = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
-    asked = [n.removeprefix("torque/") for n in asked_series(mechanism, case, "torque")]
-    assert not set(asked) & set(idle(mechanism, case))
+    efforts = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
+    asked = [n.removeprefix("torque/") for n in list_quantity_series(mechanism, case, "torque")]
+    assert not set(asked) & set(list_idle_velocities(mechanism, case))
     return names, {f"{name}.tau": efforts[name] for name in asked}, np.hstack(columns)
 
 
-def starts(description: Any, mechanism: Mechanism, case: Case) -> dict[int, float]:
+def find_start_values(description: Any, mechanism: Mechanism, case: Case) -> dict[int, float]:
     """Return by value reference where joints start that follow from closures, parameters ``JOINT.start`` [rad], [m].
 
     A loop closes in more than one way; the case says in which it begins.  Raises InputError for another unit.
@@ -135,7 +135,7 @@ def starts(description: Any, mechanism: Mechanism, case: Case) -> dict[int, floa
     units = {f"{joint.name}.start": UNITS[joint.kind][0][0] for joint in mechanism.joints if joint.nv == 1}
     stated = {v.name for v in description.modelVariables if v.causality == "parameter"}
     wanted = {name: unit for name, unit in units.items() if name in stated}
-    found = variables(description, wanted, "parameter")
+    found = find_variables(description, wanted, "parameter")
     begins = {name: np.ravel(case.start.get(name.removesuffix(".start"), 0.0)) for name in wanted}
     return {one.valueReference: float(begins[one.name][0]) for one in found}
 
@@ -176,7 +176,7 @@ class Instance:
         self._fmu.terminate()
         self._fmu.freeInstance()
 
-    def evaluated(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
+    def evaluate_outputs(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
         """Return the outputs (samples, outputs) [N m], [N] at inputs (samples, inputs), and the steps until they stood [-]."""
         to, of = ([variable.valueReference for variable in part] for part in (inputs, outputs))
         rows = []

@@ -50,7 +50,7 @@ def check_stateless(description: Any, path: Path) -> None:
         raise InputError(f"{path.name} has {states} states; expected a function of its inputs: inverse dynamics")
 
 
-def variables(description: Any, wanted: Mapping[str, str], causality: str) -> list[Any]:
+def find_variables(description: Any, wanted: Mapping[str, str], causality: str) -> list[Any]:
     """Return the variables of these names, in their order; wanted : unit by name; causality : input, output.
 
     Raises InputError for one that is missing or in another unit.

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.doors.fmu_description import read_description, variables
+from crosscheck.doors.fmu_description import find_variables, read_description
 from crosscheck.engines.shared.replay import Array, Drive
 from crosscheck.kit.resolved import UNITS
-from crosscheck.lifting.rigid import on, turned
-from crosscheck.measures.record import effort_units
+from crosscheck.lifting.rigid import apply_placement, turned
+from crosscheck.measures.record import list_effort_units
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Joint, Mechanism, Placement
@@ -72,19 +72,19 @@ class ForwardFmu:
             raise InputError(f"joints with more than one coordinate have no names in an FMU: {', '.join(others)}")
         if not mechanism.is_rigid or mechanism.closures:
             raise InputError("tips are those of open trees of rigid links here")
-        places = _replayed(self._path, mechanism, drive)
-        tips = [tips_of(mechanism, q) for q in places]
+        places = _integrate_torques(self._path, mechanism, drive)
+        tips = [compute_tips(mechanism, q) for q in places]
         return {link.name: np.array([at[link.name] for at in tips]) for link in mechanism.links}
 
 
-def _replayed(path: Path, mechanism: Mechanism, drive: Drive) -> Array:
+def _integrate_torques(path: Path, mechanism: Mechanism, drive: Drive) -> Array:
     """Return the coordinates (samples, nq) [rad], [m] to which the torques move an FMU."""
     description = read_description(path)
     moving = [joint for joint in mechanism.joints if joint.nv]
-    efforts = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    efforts = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     driven = {f"{j.name}.tau": efforts[j.name] for j in moving if j.actuated}
-    inputs = variables(description, driven, "input")
-    outputs = variables(description, {f"{j.name}.q": UNITS[j.kind][0][0] for j in moving}, "output")
+    inputs = find_variables(description, driven, "input")
+    outputs = find_variables(description, {f"{j.name}.q": UNITS[j.kind][0][0] for j in moving}, "output")
     for output in outputs:
         if output.initial != "exact":
             raise InputError(f'the FMU\'s {output.name!r} cannot be set where it starts; write initial="exact" there')
@@ -144,44 +144,48 @@ class Moving:
         yield self._fmu.getReal(of)
         for k, (now, then) in enumerate(pairwise(torque)):
             if self._exchange:
-                self._runge_kutta(to, now, then, k * h, h)
+                self._integrate_runge_kutta(to, now, then, k * h, h)
             else:
                 self._fmu.setReal(to, (0.5 * (now + then)).tolist())
                 self._fmu.doStep(currentCommunicationPoint=k * h, communicationStepSize=h)
             yield self._fmu.getReal(of)
 
-    def _runge_kutta(self, to: list[int], now: Array, then: Array, t: float, h: float) -> None:
+    def _integrate_runge_kutta(self, to: list[int], now: Array, then: Array, t: float, h: float) -> None:
         n = self._states
         middle = 0.5 * (now + then)
         store = (ctypes.c_double * n)()
         self._fmu.getContinuousStates(store, n)
         x = np.array(store)
 
-        def rate(time: float, at: Array, effort: Array) -> Array:
+        def evaluate_rate(time: float, at: Array, effort: Array) -> Array:
             self._fmu.setTime(time)
             self._fmu.setContinuousStates((ctypes.c_double * n)(*at), n)
             self._fmu.setReal(to, effort.tolist())
             self._fmu.getDerivatives(store, n)
             return np.array(store)
 
-        a = rate(t, x, now)
-        b = rate(t + h / 2, x + h / 2 * a, middle)
-        c = rate(t + h / 2, x + h / 2 * b, middle)
-        d = rate(t + h, x + h * c, then)
+        a = evaluate_rate(t, x, now)
+        b = evaluate_rate(t + h / 2, x + h / 2 * a, middle)
+        c = evaluate_rate(t + h / 2, x + h / 2 * b, middle)
+        d = evaluate_rate(t + h, x + h * c, then)
         self._fmu.setContinuousStates((ctypes.c_double * n)(*(x + h / 6 * (a + 2 * b + 2 * c + d))), n)
         self._fmu.completedIntegratorStep()
 
 
-def tips_of(mechanism: Mechanism, q: Array) -> dict[str, Array]:
+def compute_tips(mechanism: Mechanism, q: Array) -> dict[str, Array]:
     """Return the tips of all links (3,) [m] in the world, at coordinates (nq,) [rad], [m] of an open tree of rigid links."""
     frames = {WORLD: Placement()}
     for joint in mechanism.joints:
-        place = on(frames[joint.parent], joint.placement)
-        frames[joint.child] = on(place, moved_by(joint, q[mechanism.q_slices[joint.name]])) if joint.nv else place
+        place = apply_placement(frames[joint.parent], joint.placement)
+        frames[joint.child] = (
+            apply_placement(place, compute_joint_motion(joint, q[mechanism.q_slices[joint.name]]))
+            if joint.nv
+            else place
+        )
     return {x.name: frames[x.name].position + frames[x.name].rotation @ x.tip for x in mechanism.links}
 
 
-def moved_by(joint: Joint, q: Array) -> Placement:
+def compute_joint_motion(joint: Joint, q: Array) -> Placement:
     """Return the frame of a child in its joint's frame; q : (1,) [rad], [m]."""
     if joint.kind == "prismatic":
         return Placement(joint.axis * q[0], np.eye(3))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from crosscheck.engines.base import Adapter, Options
-from crosscheck.measures.budget import Family, is_checked, stated, with_bars
+from crosscheck.measures.budget import Family, add_error_bars, apply_stated_bars, is_checked
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -18,7 +18,7 @@ from flexinv.model.mechanism import Mechanism
 LEVELS = (0, 1, 2)  # of the option "refinement": times 2^k as fine
 
 
-def refines(adapter: Adapter) -> bool:
+def accepts_refinement(adapter: Adapter) -> bool:
     """Return True if an adapter of a package says that it hears the option "refinement"."""
     return getattr(adapter, "refines", False) is True
 
@@ -28,8 +28,8 @@ def of_package(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str, 
 
     options : "error" False asks for no bars; raises what the adapter raises
     """
-    if not refines(adapter) or not options.get("error", True):
-        return stated(adapter.run(mechanism, case, engine, options))
+    if not accepts_refinement(adapter) or not options.get("error", True):
+        return apply_stated_bars(adapter.run(mechanism, case, engine, options))
     base = int(options.get("refinement", 0))
     asked = [{**options, "error": False, "refinement": base + level} for level in LEVELS]
     runs: list[Record] = []
@@ -37,14 +37,14 @@ def of_package(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str, 
         runs.append(adapter.run(mechanism, case, engine, told))
         if runs[-1].status != "ok":
             return runs[-1]
-    plain = stated(runs[-1])
-    made, budget = with_bars(plain.series, [Family("refinement", [one.series for one in runs])])
+    plain = apply_stated_bars(runs[-1])
+    made, budget = add_error_bars(plain.series, [Family("refinement", [one.series for one in runs])])
     return replace(plain, series=made, budget={**plain.budget, **budget}, wall_time=sum(one.wall_time for one in runs))
 
 
-def of_door(record: Record) -> Record:
+def convert_door_bars(record: Record) -> Record:
     """Return the record of a door of ours: a bar that the door has not made itself is one that the engine states."""
     ours = {name: line for name, line in record.budget.items() if is_checked(record.budget, name)}
-    told = stated(record)
+    told = apply_stated_bars(record)
     series = {name: record.series[name] if name in ours else one for name, one in told.series.items()}
     return replace(told, series=series, budget={**told.budget, **ours})

@@ -30,7 +30,7 @@ class Point:
     package: str
 
 
-def points(group: str) -> Iterator[Point]:
+def list_entry_points(group: str) -> Iterator[Point]:
     """Yield the entry points of a group, of packages other than this one, by name; nothing is imported."""
     found = metadata.entry_points(group=group)
     for one in sorted(found, key=lambda e: (e.name, e.value)):
@@ -39,10 +39,10 @@ def points(group: str) -> Iterator[Point]:
             yield Point(one.name, one.value, package)
 
 
-def installed() -> dict[str, Engine]:
+def list_installed_engines() -> dict[str, Engine]:
     """Return the engines of installed packages, by name.  Raises InputError where two have one name."""
     found: dict[str, Engine] = {}
-    for point in points(ENGINE_GROUP):
+    for point in list_entry_points(ENGINE_GROUP):
         if not NAME.fullmatch(point.name):
             raise InputError(
                 f"package {point.package}: an engine is called {point.name!r}; expected letters, digits, ., _, -"
@@ -56,7 +56,7 @@ def installed() -> dict[str, Engine]:
     return found
 
 
-def referred(reference: str, folder: Path) -> Engine:
+def resolve_reference(reference: str, folder: Path) -> Engine:
     """Return the engine of ``module``, ``module:name`` or ``NAME=module:name``; folder : where the module may be, too.
 
     Raises InputError.

@@ -24,7 +24,7 @@ MOST_FILES = 5_000
 MOST_BYTES = 500_000_000
 
 
-def digest_files(named: Iterable[Path], project: Path) -> dict[str, str]:
+def compute_digests(named: Iterable[Path], project: Path) -> dict[str, str]:
     """Return the digest of every file below the folders of named files, by its path in the project.
 
     Raises InputError where there are too many, or one cannot be read.
@@ -42,7 +42,7 @@ def digest_files(named: Iterable[Path], project: Path) -> dict[str, str]:
                     f"{folder} holds more than {MOST_FILES} files or {MOST_BYTES / 1e6:.0f} MB beside the program: trust is "
                     "given to all of them; move the program into a folder of its own"
                 )
-            found[file.relative_to(root).as_posix()] = _digest(file)
+            found[file.relative_to(root).as_posix()] = _compute_digest(file)
     return found
 
 
@@ -66,7 +66,7 @@ def _is_left_out(folder: Path) -> bool:
     return is_model or holds_models or (folder / LIST).is_file()
 
 
-def _digest(file: Path) -> str:
+def _compute_digest(file: Path) -> str:
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError as error:

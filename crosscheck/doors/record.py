@@ -13,7 +13,7 @@ from typing import Any
 
 from crosscheck.doors.packages import NAME
 from crosscheck.engines.base import Options
-from crosscheck.kit.answer import LARGEST_JSON, answered, inside
+from crosscheck.kit.answer import LARGEST_JSON, read_answer, resolve_file
 from crosscheck.measures.record import Record
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
@@ -22,7 +22,7 @@ from flexinv.model.mechanism import Mechanism
 FOLDER = "records"
 
 
-def names(models: Path) -> tuple[str, ...]:
+def list_engine_names(models: Path) -> tuple[str, ...]:
     """Return the names of all engines that there are records of in a folder of models.  Raises InputError for a bad name."""
     found = sorted({f.name for f in models.glob(f"*/{FOLDER}/*") if f.is_dir()})
     for name in found:
@@ -33,7 +33,7 @@ def names(models: Path) -> tuple[str, ...]:
     return tuple(found)
 
 
-def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Recorded:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Recorded:
     """Return the adapter of the records of an engine; mechanism : the folder that has them."""
     return Recorded(Path(mechanism) / FOLDER / name, bool(mechanism))
 
@@ -58,16 +58,16 @@ class Recorded:
 
     def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
         """Return the reason why there is nothing to compare, or None where there is."""
-        return None if self._answer(case) is not None else "nobody recorded this case"
+        return None if self._find_answer(case) is not None else "nobody recorded this case"
 
     def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
         """Return the record [units of the file].  Raises InputError where it is none."""
-        folder = self._answer(case)
+        folder = self._find_answer(case)
         if folder is None:
             raise InputError(f"{self._folder} has no answer to {case.name}")
-        return answered(folder, mechanism, case, engine)
+        return read_answer(folder, mechanism, case, engine)
 
-    def _answer(self, case: Case) -> Path | None:
+    def _find_answer(self, case: Case) -> Path | None:
         """Return the folder with the answer to a case."""
         own = self._folder / case.name
         if own.is_dir():
@@ -76,11 +76,11 @@ class Recorded:
             return own
         if not (self._folder / "series.csv").exists() and not (self._folder / "meta.json").exists():
             return None
-        return self._folder if self._named(case) else None
+        return self._folder if self._is_for_case(case) else None
 
-    def _named(self, case: Case) -> bool:
+    def _is_for_case(self, case: Case) -> bool:
         """Return True if the answer beside the folders of cases is for this one: it says so, or says nothing."""
-        file = inside(self._folder, "meta.json")
+        file = resolve_file(self._folder, "meta.json")
         try:
             if not file.is_file() or file.stat().st_size > LARGEST_JSON:
                 return True

@@ -13,9 +13,9 @@ from typing import Any
 
 from crosscheck.doors import config, packages, record, trust
 from crosscheck.doors.fmu_description import INSTALL, PLACE
-from crosscheck.doors.program_files import digest_files, list_changes
+from crosscheck.doors.program_files import compute_digests, list_changes
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.measures.record import fingerprint
+from crosscheck.measures.record import compute_fingerprint
 from crosscheck.verdicts.plan import Plan, Task
 from flexinv.errors import InputError
 
@@ -48,7 +48,7 @@ class Doors:
     programs: tuple[Program, ...] = ()
     config: Path | None = None
 
-    def admit(self, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
+    def check_trust(self, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
         """Say what is run of the chosen engines; InputError where a program among them is not trusted.
 
         trusting : they are trusted for this time (in CI, where the repository is what is trusted)
@@ -68,7 +68,7 @@ class Doors:
     def _find_distrust(self, program: Program) -> str:
         """Return the reason why a program is not trusted, "" where it is."""
         assert self.config is not None
-        known = trust.trusted_parts(self.config, program.name)
+        known = trust.read_trusted_parts(self.config, program.name)
         if known is None:
             return "is new or has changed"
         if known == program.trusted_parts:
@@ -79,26 +79,30 @@ class Doors:
         return f"has changed ({shown})" if files else "is new or has changed"
 
 
-def doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -> Doors:
+def collect_doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -> Doors:
     """Return the engines of a folder of models.
 
     stated : crosscheck.toml where it is not searched; named : engines as ``module:name``
     Raises InputError where a file is refused or two engines have one name.
     """
     engines = dict(ENGINES)
-    _add(engines, packages.installed().values(), "an installed package")
-    file = config.found(models, stated)
+    _add(engines, packages.list_installed_engines().values(), "an installed package")
+    file = config.find_config(models, stated)
     programs = []
-    for name, row in ({} if file is None else config.rows(file)).items():
+    for name, row in ({} if file is None else config.read_rows(file)).items():
         assert file is not None
         if row.command is None and row.fmu is None and row.python is None:
-            engines[name] = _limited_package(name, row, engines, file)
+            engines[name] = _add_package_limits(name, row, engines, file)
             continue
-        engine, program = _of(name, row, file)
+        engine, program = _make_engine(name, row, file)
         _add(engines, [engine], str(file))
         programs.append(program)
-    _add(engines, (Engine(name, RECORD, "", "", settings={}) for name in record.names(models)), f"{models}/*/records")
-    _add(engines, (packages.referred(reference, Path.cwd()) for reference in named), "--engine")
+    _add(
+        engines,
+        (Engine(name, RECORD, "", "", settings={}) for name in record.list_engine_names(models)),
+        f"{models}/*/records",
+    )
+    _add(engines, (packages.resolve_reference(reference, Path.cwd()) for reference in named), "--engine")
     return Doors(engines, tuple(programs), file)
 
 
@@ -109,7 +113,7 @@ def _add(engines: dict[str, Engine], more: Iterable[Engine], where: str) -> None
         engines[engine.name] = engine
 
 
-def _limited_package(name: str, row: config.EngineRow, engines: Mapping[str, Engine], file: Path) -> Engine:
+def _add_package_limits(name: str, row: config.EngineRow, engines: Mapping[str, Engine], file: Path) -> Engine:
     """Return the engine of an installed package with limits that crosscheck.toml states for it."""
     if name in ENGINES:
         raise InputError(
@@ -120,10 +124,10 @@ def _limited_package(name: str, row: config.EngineRow, engines: Mapping[str, Eng
             f"{file}: [engines.{name}] has limits alone, and no installed package brings an engine of that name; install it, or "
             'write one of command, fmu and python: command = ["./mine", "{kit}", "{out}"]'
         )
-    return replace(engines[name], limits=config.limits(name, row))
+    return replace(engines[name], limits=config.list_limits(name, row))
 
 
-def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
+def _make_engine(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
     """Return an engine of crosscheck.toml and what is trusted with it."""
     folder = file.parent
     told: dict[str, Any] = {
@@ -135,23 +139,23 @@ def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
     if row.command is not None:
         told |= {"command": list(row.command), "refine": row.refine}
         engine = Engine(name, COMMAND, "", "", settings=told)
-        files = digest_files(_list_named(row.command, folder), folder)
-        program = Program(name, shlex.join(row.command), _digest(told), files)
-        return replace(engine, limits=config.limits(name, row)), program
+        files = compute_digests(_list_named(row.command, folder), folder)
+        program = Program(name, shlex.join(row.command), _compute_digest(told), files)
+        return replace(engine, limits=config.list_limits(name, row)), program
     if row.fmu is not None:
         path = folder / row.fmu
-        every = _files(folder, row.fmu)
+        every = _list_fmus(folder, row.fmu)
         if not every:
             raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
         told |= {"fmu": str(path)}
         engine = Engine(name, FMU, "fmpy", INSTALL, settings=told)
         contents = {one.relative_to(folder).as_posix(): hashlib.sha256(one.read_bytes()).hexdigest() for one in every}
-        program = Program(name, f"the native code in {path.name}", _digest(told), contents)
-        return replace(engine, limits=config.limits(name, row)), program
-    engine = packages.referred(f"{name}={row.python}", folder)
-    files = digest_files(_list_modules(str(row.python), folder), folder)
+        program = Program(name, f"the native code in {path.name}", _compute_digest(told), contents)
+        return replace(engine, limits=config.list_limits(name, row)), program
+    engine = packages.resolve_reference(f"{name}={row.python}", folder)
+    files = compute_digests(_list_modules(str(row.python), folder), folder)
     program = Program(name, f"the Python object {row.python}", engine.module, files)
-    return replace(engine, limits=config.limits(name, row)), program
+    return replace(engine, limits=config.list_limits(name, row)), program
 
 
 def _list_named(words: Iterable[str], folder: Path) -> list[Path]:
@@ -173,7 +177,7 @@ def _list_modules(reference: str, folder: Path) -> list[Path]:
     return [file for file in (stem.with_suffix(".py"), stem / "__init__.py", stem / "__main__.py") if file.is_file()]
 
 
-def _files(folder: Path, stated: str) -> list[Path]:
+def _list_fmus(folder: Path, stated: str) -> list[Path]:
     """Return the FMUs that a path in crosscheck.toml names, with PLACE of all mechanisms; [] for one elsewhere."""
     if os.path.isabs(stated) or not (folder / stated).resolve().is_relative_to(folder.resolve()):
         return []
@@ -181,26 +185,30 @@ def _files(folder: Path, stated: str) -> list[Path]:
     return sorted(f for f in found if f.is_file() and f.resolve().is_relative_to(folder.resolve()))
 
 
-def _digest(told: Mapping[str, Any]) -> str:
+def _compute_digest(told: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
-def limited(plan: Plan, engines: Mapping[str, Engine]) -> Plan:
+def add_engine_limits(plan: Plan, engines: Mapping[str, Engine]) -> Plan:
     """Return the plan whose cases have, after their own limits, those that stand where engines are named."""
     more = [limit for engine in engines.values() for limit in engine.limits]
-    return replace(plan, tasks=tuple(_limited(task, more) for task in plan.tasks)) if more else plan
+    return replace(plan, tasks=tuple(_add_limits(task, more) for task in plan.tasks)) if more else plan
 
 
-def _limited(task: Task, more: Iterable[Any]) -> Task:
+def _add_limits(task: Task, more: Iterable[Any]) -> Task:
     known = tuple(limit for limit in more if limit.quantity in task.case.quantities)
     return replace(task, case=replace(task.case, limits=(*task.case.limits, *known)))
 
 
-def stamp(engine: Engine, folder: Path) -> str:
+def compute_answer_digest(engine: Engine, folder: Path) -> str:
     """Return a digest of what an answer depends on beside the case: settings, programs, records in a mechanism's folder."""
     if engine.settings is None:
         own = Path(engine.path, *engine.module.partition(":")[0].split(".")).with_suffix(".py")
-        return "" if engine.name in ENGINES else fingerprint(engine.module, own.read_bytes() if own.is_file() else b"")
+        return (
+            ""
+            if engine.name in ENGINES
+            else compute_fingerprint(engine.module, own.read_bytes() if own.is_file() else b"")
+        )
     files = (
         sorted(f for f in (folder / record.FOLDER / engine.name).rglob("*") if f.is_file())
         if engine.module == RECORD
@@ -209,5 +217,7 @@ def stamp(engine: Engine, folder: Path) -> str:
     home = Path(engine.settings.get("folder", ""))
     fmu = engine.settings.get("fmu", "").replace(PLACE, folder.name)
     files += [home / fmu] if fmu and (home / fmu).is_file() else []
-    programs = digest_files(_list_named(engine.settings.get("command", ()), home), home)
-    return fingerprint(dict(engine.settings), programs, [hashlib.sha256(f.read_bytes()).hexdigest() for f in files])
+    programs = compute_digests(_list_named(engine.settings.get("command", ()), home), home)
+    return compute_fingerprint(
+        dict(engine.settings), programs, [hashlib.sha256(f.read_bytes()).hexdigest() for f in files]
+    )

@@ -17,32 +17,32 @@ from typing import Any
 from crosscheck.output_folder import replace
 
 
-def store() -> Path:
+def find_store() -> Path:
     """Return the file that remembers: below $XDG_CONFIG_HOME, or ~/.config."""
     base = os.environ.get("XDG_CONFIG_HOME", "")
     return (Path(base) if base else Path.home() / ".config") / "crosscheck" / "trusted.json"
 
 
-def trusted_parts(config: Path, name: str) -> dict[str, str] | None:
+def read_trusted_parts(config: Path, name: str) -> dict[str, str] | None:
     """Return the digests of an engine's parts that the user trusts; None where nothing is remembered."""
-    parts = known().get(str(config), {}).get(name)
+    parts = read_store().get(str(config), {}).get(name)
     if not isinstance(parts, dict):
         return None
     return {str(part): str(digest) for part, digest in parts.items()}
 
 
-def trust(config: Path, parts: Mapping[str, Mapping[str, str]]) -> None:
+def write_trusted_parts(config: Path, parts: Mapping[str, Mapping[str, str]]) -> None:
     """Remember the parts of a file's engines, and forget those that were there before.  Raises OSError."""
-    file = store()
+    file = find_store()
     file.parent.mkdir(parents=True, exist_ok=True)
     plain = {name: dict(digests) for name, digests in parts.items()}
-    replace(file, json.dumps({**known(), str(config): plain}, indent=1) + "\n")
+    replace(file, json.dumps({**read_store(), str(config): plain}, indent=1) + "\n")
 
 
-def known() -> dict[str, dict[str, Any]]:
+def read_store() -> dict[str, dict[str, Any]]:
     """Return all that is remembered; nothing where the file is none of ours."""
     try:
-        plain = json.loads(store().read_text(encoding="utf-8"))
+        plain = json.loads(find_store().read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     if not isinstance(plain, dict):

@@ -13,7 +13,7 @@ import numpy as np
 from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states, sample_states
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, build_mechanism
-from crosscheck.lifting.rigid import moved
+from crosscheck.lifting.rigid import move_inertia
 from crosscheck.measures.certificate import EXACT, Check
 from flexinv.model.mechanism import Array
 
@@ -46,7 +46,7 @@ def _make_check(what: str, unit: str, ours: Array, theirs: Array, words: str = "
 def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
     masses = np.array([sum(m.mass for m in tree.members) for tree in (first, second)])
     yield _make_check("total mass", "kg", masses[:1], masses[1:])
-    pairs = [(first.members[s.first], moved(s.frame, second.members[s.second].inertia)) for s in seats.values()]
+    pairs = [(first.members[s.first], move_inertia(s.frame, second.members[s.second].inertia)) for s in seats.values()]
     for what, unit, name in (
         ("masses by joint", "kg", "mass"),
         ("centres of mass by joint", "m", "com"),

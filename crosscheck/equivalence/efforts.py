@@ -13,7 +13,14 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.seats import Aligned
 from crosscheck.equivalence.tree import SCALARS, Member, Tree, build_mechanism
-from crosscheck.lifting.rigid import between, inverse, on, quaternion, turned, twist_map
+from crosscheck.lifting.rigid import (
+    apply_placement,
+    build_adjoint,
+    compute_relative_pose,
+    convert_to_quaternion,
+    inverse,
+    turned,
+)
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Mechanism, Placement
 from flexinv.rigid.joint_torques import joint_torques
@@ -146,7 +153,7 @@ def _build_configuration(kind: str, states: States, joint: str) -> Array:
     if kind == "continuous":
         return np.stack([np.cos(states.q[joint]), np.sin(states.q[joint])], axis=1)
     if kind in ("spherical", "free"):
-        turns = np.array([quaternion(pose.rotation) for pose in states.poses[joint]])
+        turns = np.array([convert_to_quaternion(pose.rotation) for pose in states.poses[joint]])
         places = np.array([pose.position for pose in states.poses[joint]])
         return np.hstack([places, turns]) if kind == "free" else turns
     return states.q[joint][:, None]
@@ -172,7 +179,9 @@ def map_states(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> Stat
             qdd[joint] = seat.sign * states.qdd[joint]
             continue
         back = _build_velocity_map(kind, seat.frame)
-        poses[joint] = [on(on(inverse(seat.frame), pose), seat.frame) for pose in states.poses[joint]]
+        poses[joint] = [
+            apply_placement(apply_placement(inverse(seat.frame), pose), seat.frame) for pose in states.poses[joint]
+        ]
         qd[joint] = states.qd[joint] @ back.T
         qdd[joint] = states.qdd[joint] @ back.T
     return States(q, poses, qd, qdd)
@@ -190,4 +199,4 @@ def map_efforts_back(found: Mapping[str, Array], tree: Tree, seats: Mapping[str,
 
 def _build_velocity_map(kind: str, frame: Placement) -> Array:
     """A's velocity coordinates to B's."""
-    return frame.rotation.T if kind == "spherical" else twist_map(between(frame, Placement()))
+    return frame.rotation.T if kind == "spherical" else build_adjoint(compute_relative_pose(frame, Placement()))

@@ -11,7 +11,7 @@ from crosscheck.equivalence.alignment.seats import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair, list_body_differences
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
-from crosscheck.lifting.rigid import moved
+from crosscheck.lifting.rigid import move_inertia
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 BODY = ("mass", "centre of mass", "inertia tensor")
@@ -31,9 +31,9 @@ FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction
 def find_missing_links(pair: Pair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
     one = pair.one
-    there = moved(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.seat.frame, pair.two.inertia)
     ours = dict(one.parts)
-    theirs = {name: moved(pair.seat.frame, body) for name, body in pair.two.parts}
+    theirs = {name: move_inertia(pair.seat.frame, body) for name, body in pair.two.parts}
     for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
         for lost in _list_missing_candidates(mine, others):
             left = join_bodies(body for name, body in mine.items() if name not in lost)
@@ -49,7 +49,7 @@ def find_differing_body(pair: Pair) -> list[Difference]:
     however the other merged or split them.
     """
     ours = dict(pair.one.parts)
-    theirs = {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
+    theirs = {n: move_inertia(pair.seat.frame, body) for n, body in pair.two.parts}
     if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
         found = {name: list(_list_part_differences(pair, name, ours[name], theirs[name])) for name in ours}
         # What is no more than rounding of turned frames is put right with it.
@@ -72,7 +72,7 @@ def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
     if len(ours) < max(2, len(pair.one.parts)):
         return []
     whole = _list_with_cause(list_body_differences(pair))
-    there = moved(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.seat.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
         rest = join_bodies(other for own, other in ours.items() if own != name)

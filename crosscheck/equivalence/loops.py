@@ -19,7 +19,7 @@ import numpy as np
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.tree import Tree
-from crosscheck.lifting.rigid import angle, between, inverse, on
+from crosscheck.lifting.rigid import apply_placement, compute_angle, compute_relative_pose, inverse
 from flexinv.model.mechanism import WORLD, Array, Attachment, Closure, Mechanism, Placement
 
 
@@ -108,15 +108,17 @@ def _format_point(end: Placement) -> str:
 def _compute_closure_gaps(one: Tied, other: Tied) -> tuple[float, float]:
     """Distance [m] and angle [rad] by which two closures of one kind differ."""
     if one.kind == "fixed":
-        ways = [on(tied.first, inverse(tied.second)) for tied in (one, other)]
-        apart = between(*ways)
-        return float(np.linalg.norm(apart.position)), angle(apart.rotation)
+        ways = [apply_placement(tied.first, inverse(tied.second)) for tied in (one, other)]
+        apart = compute_relative_pose(*ways)
+        return float(np.linalg.norm(apart.position)), compute_angle(apart.rotation)
     ends = ((one.first, other.first), (one.second, other.second))
     gaps = [b.position - a.position for a, b in ends]
     if one.kind == "spherical":
         return max(float(np.linalg.norm(gap)) for gap in gaps), 0.0
     if one.kind != "revolute":
-        return max(float(np.linalg.norm(gap)) for gap in gaps), max(angle(a.rotation.T @ b.rotation) for a, b in ends)
+        return max(float(np.linalg.norm(gap)) for gap in gaps), max(
+            compute_angle(a.rotation.T @ b.rotation) for a, b in ends
+        )
     lines = [(a.rotation @ one.axis, b.rotation @ other.axis) for a, b in ends]
     sign = 1.0 if lines[0][0] @ lines[0][1] >= 0.0 else -1.0  # a line may be said by either of its directions
     along = [float(gap @ u) for gap, (u, _) in zip(gaps, lines, strict=True)]
@@ -149,11 +151,11 @@ def _find_attachment(
 ) -> tuple[str, Placement]:
     """The matched joint of A that carries an attachment, "" for the world, and its frame in that member of A [m]."""
     k = -1 if at.link == WORLD else number[at.link]
-    place = at.placement if k < 0 else on(poses[k], at.placement)
+    place = at.placement if k < 0 else apply_placement(poses[k], at.placement)
     while k >= 0 and side.tree.members[k].joint not in side.names:
         k = side.tree.members[k].parent
     if k < 0:
-        return "", on(side.frames.get("", Placement()), place)
+        return "", apply_placement(side.frames.get("", Placement()), place)
     joint = side.names[side.tree.members[k].joint]
-    within = between(poses[k], place)
-    return joint, on(side.frames[joint], within) if joint in side.frames else within
+    within = compute_relative_pose(poses[k], place)
+    return joint, apply_placement(side.frames[joint], within) if joint in side.frames else within

@@ -13,7 +13,7 @@ from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.digits import VECTOR, Digits
 from crosscheck.equivalence.hints import describe_factor, describe_tensor_change, describe_vector_change
 from crosscheck.equivalence.tree import SCALARS, Member
-from crosscheck.lifting.rigid import angle, moved, on
+from crosscheck.lifting.rigid import apply_placement, compute_angle, move_inertia
 from flexinv.model.mechanism import Array, Limits, Placement
 
 DRIVES = {
@@ -113,8 +113,8 @@ def _compare_placement(pair: Pair) -> Iterator[Difference]:
     one = pair.one
     rest = pair.seat.rest
     way = float(np.linalg.norm(rest.position))
-    turn = angle(rest.rotation)
-    target = on(one.placement, rest)
+    turn = compute_angle(rest.rotation)
+    target = apply_placement(one.placement, rest)
     if one.kind == "free":
         yield from _compare_start_pose(pair, target, way, turn)
         return
@@ -157,7 +157,7 @@ def _compare_start_pose(pair: Pair, target: Placement, way: float, turn: float) 
 def list_body_differences(pair: Pair) -> Iterator[Difference]:
     """Yield differences of mass [kg], centre of mass [m] and tensor [kg m^2] of a link."""
     one = pair.one
-    there = moved(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.seat.frame, pair.two.inertia)
     if abs(there.mass - one.mass) > SAME * max(one.mass, there.mass):
         yield _make_scalar_difference(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
     gap = float(np.linalg.norm(there.com - one.com))
@@ -273,7 +273,7 @@ def format_vector(numbers: Array) -> str:
 
 def format_placement(frame: Placement) -> str:
     """Return a frame as text: position [m], and its turn [rad] where it has one."""
-    turn = angle(frame.rotation)
+    turn = compute_angle(frame.rotation)
     return format_vector(frame.position) + (f", {_format_rpy(frame.rotation)}" if turn > SAME else "")
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.tree import Tree, join_into_carriers
-from crosscheck.lifting.rigid import between
+from crosscheck.lifting.rigid import compute_relative_pose
 from flexinv.model.mechanism import Placement
 
 
@@ -117,6 +117,8 @@ def _move_to_matched_parents(
             a_name, b_name = (one.members[k].name if k >= 0 else "world" for k in (member.parent, carrier))
             where = f"joint {member.joint}"
             found.append(Difference("rigid", "parent of joint", where, 1.0, "-", a_name, b_name, structural=True))
-            member = replace(member, placement=between(poses[carrier] if carrier >= 0 else Placement(), poses[index]))
+            member = replace(
+                member, placement=compute_relative_pose(poses[carrier] if carrier >= 0 else Placement(), poses[index])
+            )
         members.append(replace(member, parent=parent))
     return replace(one, members=tuple(members)), {k: k for k in range(len(members))}, found

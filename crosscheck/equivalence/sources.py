@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.doors.packages import installed
+from crosscheck.doors.packages import list_installed_engines
 from crosscheck.engines import ENGINES, Engine, describe_missing_package, resolve_adapter
 from crosscheck.engines.base import offered
 from crosscheck.lifting.description import Description
@@ -21,7 +21,7 @@ from crosscheck.lifting.toml import lift_toml
 from crosscheck.lifting.urdf import lift_urdf
 from crosscheck.lifting.usd import PACKAGE as USD_PACKAGE
 from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
-from crosscheck.lifting.usd import lift_usd, reads_usd
+from crosscheck.lifting.usd import can_read_usd, lift_usd
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
 from flexinv.files.regular_files import NotRegular, describe_kind, read_regular
@@ -146,7 +146,9 @@ def _read_file(path: Path, base: str) -> Description:
     if kind == "urdf":
         found = lift_urdf(path, base)
     else:
-        found = lift_usd(path) if kind == "usd" and reads_usd() else _read_by_engine(path, _choose_reader(path, kind))
+        found = (
+            lift_usd(path) if kind == "usd" and can_read_usd() else _read_by_engine(path, _choose_reader(path, kind))
+        )
     return replace(found, label=path.name, dropped=(*_describe_wrong_suffix(path, kind), *found.dropped))
 
 
@@ -222,7 +224,7 @@ def _describe_wrong_suffix(path: Path, kind: str) -> Iterator[str]:
 
 
 def _collect_engines() -> dict[str, Engine]:
-    return {**ENGINES, **installed()}
+    return {**ENGINES, **list_installed_engines()}
 
 
 def _choose_reader(path: Path, kind: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.lifting.rigid import moved, on
+from crosscheck.lifting.rigid import apply_placement, move_inertia
 from flexinv.model.mechanism import WORLD, Array, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 
 SCALARS = ("revolute", "prismatic", "helical")
@@ -128,7 +128,9 @@ class Tree:
         """Return the frame of every member in the world, all joints at zero [m]."""
         found: list[Placement] = []
         for member in self.members:
-            found.append(on(found[member.parent], member.placement) if member.parent >= 0 else member.placement)
+            found.append(
+                apply_placement(found[member.parent], member.placement) if member.parent >= 0 else member.placement
+            )
         return found
 
     def replace_fields(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
@@ -213,7 +215,7 @@ def join_into_carriers(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int
     members = []  # type: ignore[var-annotated]
     for k, member in enumerate(tree.members):
         carrier, place = seats[member.parent]
-        here = on(place, member.placement)
+        here = apply_placement(place, member.placement)
         if k in still:
             seats[k] = (carrier, here)
             if carrier >= 0:
@@ -227,7 +229,7 @@ def join_into_carriers(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int
 
 
 def _add_to_carrier(carrier: Member, place: Placement, member: Member) -> Member:
-    parts = (*carrier.parts, *((name, moved(place, body)) for name, body in member.parts))
+    parts = (*carrier.parts, *((name, move_inertia(place, body)) for name, body in member.parts))
     body = join_bodies([inertia for _, inertia in parts])
     return replace(carrier, parts=parts, mass=body.mass, com=body.com, tensor=body.tensor)
 

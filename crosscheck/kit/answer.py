@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from crosscheck.engines.base import sample_times
-from crosscheck.kit.resolved import all_series, asked_series, case_file, idle
+from crosscheck.kit.resolved import build_case_file, list_all_series, list_idle_velocities, list_quantity_series
 from crosscheck.kit.tables import CertificateFile, MetaFile
-from crosscheck.measures.record import BROKEN, Record, Series, effort_units, series
+from crosscheck.measures.record import BROKEN, Record, Series, list_effort_units, series
 from crosscheck.measures.series_csv import check_names, check_times, read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
@@ -27,34 +27,34 @@ LARGEST_JSON = 20_000_000  # [bytes]: the certificate of a humanoid has a hundre
 T = TypeVar("T", bound=BaseModel)
 
 
-def answered(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> Record:
+def read_answer(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> Record:
     """Return the record of an answer folder; series in the units of the kit [N m], [N], [m].
 
     Raises InputError that says what is wrong: missing or doubled columns, other units, times, coordinates or cases.
     """
-    meta = read_table(inside(folder, "meta.json"), MetaFile) or MetaFile()
-    made: dict[str, Any] = {"engine": engine, "version": meta.version, "settings": _settings(meta)}
+    meta = read_table(resolve_file(folder, "meta.json"), MetaFile) or MetaFile()
+    made: dict[str, Any] = {"engine": engine, "version": meta.version, "settings": _collect_settings(meta)}
     _check_addressed(folder, meta, mechanism, case)
     if meta.skipped:
         return Record(status="skipped", message=meta.skipped, **made)
-    file = inside(folder, "series.csv")
+    file = resolve_file(folder, "series.csv")
     if not file.is_file():
         raise InputError(f"{folder} holds no series.csv: nothing was answered")
     time, found = read(file)
     check_times(file, time, wanted := sample_times(case), case.sample)
-    check_names(file, all_series(mechanism), found.values())
+    check_names(file, list_all_series(mechanism), found.values())
     _check_complete(file, mechanism, case, found)
-    still = {f"torque/{name}" for name in idle(mechanism, case)} - set(found)
-    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    still = {f"torque/{name}" for name in list_idle_velocities(mechanism, case)} - set(found)
+    units = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     for name in mechanism.velocity_names:
         if f"torque/{name}" in still:
             found |= series(f"torque/{name}", units[name], np.zeros(time.size))
     _check_finite(file, found, time)
-    certificate = certified(inside(folder, "certificate.json"), mechanism)
+    certificate = read_certificate(resolve_file(folder, "certificate.json"), mechanism)
     return Record(time=wanted, series=found, wall_time=meta.wall_time, certificate=certificate, **made)
 
 
-def inside(folder: Path, name: str) -> Path:
+def resolve_file(folder: Path, name: str) -> Path:
     """Return a file of a folder, be it there or not.  Raises InputError for a link out of it, a pipe, a device or a folder."""
     file = folder / name
     words = describe_kind(file)
@@ -85,7 +85,7 @@ def read_table(path: Path, model: type[T]) -> T | None:
         raise InputError(f"{path} cannot be read: {error}") from None
 
 
-def _settings(meta: MetaFile) -> dict[str, Any]:
+def _collect_settings(meta: MetaFile) -> dict[str, Any]:
     """Return the settings that an answer states, for the report."""
     said = {
         "tool": meta.tool,
@@ -103,7 +103,7 @@ def _check_addressed(folder: Path, meta: MetaFile, mechanism: Mechanism, case: C
         if said and said != ours:
             raise InputError(f"{folder / 'meta.json'}: an answer for {what} {said!r}, expected {ours!r}")
     if meta.case:
-        known = {case_file(mechanism, case, k).digest for k in (1, 2, 4)}
+        known = {build_case_file(mechanism, case, k).digest for k in (1, 2, 4)}
         if meta.case not in known:
             raise InputError(
                 f"{folder / 'meta.json'}: an answer for the case {meta.case}, which is not this one: the files have "
@@ -114,14 +114,16 @@ def _check_addressed(folder: Path, meta: MetaFile, mechanism: Mechanism, case: C
 def _check_complete(file: Path, mechanism: Mechanism, case: Case, found: dict[str, Series]) -> None:
     """Raise InputError where a quantity is there in part: a column was forgotten; reactions and sections are free."""
     for quantity in ("torque", "tip", "deflection"):
-        wanted = asked_series(mechanism, case, quantity)
+        wanted = list_quantity_series(mechanism, case, quantity)
         there = [name for name in wanted if name in found]
         missing = [name for name in wanted if name not in found]
-        if missing and (quantity == "torque" or (there and quantity in case.quantities and _torn(missing, there))):
+        if missing and (
+            quantity == "torque" or (there and quantity in case.quantities and _has_partial_vector(missing, there))
+        ):
             raise InputError(f"{file}: column '{missing[0]} [{wanted[missing[0]]}]' is missing")
 
 
-def _torn(missing: list[str], there: list[str]) -> bool:
+def _has_partial_vector(missing: list[str], there: list[str]) -> bool:
     """Return True if a vector is there in part: x without y."""
     return bool({name.rpartition("/")[0] for name in missing} & {name.rpartition("/")[0] for name in there})
 
@@ -141,7 +143,7 @@ def _check_finite(file: Path, found: dict[str, Series], time: np.ndarray) -> Non
                 )
 
 
-def certified(file: Path, mechanism: Mechanism) -> dict[str, Any]:
+def read_certificate(file: Path, mechanism: Mechanism) -> dict[str, Any]:
     """Return the certificate in a file; {} without one, {"broken": why} where it cannot be read or compared."""
     try:
         found = read_table(file, CertificateFile)

@@ -56,7 +56,7 @@ REFINED = (
 )
 
 
-def page(file: CaseFile, files: dict[str, str], spacing: float) -> str:
+def render_readme(file: CaseFile, files: dict[str, str], spacing: float) -> str:
     """Return README.md of a kit; files : what lies beside case.json, with its content; spacing : of motion.csv [s]."""
     case = file.case
     beams = any(link.beam is not None for link in file.mechanism.links)

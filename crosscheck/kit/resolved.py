@@ -30,7 +30,7 @@ from crosscheck.kit.tables import (
     SpringData,
     Velocity,
 )
-from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, effort_units
+from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, list_effort_units
 from crosscheck.measures.series_csv import STATION
 from flexinv.files.load_cases import Case
 from flexinv.model.attachments import GasLaw, SpringLaw
@@ -66,27 +66,27 @@ MEANINGS = {
 }
 
 
-def case_file(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseFile:
+def build_case_file(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseFile:
     """Return all that ``case.json`` says; refinement : times [-] by which step and mesh are to be finer."""
     if refinement > 1:
         case = replace(case, step=case.step / refinement)
-    said = mechanism_data(mechanism)
-    asked = case_data(mechanism, case, refinement)
+    said = convert_mechanism(mechanism)
+    asked = convert_case(mechanism, case, refinement)
     plain = {"mechanism": said.model_dump(mode="json"), "case": asked.model_dump(mode="json")}
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
     return CaseFile(format=FORMAT, digest=digest, mechanism=said, case=asked)
 
 
-def mechanism_data(mechanism: Mechanism) -> MechanismData:
+def convert_mechanism(mechanism: Mechanism) -> MechanismData:
     """Return a mechanism as a table [m, kg, s, rad, N]."""
     return MechanismData(
         name=mechanism.name,
         title=mechanism.title,
         source=mechanism.source,
-        gravity=_row(mechanism.gravity),
-        links=[_link(link) for link in mechanism.links],
-        joints=[_joint(joint) for joint in mechanism.joints],
-        closures=[_closure(closure) for closure in mechanism.closures],
+        gravity=_list_numbers(mechanism.gravity),
+        links=[_convert_link(link) for link in mechanism.links],
+        joints=[_convert_joint(joint) for joint in mechanism.joints],
+        closures=[_convert_closure(closure) for closure in mechanism.closures],
         springs=[
             SpringData(
                 name=s.name,
@@ -95,19 +95,21 @@ def mechanism_data(mechanism: Mechanism) -> MechanismData:
                 stiffness=s.stiffness,
                 rest=s.rest,
                 damping=s.damping,
-                law=_law(s.law),
+                law=_convert_law(s.law),
             )
             for s in mechanism.springs
         ],
         forces=[
-            ForceData(name=f.name, at=_end(f.at), time=_row(f.time), wrench=f.wrench.tolist(), follower=f.follower)
+            ForceData(
+                name=f.name, at=_end(f.at), time=_list_numbers(f.time), wrench=f.wrench.tolist(), follower=f.follower
+            )
             for f in mechanism.forces
         ],
         notes=list(mechanism.notes),
     )
 
 
-def _law(law: SpringLaw | None) -> dict[str, Any] | None:
+def _convert_law(law: SpringLaw | None) -> dict[str, Any] | None:
     if law is None:
         return None
     if isinstance(law, GasLaw):
@@ -115,14 +117,14 @@ def _law(law: SpringLaw | None) -> dict[str, Any] | None:
     return {"kind": "table", "length": law.length.tolist(), "force": law.force.tolist()}
 
 
-def case_data(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData:
+def convert_case(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData:
     """Return a case as a table [s, rad, m]."""
     given = set(case.motion.joints(mechanism))
     q_units = [u for j in mechanism.joints for u in UNITS[j.kind][0]]
     v_units = [u for j in mechanism.joints for u in UNITS[j.kind][1]]
     q_given = [j.name in given for j in mechanism.joints for _ in range(j.nq)]
     v_given = [j.name in given for j in mechanism.joints for _ in range(j.nv)]
-    efforts = effort_units(mechanism)
+    efforts = list_effort_units(mechanism)
     return CaseData(
         name=case.name,
         title=case.title,
@@ -132,10 +134,10 @@ def case_data(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData
         sample=case.sample,
         end=case.end,
         samples=sample_times(case).size,
-        integrated=integrated(mechanism, case),
+        integrated=needs_integration(mechanism, case),
         spectral_radius=case.spectral_radius,
         initial="static" if case.initial == "static" else "consistent",
-        start={name: _row(values) for name, values in case.start.items()},
+        start={name: _list_numbers(values) for name, values in case.start.items()},
         jumps=[float(t) for t in case.motion.jumps],
         refinement=refinement,
         coordinates=[
@@ -149,19 +151,20 @@ def case_data(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData
             )
         ],
         asked=[
-            Asked(quantity=q, series=asked_series(mechanism, case, q), meaning=MEANINGS[q]) for q in case.quantities
+            Asked(quantity=q, series=list_quantity_series(mechanism, case, q), meaning=MEANINGS[q])
+            for q in case.quantities
         ],
     )
 
 
-def integrated(mechanism: Mechanism, case: Case) -> bool:
+def needs_integration(mechanism: Mechanism, case: Case) -> bool:
     """Return True if a case has to be integrated in time: beams, or joints of an open tree without a motion."""
     given = set(case.motion.joints(mechanism))
     free = any(j.nv and j.name not in given for j in mechanism.joints)
     return not mechanism.is_rigid or (free and not mechanism.closures)
 
 
-def idle(mechanism: Mechanism, case: Case) -> tuple[str, ...]:
+def list_idle_velocities(mechanism: Mechanism, case: Case) -> tuple[str, ...]:
     """Return the velocities [-] without effort: no drive, and in a loop or left to the dynamics."""
     given = set(case.motion.joints(mechanism))
     return tuple(
@@ -172,22 +175,22 @@ def idle(mechanism: Mechanism, case: Case) -> tuple[str, ...]:
     )
 
 
-def asked_series(mechanism: Mechanism, case: Case, quantity: str) -> dict[str, str]:
+def list_quantity_series(mechanism: Mechanism, case: Case, quantity: str) -> dict[str, str]:
     """Return names and units of the series of a quantity; torques of velocities without effort are not asked for."""
     if quantity == "torque":
-        still = idle(mechanism, case)
-        named = zip(mechanism.velocity_names, effort_units(mechanism), strict=True)
+        still = list_idle_velocities(mechanism, case)
+        named = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
         return {f"torque/{name}": unit for name, unit in named if name not in still}
-    return {n: u for n, u in all_series(mechanism).items() if n.split("/", 1)[0] == quantity}
+    return {n: u for n, u in list_all_series(mechanism).items() if n.split("/", 1)[0] == quantity}
 
 
-def all_series(mechanism: Mechanism) -> dict[str, str]:
+def list_all_series(mechanism: Mechanism) -> dict[str, str]:
     """Return names and units of all series that a record of a mechanism may have; STATION stands for any in internal ones."""
     beams = [link.name for link in mechanism.beams]
     wrench = dict(zip(WRENCH, FORCE_UNITS, strict=True))
     inside = dict(zip(RESULTANTS, FORCE_UNITS, strict=True))
     return {
-        **{f"torque/{n}": u for n, u in zip(mechanism.velocity_names, effort_units(mechanism), strict=True)},
+        **{f"torque/{n}": u for n, u in zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)},
         **{f"wrench/{j.name}/{part}": u for j in mechanism.joints for part, u in wrench.items()},
         **{f"reaction/{c.name}/{part}": u for c in mechanism.closures for part, u in wrench.items()},
         **{f"tip/{link.name}/{axis}": "m" for link in mechanism.links for axis in XYZ},
@@ -197,40 +200,42 @@ def all_series(mechanism: Mechanism) -> dict[str, str]:
     }
 
 
-def _link(link: Link) -> LinkData:
-    beam = None if link.beam is None else _beam(link.beam)
-    return LinkData(name=link.name, bodies=[_body(b) for b in link.bodies], beam=beam, tip=_row(link.tip))
-
-
-def _body(body: Body) -> BodyData:
-    i = body.inertia
-    return BodyData(
-        name=body.name, station=body.station, mass=float(i.mass), com=_row(i.com), inertia=i.tensor.tolist()
+def _convert_link(link: Link) -> LinkData:
+    beam = None if link.beam is None else _convert_beam(link.beam)
+    return LinkData(
+        name=link.name, bodies=[_convert_body(b) for b in link.bodies], beam=beam, tip=_list_numbers(link.tip)
     )
 
 
-def _beam(beam: Beam) -> BeamData:
+def _convert_body(body: Body) -> BodyData:
+    i = body.inertia
+    return BodyData(
+        name=body.name, station=body.station, mass=float(i.mass), com=_list_numbers(i.com), inertia=i.tensor.tolist()
+    )
+
+
+def _convert_beam(beam: Beam) -> BeamData:
     s = beam.section
-    stiff: dict[str, Any] = {name: _row(s.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
-    rotary: dict[str, Any] = {f"rho_I_{axis}": _row(s.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)}
+    stiff: dict[str, Any] = {name: _list_numbers(s.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
+    rotary: dict[str, Any] = {f"rho_I_{axis}": _list_numbers(s.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)}
     section = SectionData(
-        station=_row(s.stations),
-        rho_A=_row(s.mass_per_length),
+        station=_list_numbers(s.stations),
+        rho_A=_list_numbers(s.mass_per_length),
         damping=[] if s.damping is None else s.damping.tolist(),
         **stiff,
         **rotary,
     )
     return BeamData(
         length=beam.length,
-        root=_frame(beam.placement),
-        curvature=_row(beam.curvature),
+        root=_convert_frame(beam.placement),
+        curvature=_list_numbers(beam.curvature),
         section=section,
         elements=beam.elements,
         order=beam.order,
     )
 
 
-def _joint(joint: Joint) -> JointData:
+def _convert_joint(joint: Joint) -> JointData:
     q = KINDS[joint.kind].q
     v = KINDS[joint.kind].v
     plain = {
@@ -241,24 +246,24 @@ def _joint(joint: Joint) -> JointData:
     return JointData(
         **named,
         **plain,
-        frame=_frame(joint.placement),
+        frame=_convert_frame(joint.placement),
         station=joint.station,
-        axis=_row(joint.axis),
-        second_axis=_row(joint.second_axis),
+        axis=_list_numbers(joint.axis),
+        second_axis=_list_numbers(joint.second_axis),
         pitch=joint.pitch,
         q=[joint.name + suffix for suffix in q],
         v=[joint.name + suffix for suffix in v],
     )
 
 
-def _closure(closure: Closure) -> ClosureData:
+def _convert_closure(closure: Closure) -> ClosureData:
     named: dict[str, Any] = {"name": closure.name, "kind": closure.kind, "impact": closure.impact}
     return ClosureData(
         **named,
         first=_end(closure.first),
         second=_end(closure.second),
-        axis=_row(closure.axis),
-        second_axis=_row(closure.second_axis),
+        axis=_list_numbers(closure.axis),
+        second_axis=_list_numbers(closure.second_axis),
         active=[[float(t) for t in span] for span in closure.active],
         capture=closure.capture,
         factors=dict(closure.factors),
@@ -267,12 +272,12 @@ def _closure(closure: Closure) -> ClosureData:
 
 
 def _end(at: Attachment) -> End:
-    return End(link=at.link, station=at.station, frame=_frame(at.placement))
+    return End(link=at.link, station=at.station, frame=_convert_frame(at.placement))
 
 
-def _frame(placement: Placement) -> Frame:
-    return Frame(position=_row(placement.position), rotation=placement.rotation.tolist())
+def _convert_frame(placement: Placement) -> Frame:
+    return Frame(position=_list_numbers(placement.position), rotation=placement.rotation.tolist())
 
 
-def _row(values: Any) -> list[float]:
+def _list_numbers(values: Any) -> list[float]:
     return [float(x) for x in np.asarray(values, dtype=np.float64)]

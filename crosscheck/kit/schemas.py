@@ -62,13 +62,13 @@ def schema(name: str) -> dict[str, Any]:
     root, places = (KIT[name], {}) if name in KIT else OURS[name]
     definitions = described([root, *(table for kinds in places.values() for table in kinds.values()), *MOTORS.values()])
     for (table, key, decides), kinds in places.items():
-        definitions[table]["properties"][key]["additionalProperties"] = _alternatives(decides, kinds)
+        definitions[table]["properties"][key]["additionalProperties"] = _build_alternatives(decides, kinds)
     if name == "mechanism":
         for drive in DRIVES.values():  # laid over a URDF they may have a motor
             motors = [{"$ref": f"#/$defs/{motor.__name__}"} for motor in dict.fromkeys(MOTORS.values())]
             definitions[drive.__name__]["properties"]["drive"] = {"anyOf": motors}
     whole = {"$schema": DRAFT, "title": f"{name} ({root.__name__})", "$ref": f"#/$defs/{root.__name__}"}
-    return {**whole, "$defs": _reached(root.__name__, definitions)}
+    return {**whole, "$defs": _collect_definitions(root.__name__, definitions)}
 
 
 def described(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
@@ -76,14 +76,14 @@ def described(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
     models = dict.fromkeys(tables)
     _, made = models_json_schema([(model, "validation") for model in models], ref_template="#/$defs/{model}")
     definitions: dict[str, Any] = copy.deepcopy(made["$defs"])
-    for part in _parts(definitions):
+    for part in _list_objects(definitions):
         if isinstance(examples := part.get("examples"), list) and len(examples) == 1 and isinstance(examples[0], str):
             part["description"] = f"{part.get('description', '')}; write {examples[0]}".removeprefix("; ")
             del part["examples"]  # a line of TOML is no value of the key
     return definitions
 
 
-def _alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:
+def _build_alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:
     """Return the schema of one entry: a table, or one of several, which a key may decide between."""
     refs: list[dict[str, Any]] = []
     for kind, table in kinds.items():
@@ -94,33 +94,33 @@ def _alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:
     return refs[0] if len(refs) == 1 else {"anyOf": refs}
 
 
-def _reached(root: str, definitions: dict[str, Any]) -> dict[str, Any]:
+def _collect_definitions(root: str, definitions: dict[str, Any]) -> dict[str, Any]:
     """Return the definitions that a schema uses."""
     found = {root}
     ahead = [root]
     while ahead:
-        refs = {part["$ref"].rsplit("/", 1)[-1] for part in _parts(definitions[ahead.pop()]) if "$ref" in part}
+        refs = {part["$ref"].rsplit("/", 1)[-1] for part in _list_objects(definitions[ahead.pop()]) if "$ref" in part}
         ahead += refs - found
         found |= refs
     return {name: definitions[name] for name in sorted(found)}
 
 
-def _parts(value: Any) -> Iterator[dict[str, Any]]:
+def _list_objects(value: Any) -> Iterator[dict[str, Any]]:
     """Yield every object in a tree of JSON."""
     if isinstance(value, dict):
         yield value
         for one in list(value.values()):
-            yield from _parts(one)
+            yield from _list_objects(one)
     elif isinstance(value, list):
         for one in value:
-            yield from _parts(one)
+            yield from _list_objects(one)
 
 
-def text(name: str) -> str:
+def write_schema(name: str) -> str:
     """Return the file of a schema, as it is shipped."""
     return json.dumps(schema(name), indent=1) + "\n"
 
 
-def shipped(name: str) -> str:
+def read_schema(name: str) -> str:
     """Return the schema that this version ships, as text; nothing is generated."""
     return (FOLDER / f"{name}.schema.json").read_text(encoding="utf-8")

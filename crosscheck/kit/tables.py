@@ -17,7 +17,7 @@ Words = Annotated[str, Field(max_length=LONGEST)]
 Side = Literal["first", "second"]
 
 
-def says(words: str, **rules: Any) -> Any:
+def describe_key(words: str, **rules: Any) -> Any:
     """Declare a key of a table by its meaning [unit]."""
     return Field(description=words, **rules)
 
@@ -31,37 +31,37 @@ class Data(BaseModel):
 class Frame(Data):
     """A frame in another one: x_outer = position + rotation x_inner."""
 
-    position: Vector = says("origin [m]")
-    rotation: Matrix = says("rotation matrix by rows; its columns are the axes of the frame [-]")
+    position: Vector = describe_key("origin [m]")
+    rotation: Matrix = describe_key("rotation matrix by rows; its columns are the axes of the frame [-]")
 
 
 class BodyData(Data):
     """A rigid body that a link carries."""
 
     name: str
-    station: float | None = says(
+    station: float | None = describe_key(
         "on a beam the fraction 0..1 of its length, in whose section frame it is stated; else null"
     )
-    mass: float = says("[kg]")
-    com: Vector = says("centre of mass in the link frame (or section frame) [m]")
-    inertia: Matrix = says("about the centre of mass, along the axes of the same frame [kg m^2]")
+    mass: float = describe_key("[kg]")
+    com: Vector = describe_key("centre of mass in the link frame (or section frame) [m]")
+    inertia: Matrix = describe_key("about the centre of mass, along the axes of the same frame [kg m^2]")
 
 
 class SectionData(Data):
     """Section of a beam along its length, linear between the stations (one station: uniform); forces in the section frame."""
 
-    station: list[float] = says("fractions 0..1 of the length [-]")
-    EA: list[float] = says("axial stiffness [N]")
-    GA_y: list[float] = says("shear stiffness along y, shear factor included [N]")
-    GA_z: list[float] = says("shear stiffness along z, shear factor included [N]")
-    GJ: list[float] = says("torsional stiffness [N m^2]")
-    EI_y: list[float] = says("bending stiffness about y [N m^2]")
-    EI_z: list[float] = says("bending stiffness about z: bends the beam in its x-y plane [N m^2]")
-    rho_A: list[float] = says("mass per length [kg/m]")
-    rho_I_x: list[float] = says("rotary inertia per length about x [kg m]")
-    rho_I_y: list[float] = says("rotary inertia per length about y [kg m]")
-    rho_I_z: list[float] = says("rotary inertia per length about z [kg m]")
-    damping: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = says(
+    station: list[float] = describe_key("fractions 0..1 of the length [-]")
+    EA: list[float] = describe_key("axial stiffness [N]")
+    GA_y: list[float] = describe_key("shear stiffness along y, shear factor included [N]")
+    GA_z: list[float] = describe_key("shear stiffness along z, shear factor included [N]")
+    GJ: list[float] = describe_key("torsional stiffness [N m^2]")
+    EI_y: list[float] = describe_key("bending stiffness about y [N m^2]")
+    EI_z: list[float] = describe_key("bending stiffness about z: bends the beam in its x-y plane [N m^2]")
+    rho_A: list[float] = describe_key("mass per length [kg/m]")
+    rho_I_x: list[float] = describe_key("rotary inertia per length about x [kg m]")
+    rho_I_y: list[float] = describe_key("rotary inertia per length about y [kg m]")
+    rho_I_z: list[float] = describe_key("rotary inertia per length about z [kg m]")
+    damping: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = describe_key(
         "stress by rate of strain, in the order EA, GA_y, GA_z, GJ, EI_y, EI_z [N s], [N m^2 s], one row per station; "
         "empty: none"
     )
@@ -70,12 +70,12 @@ class SectionData(Data):
 class BeamData(Data):
     """A geometrically exact Timoshenko beam along the local x axis of its root frame."""
 
-    length: float = says("arc length [m]")
-    root: Frame = says("frame of the root section in the link frame")
-    curvature: Vector = says("initial twist, curvature about y and about z, constant along the length [1/m]")
+    length: float = describe_key("arc length [m]")
+    root: Frame = describe_key("frame of the root section in the link frame")
+    curvature: Vector = describe_key("initial twist, curvature about y and about z, constant along the length [1/m]")
     section: SectionData
-    elements: int = says("a hint: elements of the reference's mesh [-]")
-    order: int = says("a hint: polynomial order of each of them [-]")
+    elements: int = describe_key("a hint: elements of the reference's mesh [-]")
+    order: int = describe_key("a hint: polynomial order of each of them [-]")
 
 
 class LinkData(Data):
@@ -83,8 +83,8 @@ class LinkData(Data):
 
     name: str
     bodies: list[BodyData]
-    beam: BeamData | None = says("null: a rigid link")
-    tip: Vector = says("point of a rigid link whose motion is series tip/LINK [m]; a beam reports its end")
+    beam: BeamData | None = describe_key("null: a rigid link")
+    tip: Vector = describe_key("point of a rigid link whose motion is series tip/LINK [m]; a beam reports its end")
 
 
 class JointData(Data):
@@ -92,34 +92,38 @@ class JointData(Data):
 
     name: str
     kind: Literal["fixed", "revolute", "continuous", "prismatic", "helical", "universal", "spherical", "free"]
-    parent: str = says("a link, or world")
+    parent: str = describe_key("a link, or world")
     child: str
-    frame: Frame = says("joint frame in the frame of the parent link (on a beam: of its section at the station)")
-    station: float | None = says("on a beam parent the fraction 0..1 of its length; else null")
-    axis: Vector = says("in the joint frame [-]")
-    second_axis: Vector = says("of a universal joint, which turns with the first axis [-]")
-    pitch: float = says(
+    frame: Frame = describe_key(
+        "joint frame in the frame of the parent link (on a beam: of its section at the station)"
+    )
+    station: float | None = describe_key("on a beam parent the fraction 0..1 of its length; else null")
+    axis: Vector = describe_key("in the joint frame [-]")
+    second_axis: Vector = describe_key("of a universal joint, which turns with the first axis [-]")
+    pitch: float = describe_key(
         "of a helical joint: its way along the axis for a whole turn about it, below 0 where left-handed [m]"
     )
-    rotor_inertia: float = says("reflected to the joint: adds rotor_inertia qdd to the effort [kg m^2], [kg]")
-    damping: float = says("adds damping qd [N m s/rad], [N s/m]")
-    friction: float = says("adds friction sign(qd), nothing at rest [N m], [N]")
-    stiffness: float = says("adds stiffness (q - rest) [N m/rad], [N/m]")
-    rest: float = says("where the joint's spring has no effort [rad], [m]")
-    actuated: bool = says(
+    rotor_inertia: float = describe_key("reflected to the joint: adds rotor_inertia qdd to the effort [kg m^2], [kg]")
+    damping: float = describe_key("adds damping qd [N m s/rad], [N s/m]")
+    friction: float = describe_key("adds friction sign(qd), nothing at rest [N m], [N]")
+    stiffness: float = describe_key("adds stiffness (q - rest) [N m/rad], [N/m]")
+    rest: float = describe_key("where the joint's spring has no effort [rad], [m]")
+    actuated: bool = describe_key(
         "false: no drive, no effort; but a joint of an open tree that moves as given all the same (a free base) has the effort "
         "that would hold it"
     )
-    weight: float = says("of the square of its effort where drives are redundant: sum weight tau^2 is the least [-]")
-    q: list[str] = says("names of its coordinates")
-    v: list[str] = says("names of its velocities, which efforts belong to")
+    weight: float = describe_key(
+        "of the square of its effort where drives are redundant: sum weight tau^2 is the least [-]"
+    )
+    q: list[str] = describe_key("names of its coordinates")
+    v: list[str] = describe_key("names of its velocities, which efforts belong to")
 
 
 class End(Data):
     """A frame on a link or on the world."""
 
     link: str
-    station: float | None = says("on a beam the fraction 0..1 of its length; else null")
+    station: float | None = describe_key("on a beam the fraction 0..1 of its length; else null")
     frame: Frame
 
 
@@ -132,17 +136,19 @@ class ClosureData(Data):
     ]
     first: End
     second: End
-    axis: Vector = says("in both frames: the free axis, or the line (of the first frame) on which a point stays [-]")
-    second_axis: Vector = says("of a universal closure, stays with the second frame [-]")
-    active: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = says(
+    axis: Vector = describe_key(
+        "in both frames: the free axis, or the line (of the first frame) on which a point stays [-]"
+    )
+    second_axis: Vector = describe_key("of a universal closure, stays with the second frame [-]")
+    active: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = describe_key(
         "intervals in which it acts [s]; empty: always"
     )
-    capture: bool = says("true ties the frames where they stand when it begins to act")
-    impact: Literal["error", "plastic"] = says(
+    capture: bool = describe_key("true ties the frames where they stand when it begins to act")
+    impact: Literal["error", "plastic"] = describe_key(
         "plastic: stops frames that move against each other when it begins to act"
     )
-    factors: dict[str, float] = says("of a coupling: sum factor q = offset, by joint [-], [rad/m]")
-    offset: float = says("of a coupling [rad], [m]")
+    factors: dict[str, float] = describe_key("of a coupling: sum factor q = offset, by joint [-], [rad/m]")
+    offset: float = describe_key("of a coupling [rad], [m]")
 
 
 class SpringData(Data):
@@ -151,10 +157,10 @@ class SpringData(Data):
     name: str
     first: End
     second: End
-    stiffness: float = says("[N/m]")
-    rest: float = says("length without force [m]")
-    damping: float = says("[N s/m]")
-    law: dict[str, Any] | None = says(
+    stiffness: float = describe_key("[N/m]")
+    rest: float = describe_key("length without force [m]")
+    damping: float = describe_key("[N s/m]")
+    law: dict[str, Any] | None = describe_key(
         "null: linear.  gas: pull force / (1 - (l - rest) / travel)^exponent in the place of stiffness (l - rest), "
         "force [N], travel [m], exponent [-]; table: length [m] and force [N], monotone cubics (PCHIP), straight beyond"
     )
@@ -165,9 +171,11 @@ class ForceData(Data):
 
     name: str
     at: End
-    time: list[float] = says("[s]; one row: constant")
-    wrench: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = says("force [N], then moment [N m]")
-    follower: bool = says("true: along the axes of the frame, which moves with the link; false: world axes")
+    time: list[float] = describe_key("[s]; one row: constant")
+    wrench: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = describe_key(
+        "force [N], then moment [N m]"
+    )
+    follower: bool = describe_key("true: along the axes of the frame, which moves with the link; false: world axes")
 
 
 class MechanismData(Data):
@@ -176,9 +184,9 @@ class MechanismData(Data):
     name: str
     title: str
     source: str
-    gravity: Vector = says("in the world frame [m/s^2]")
+    gravity: Vector = describe_key("in the world frame [m/s^2]")
     links: list[LinkData]
-    joints: list[JointData] = says("depth-first, parents before children: the order of all coordinates")
+    joints: list[JointData] = describe_key("depth-first, parents before children: the order of all coordinates")
     closures: list[ClosureData]
     springs: list[SpringData]
     forces: list[ForceData]
@@ -190,7 +198,7 @@ class Coordinate(Data):
 
     name: str
     unit: str
-    given: bool = says("true: a column of motion.csv; false: the mechanism finds it")
+    given: bool = describe_key("true: a column of motion.csv; false: the mechanism finds it")
 
 
 class Velocity(Coordinate):
@@ -205,7 +213,7 @@ class Asked(Data):
     """One quantity that is compared, and the series it consists of."""
 
     quantity: str
-    series: dict[str, str] = says("name -> unit; of quantities that an answer leaves out nothing is compared")
+    series: dict[str, str] = describe_key("name -> unit; of quantities that an answer leaves out nothing is compared")
     meaning: str
 
 
@@ -216,22 +224,22 @@ class CaseData(Data):
     title: str
     source: str
     notes: list[str]
-    step: float = says("step of a time integration, and spacing of motion.csv where one is needed [s]")
-    sample: float = says("spacing of the answer [s]")
-    end: float = says("[s]")
-    samples: int = says("rows of the answer: 0, sample, ..., end")
-    integrated: bool = says("true: beams, or joints without a motion, have to be integrated in time")
-    spectral_radius: float = says("a hint: of the reference's time integration (generalised alpha) [-]")
-    initial: Literal["consistent", "static"] = says(
+    step: float = describe_key("step of a time integration, and spacing of motion.csv where one is needed [s]")
+    sample: float = describe_key("spacing of the answer [s]")
+    end: float = describe_key("[s]")
+    samples: int = describe_key("rows of the answer: 0, sample, ..., end")
+    integrated: bool = describe_key("true: beams, or joints without a motion, have to be integrated in time")
+    spectral_radius: float = describe_key("a hint: of the reference's time integration (generalised alpha) [-]")
+    initial: Literal["consistent", "static"] = describe_key(
         "consistent: beams begin undeformed; static: in equilibrium under gravity and all loads, at rest"
     )
-    start: dict[str, list[float]] = says(
+    start: dict[str, list[float]] = describe_key(
         "coordinates at time 0 of joints without a motion [rad], [m]; in a loop a guess that selects the branch"
     )
-    jumps: list[float] = says("times at which accelerations jump; motion.csv has the value after the jump [s]")
-    refinement: int = says("1; 2 and 4 ask the same with so many times finer steps and meshes, for error bars")
-    coordinates: list[Coordinate] = says("q, in order")
-    velocities: list[Velocity] = says("qd, qdd and efforts, in order")
+    jumps: list[float] = describe_key("times at which accelerations jump; motion.csv has the value after the jump [s]")
+    refinement: int = describe_key("1; 2 and 4 ask the same with so many times finer steps and meshes, for error bars")
+    coordinates: list[Coordinate] = describe_key("q, in order")
+    velocities: list[Velocity] = describe_key("qd, qdd and efforts, in order")
     asked: list[Asked]
 
 
@@ -239,7 +247,7 @@ class CaseFile(Data):
     """``case.json``: everything about one comparison."""
 
     format: Literal["crosscheck-case/1"]
-    digest: str = says(
+    digest: str = describe_key(
         "of the rest of this file; meta.json may repeat it, so that an answer is not taken for another's"
     )
     mechanism: MechanismData
@@ -249,55 +257,59 @@ class CaseFile(Data):
 class CertificateFile(Data):
     """``certificate.json``: what a model says of itself, at the configurations of ``probe.csv``; every key may be left out."""
 
-    mass: float | None = says("of all that moves [kg]", default=None)
-    masses: dict[str, float] = says(
+    mass: float | None = describe_key("of all that moves [kg]", default=None)
+    masses: dict[str, float] = describe_key(
         "by joint with a freedom: of all that it carries up to the next one [kg]", default_factory=dict
     )
-    moments: dict[str, Vector] = says(
+    moments: dict[str, Vector] = describe_key(
         "of the same: first moment m c about the origin of the joint's child, along its axes [kg m]",
         default_factory=dict,
     )
-    inertias: dict[str, Matrix] = says(
+    inertias: dict[str, Matrix] = describe_key(
         "of the same: about the origin of the joint's child [kg m^2]", default_factory=dict
     )
-    beam_masses: dict[str, float] = says("of straight beams alone [kg]", default_factory=dict)
-    beam_moments: dict[str, float] = says("about the root, along the axis [kg m]", default_factory=dict)
-    com: list[Vector] | None = says("centre of mass of all that moves, one row per configuration [m]", default=None)
-    mass_matrix: list[list[list[float]]] | None = says(
+    beam_masses: dict[str, float] = describe_key("of straight beams alone [kg]", default_factory=dict)
+    beam_moments: dict[str, float] = describe_key("about the root, along the axis [kg m]", default_factory=dict)
+    com: list[Vector] | None = describe_key(
+        "centre of mass of all that moves, one row per configuration [m]", default=None
+    )
+    mass_matrix: list[list[list[float]]] | None = describe_key(
         "joint-space mass matrix of the tree without closures, rotor inertia included [kg m^2], [kg]", default=None
     )
-    gravity: list[list[float]] | None = says(
+    gravity: list[list[float]] | None = describe_key(
         "efforts that hold the tree still, without springs and closures [N m], [N]", default=None
     )
-    axes: dict[str, list[Vector]] = says(
+    axes: dict[str, list[Vector]] = describe_key(
         "by joint with one velocity: its axis in the world, one row per configuration [-]", default_factory=dict
     )
-    order: list[str] = says("joints with a freedom, in the order of the program", default_factory=list)
-    stiffness: dict[str, float] = says(
+    order: list[str] = describe_key("joints with a freedom, in the order of the program", default_factory=list)
+    stiffness: dict[str, float] = describe_key(
         "'LINK: EI_z' and so on, length over compliance [N], [N m^2]", default_factory=dict
     )
-    damping: dict[str, float] = says("by joint [N m s/rad], [N s/m]", default_factory=dict)
-    friction: dict[str, float] = says("by joint [N m], [N]", default_factory=dict)
-    springs: dict[str, float] = says("'NAME: stiffness', 'NAME: rest', 'NAME: damping'", default_factory=dict)
-    closure_points: dict[str, Vector] = says(
+    damping: dict[str, float] = describe_key("by joint [N m s/rad], [N s/m]", default_factory=dict)
+    friction: dict[str, float] = describe_key("by joint [N m], [N]", default_factory=dict)
+    springs: dict[str, float] = describe_key("'NAME: stiffness', 'NAME: rest', 'NAME: damping'", default_factory=dict)
+    closure_points: dict[str, Vector] = describe_key(
         "'NAME: first', 'NAME: second': point on the link [m]", default_factory=dict
     )
-    closure_axes: dict[str, Vector] = says("'NAME: first', 'NAME: second': axis on the link [-]", default_factory=dict)
-    residual: float | None = says("largest closure equation in the program's own motion [m], [-]", default=None)
-    rank: int | None = says("independent equations of the closures at the start", default=None)
+    closure_axes: dict[str, Vector] = describe_key(
+        "'NAME: first', 'NAME: second': axis on the link [-]", default_factory=dict
+    )
+    residual: float | None = describe_key("largest closure equation in the program's own motion [m], [-]", default=None)
+    rank: int | None = describe_key("independent equations of the closures at the start", default=None)
 
 
 class MetaFile(Data):
     """``meta.json``: what made an answer; every key may be left out."""
 
-    tool: Words = says("program or machine", default="")
-    version: Words = says("its version", default="")
-    case: Words = says("the digest of case.json that was answered", default="")
-    mechanism: Words = says("name of the mechanism that was answered", default="")
-    name: Words = says("name of the case that was answered", default="")
-    formulation: Words = says("method, in a line", default="")
-    step: float | None = says("[s]", default=None)
-    mesh: Words = says("of beams", default="")
-    wall_time: Annotated[float, Field(ge=0)] = says("of the computation alone [s]", default=0.0)
-    skipped: Words = says("why this case cannot be answered: then no series is expected", default="")
-    notes: Words = says("what a reader of results must know", default="")
+    tool: Words = describe_key("program or machine", default="")
+    version: Words = describe_key("its version", default="")
+    case: Words = describe_key("the digest of case.json that was answered", default="")
+    mechanism: Words = describe_key("name of the mechanism that was answered", default="")
+    name: Words = describe_key("name of the case that was answered", default="")
+    formulation: Words = describe_key("method, in a line", default="")
+    step: float | None = describe_key("[s]", default=None)
+    mesh: Words = describe_key("of beams", default="")
+    wall_time: Annotated[float, Field(ge=0)] = describe_key("of the computation alone [s]", default=0.0)
+    skipped: Words = describe_key("why this case cannot be answered: then no series is expected", default="")
+    notes: Words = describe_key("what a reader of results must know", default="")

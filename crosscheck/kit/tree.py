@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.lifting.rigid import on
+from crosscheck.lifting.rigid import apply_placement
 from flexinv.model.mechanism import WORLD, Inertia, Mechanism, Placement
 
 Array = NDArray[np.float64]
@@ -32,31 +32,33 @@ HEADER = (
 )  # fmt: skip
 
 
-def rows(mechanism: Mechanism) -> Iterator[list[str]]:
+def list_tree_rows(mechanism: Mechanism) -> Iterator[list[str]]:
     """Yield one row of ``tree.csv`` per moving joint, in the order of the coordinates; lengths [m], inertia about the centre."""
-    seats = placed(mechanism)
+    seats = find_carriers(mechanism)
     moving = [joint for joint in mechanism.joints if joint.nv]
     number = {joint.child: k for k, joint in enumerate(moving)}
     for joint in moving:
         carrier, place = seats[joint.parent]
-        frame = on(place, joint.placement)
-        body = merged(mechanism, joint.child, seats)
+        frame = apply_placement(place, joint.placement)
+        body = join_bodies(mechanism, joint.child, seats)
         drive = (joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.rest, float(joint.actuated))
         numbers = [*frame.position, *frame.rotation.ravel(), *joint.axis, *joint.second_axis, *drive]
         numbers += [body.mass, *body.com, *body.tensor.ravel(), *mechanism.gravity, joint.pitch]
         yield [joint.name, joint.kind, str(number.get(carrier, -1)), *(repr(float(x)) for x in numbers)]
 
 
-def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
+def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     """Return by link of a rigid mechanism the link that moves it (``world``: none does) and its pose in that link's frame [m]."""
     seats: dict[str, tuple[str, Placement]] = {WORLD: (WORLD, Placement())}
     for joint in mechanism.joints:
         carrier, place = seats[joint.parent]
-        seats[joint.child] = (joint.child, Placement()) if joint.nv else (carrier, on(place, joint.placement))
+        seats[joint.child] = (
+            (joint.child, Placement()) if joint.nv else (carrier, apply_placement(place, joint.placement))
+        )
     return seats
 
 
-def merged(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> Inertia:
+def join_bodies(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> Inertia:
     """Return the bodies that move with a link as one: mass [kg], centre [m], tensor about it [kg m^2]."""
     parts = []
     for link in mechanism.links:

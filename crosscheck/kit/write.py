@@ -17,12 +17,12 @@ from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.engines.shared.urdf_text import write_urdf
 from crosscheck.kit import tree
-from crosscheck.kit.page import page
-from crosscheck.kit.resolved import case_file
-from crosscheck.kit.schemas import KIT, shipped
+from crosscheck.kit.page import render_readme
+from crosscheck.kit.resolved import build_case_file
+from crosscheck.kit.schemas import KIT, read_schema
 from crosscheck.kit.tables import CaseData, CaseFile, CertificateFile
 from crosscheck.measures.record import Record
-from crosscheck.measures.series_csv import TIME, table
+from crosscheck.measures.series_csv import TIME, write_table
 from crosscheck.measures.series_csv import write as write_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -47,31 +47,31 @@ def write(
     Raises OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    file = case_file(mechanism, case, refinement)
+    file = build_case_file(mechanism, case, refinement)
     said = file.case
     spacing = said.step if said.integrated else said.sample
     files = {"motion.csv": MOTION}
-    _json(folder / "case.json", file.model_dump(mode="json"))
-    table(folder / "motion.csv", *motion_table(mechanism, case, said, spacing))
+    _write_json(folder / "case.json", file.model_dump(mode="json"))
+    write_table(folder / "motion.csv", *build_motion_table(mechanism, case, said, spacing))
     if mechanism.is_rigid:
         files |= {"probe.csv": PROBE, "tree.csv": TREE}
         header = [f"q/{c.name} [{c.unit}]" for c in said.coordinates]
-        table(folder / "probe.csv", header, configurations(mechanism, case))
-        _rows(folder / "tree.csv", mechanism)
-        if (text := _urdf(mechanism)) is not None:
+        write_table(folder / "probe.csv", header, configurations(mechanism, case))
+        _write_tree_rows(folder / "tree.csv", mechanism)
+        if (text := _convert_to_urdf(mechanism)) is not None:
             files["robot.urdf"] = ROBOT
             (folder / "robot.urdf").write_text(text, encoding="utf-8")
     (folder / "schema").mkdir(exist_ok=True)
     for name in KIT:
-        (folder / "schema" / f"{name}.schema.json").write_text(shipped(name), encoding="utf-8")
+        (folder / "schema" / f"{name}.schema.json").write_text(read_schema(name), encoding="utf-8")
     if expected is not None:
         files["expected/"] = EXPECTED
-        _expected(folder / "expected", expected, file)
-    (folder / "README.md").write_text(page(file, files, spacing), encoding="utf-8")
+        _write_expected(folder / "expected", expected, file)
+    (folder / "README.md").write_text(render_readme(file, files, spacing), encoding="utf-8")
     return file
 
 
-def motion_table(mechanism: Mechanism, case: Case, said: CaseData, spacing: float) -> tuple[list[str], Array]:
+def build_motion_table(mechanism: Mechanism, case: Case, said: CaseData, spacing: float) -> tuple[list[str], Array]:
     """Return header and rows of ``motion.csv``: time [s], then q, qd, qdd of what the motion gives [rad], [m], [s]."""
     time = sample_times(case) if spacing == case.sample else spacing * np.arange(round(case.end / spacing) + 1)
     q, qd, qdd = case.motion.evaluate(mechanism, time)
@@ -87,7 +87,7 @@ def motion_table(mechanism: Mechanism, case: Case, said: CaseData, spacing: floa
     return header, np.hstack([time[:, None], q[:, [k for k, _ in coordinates]], qd[:, rows], qdd[:, rows]])
 
 
-def _urdf(mechanism: Mechanism) -> str | None:
+def _convert_to_urdf(mechanism: Mechanism) -> str | None:
     """Return the mechanism as URDF, None where that format cannot say it."""
     try:
         with warnings.catch_warnings():
@@ -97,24 +97,24 @@ def _urdf(mechanism: Mechanism) -> str | None:
         return None
 
 
-def _rows(path: Path, mechanism: Mechanism) -> None:
+def _write_tree_rows(path: Path, mechanism: Mechanism) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         lines = csv.writer(stream, lineterminator="\n")
         lines.writerow(tree.HEADER)
-        lines.writerows(tree.rows(mechanism))
+        lines.writerows(tree.list_tree_rows(mechanism))
 
 
-def _expected(folder: Path, record: Record, file: CaseFile) -> None:
+def _write_expected(folder: Path, record: Record, file: CaseFile) -> None:
     """Write what the reference gives: of all its series those that are asked for, and its certificate."""
     folder.mkdir(exist_ok=True)
     asked = {one.quantity for one in file.case.asked}
     write_series(folder / "series.csv", record.time, [s for s in record.series.values() if s.quantity in asked])
     if "problem" not in record.certificate:
         said = {key: value for key, value in record.certificate.items() if key in CertificateFile.model_fields}
-        _json(folder / "certificate.json", said)
+        _write_json(folder / "certificate.json", said)
     meta = {"tool": record.engine, "version": record.version, "case": file.digest}
-    _json(folder / "meta.json", {**meta, "mechanism": file.mechanism.name, "name": file.case.name})
+    _write_json(folder / "meta.json", {**meta, "mechanism": file.mechanism.name, "name": file.case.name})
 
 
-def _json(path: Path, plain: Mapping[str, Any]) -> None:
+def _write_json(path: Path, plain: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")

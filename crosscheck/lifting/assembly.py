@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.lifting.rigid import inverse, moved, on
+from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
 from flexinv.errors import InputError
 from flexinv.model.mechanism import (
     CLOSURES,
@@ -96,7 +96,7 @@ def assembled(
             if root is None:
                 break
             frames[root] = Placement()
-            made.append(_free(root, poses.get(root, Placement()), {one.name for one in waiting}))
+            made.append(_make_free_joint(root, poses.get(root, Placement()), {one.name for one in waiting}))
             stack = [root]
         carrier = stack.pop()
         touching = [one for one in waiting if carrier in (one.parent, one.child)]
@@ -108,23 +108,23 @@ def assembled(
                 spare.append(one)
                 continue
             frames[ordered.child] = ordered.on_child
-            made.append(_joint(ordered, frames[carrier]))
+            made.append(_make_joint(ordered, frames[carrier]))
             reached.append(ordered.child)
         stack += reached[::-1]
-    links = tuple(_link(joint.child, bodies[joint.child], frames[joint.child]) for joint in depth_first(made))
-    closures = tuple(_closure(one, frames) for one in spare)
-    return Mechanism(label, links, depth_first(made), gravity=gravity, closures=closures)
+    links = tuple(_make_link(joint.child, bodies[joint.child], frames[joint.child]) for joint in list_depth_first(made))
+    closures = tuple(_make_closure(one, frames) for one in spare)
+    return Mechanism(label, links, list_depth_first(made), gravity=gravity, closures=closures)
 
 
-def _free(body: str, pose: Placement, names: set[str]) -> Joint:
+def _make_free_joint(body: str, pose: Placement, names: set[str]) -> Joint:
     name = "root_joint"
     while name in names:
         name += "_"
     return Joint(name if body == "" else f"{name} {body}", "free", WORLD, body, pose, actuated=False)
 
 
-def _joint(one: Between, carrier: Placement) -> Joint:
-    at = on(inverse(carrier), one.on_parent)
+def _make_joint(one: Between, carrier: Placement) -> Joint:
+    at = apply_placement(inverse(carrier), one.on_parent)
     own = dict(one.own)
     if one.kind not in ("revolute", "prismatic", "continuous", "helical"):
         own.pop("limits", None)
@@ -134,26 +134,26 @@ def _joint(one: Between, carrier: Placement) -> Joint:
     )  # fmt: skip
 
 
-def _link(name: str, body: Inertia, frame: Placement) -> Link:
+def _make_link(name: str, body: Inertia, frame: Placement) -> Link:
     if not body.mass and not body.tensor.any():
         return Link(name)
-    return Link(name, (Body(name, moved(inverse(frame), body)),))
+    return Link(name, (Body(name, move_inertia(inverse(frame), body)),))
 
 
-def _closure(one: Between, frames: Mapping[str, Placement]) -> Closure:
+def _make_closure(one: Between, frames: Mapping[str, Placement]) -> Closure:
     kind = "revolute" if one.kind == "continuous" else one.kind
     if kind not in CLOSURES:
         raise InputError(
             f"joint {one.name!r} closes a loop, and no closure is {one.kind}; known: {', '.join(CLOSURES)}"
         )
     ends = [
-        Attachment(body, on(inverse(frames[body]), at))
+        Attachment(body, apply_placement(inverse(frames[body]), at))
         for body, at in ((one.parent, one.on_parent), (one.child, one.on_child))
     ]
     return Closure(one.name, kind, ends[0], ends[1], axis=one.axis, second_axis=one.second_axis)
 
 
-def depth_first(joints: list[Joint]) -> tuple[Joint, ...]:
+def list_depth_first(joints: list[Joint]) -> tuple[Joint, ...]:
     """Return joints parents first [m], the subtree of each before its next sibling."""
     children: dict[str, list[Joint]] = {}
     for joint in joints:

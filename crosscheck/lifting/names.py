@@ -19,7 +19,7 @@ def unique_names(plain: Sequence[str], paths: Sequence[str], reserved: Collectio
     found = []
     for name, path in zip(plain, paths, strict=True):
         if name not in once:
-            name = _free(path, taken)
+            name = _make_free_name(path, taken)
             taken.add(name)
         found.append(name)
     return found
@@ -39,7 +39,7 @@ def name_words(kind: str, plain: Sequence[str], names: Sequence[str]) -> list[st
     return lines
 
 
-def _free(name: str, taken: Collection[str]) -> str:
+def _make_free_name(name: str, taken: Collection[str]) -> str:
     while name in taken:
         name += "_"
     return name

@@ -13,59 +13,59 @@ TURNS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def half_digit(text: str | None) -> float:
+def compute_half_digit(text: str | None) -> float:
     """Return half a unit of the last printed digit of the most coarsely printed number in a text, in its own unit [any unit].
 
     Whole numbers are exact: ``0 0 1`` is an axis, not a rounded one.
     """
-    return max((_half(word) for word in (text or "").split()), default=0.0)
+    return max((_compute_word_half(word) for word in (text or "").split()), default=0.0)
 
 
-def _half(word: str) -> float:
+def _compute_word_half(word: str) -> float:
     found = NUMBER.match(word)
     if found is None or not (found[2] or found[3]):
         return 0.0
     return 0.5 * 10.0 ** (int(found[3] or 0) - len(found[2] or ""))
 
 
-def printed_of_urdf(robot: Element) -> dict[tuple[str, str], float]:
+def read_urdf_digits(robot: Element) -> dict[tuple[str, str], float]:
     """Return by (element, quantity) the half digits of a URDF: [kg], [m], [kg m^2], [rad]."""
     found: dict[tuple[str, str], float] = {}
     for link in robot.findall("link"):
-        found.update(_inertial(link))
+        found.update(_read_inertial_digits(link))
     for joint in robot.findall("joint"):
         name = joint.get("name", "")
         origin = joint.find("origin")
         axis = joint.find("axis")
-        found[name, "position"] = half_digit(_get(origin, "xyz"))
-        found[name, "rotation"] = half_digit(_get(origin, "rpy"))
-        found[name, "axis"] = half_digit(_get(axis, "xyz"))
+        found[name, "position"] = compute_half_digit(_read_attribute(origin, "xyz"))
+        found[name, "rotation"] = compute_half_digit(_read_attribute(origin, "rpy"))
+        found[name, "axis"] = compute_half_digit(_read_attribute(axis, "xyz"))
         for key in ("damping", "friction"):
-            found[name, key] = half_digit(_get(joint.find("dynamics"), key))
+            found[name, key] = compute_half_digit(_read_attribute(joint.find("dynamics"), key))
         mimic = joint.find("mimic")
-        found[f"mimic {name}", "factor"] = half_digit(_get(mimic, "multiplier"))
+        found[f"mimic {name}", "factor"] = compute_half_digit(_read_attribute(mimic, "multiplier"))
     return found
 
 
-def _inertial(link: Element) -> Iterator[tuple[tuple[str, str], float]]:
+def _read_inertial_digits(link: Element) -> Iterator[tuple[tuple[str, str], float]]:
     name = link.get("name", "")
     inertial = link.find("inertial")
     if inertial is None:
         return
     origin = inertial.find("origin")
     entries = inertial.find("inertia")
-    turn = half_digit(_get(origin, "rpy"))
-    texts = [_get(entries, key) for key in INERTIAS]
-    yield (name, "mass"), half_digit(_get(inertial.find("mass"), "value"))
-    yield (name, "com"), half_digit(_get(origin, "xyz"))
-    yield (name, "tensor"), max(map(half_digit, texts)) + turn * _largest(texts)
+    turn = compute_half_digit(_read_attribute(origin, "rpy"))
+    texts = [_read_attribute(entries, key) for key in INERTIAS]
+    yield (name, "mass"), compute_half_digit(_read_attribute(inertial.find("mass"), "value"))
+    yield (name, "com"), compute_half_digit(_read_attribute(origin, "xyz"))
+    yield (name, "tensor"), max(map(compute_half_digit, texts)) + turn * _find_largest(texts)
 
 
-def _get(element: Element | None, key: str) -> str | None:
+def _read_attribute(element: Element | None, key: str) -> str | None:
     return None if element is None else element.get(key)
 
 
-def _largest(texts: Iterable[str | None]) -> float:
+def _find_largest(texts: Iterable[str | None]) -> float:
     sizes = [0.0]
     for word in texts:
         try:
@@ -82,33 +82,33 @@ def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
     for link in root.iter("link"):
         name = link.get("name", "")
         inertial = link.find("inertial")
-        poses[name] = _pose_digits(link)
+        poses[name] = _read_pose_digits(link)
         if inertial is not None:
-            way, turn = _pose_digits(inertial)
+            way, turn = _read_pose_digits(inertial)
             texts = [inertial.findtext(f"inertia/{key}") for key in INERTIAS]
-            found[name, "mass"] = half_digit(inertial.findtext("mass"))
+            found[name, "mass"] = compute_half_digit(inertial.findtext("mass"))
             found[name, "com"] = way
-            found[name, "tensor"] = max(map(half_digit, texts)) + turn * _largest(texts)
+            found[name, "tensor"] = max(map(compute_half_digit, texts)) + turn * _find_largest(texts)
     for joint in root.iter("joint"):
         name = joint.get("name", "")
         none = (0.0, 0.0)
         ends = [poses.get((joint.findtext(end) or "").strip(), none) for end in ("parent", "child")]
-        way, turn = (sum(digits[k] for digits in (*ends, _pose_digits(joint))) for k in (0, 1))
+        way, turn = (sum(digits[k] for digits in (*ends, _read_pose_digits(joint))) for k in (0, 1))
         found[name, "rotation"] = turn
         found[name, "position"] = way + turn  # a link a metre away turns with its pose
-        found[name, "axis"] = half_digit(joint.findtext("axis/xyz")) + turn
+        found[name, "axis"] = compute_half_digit(joint.findtext("axis/xyz")) + turn
     return found
 
 
-def _pose_digits(element: Element) -> tuple[float, float]:
+def _read_pose_digits(element: Element) -> tuple[float, float]:
     words = (element.findtext("pose") or "").split()
-    return half_digit(" ".join(words[:3])), half_digit(" ".join(words[3:]))
+    return compute_half_digit(" ".join(words[:3])), compute_half_digit(" ".join(words[3:]))
 
 
-def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
+def read_mjcf_digits(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits that an MJCF's bodies and joints state themselves: [kg], [m], [kg m^2], [-]."""
     found: dict[tuple[str, str], float] = {}
-    for body, way, turn in _bodies(root, 0.0, 0.0):
+    for body, way, turn in _list_bodies(root, 0.0, 0.0):
         name = body.get("name", "")
         inertial = body.find("inertial")
         found[name, "position"] = way
@@ -116,30 +116,35 @@ def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
         if inertial is not None:
             texts = (inertial.get("diaginertia"), inertial.get("fullinertia"))
             words = [word for text in texts for word in (text or "").split()]
-            found[name, "mass"] = half_digit(inertial.get("mass"))
-            found[name, "com"] = half_digit(inertial.get("pos"))
-            found[name, "tensor"] = half_digit(" ".join(words)) + 2 * half_digit(inertial.get("quat")) * _largest(words)
+            found[name, "mass"] = compute_half_digit(inertial.get("mass"))
+            found[name, "com"] = compute_half_digit(inertial.get("pos"))
+            found[name, "tensor"] = compute_half_digit(" ".join(words)) + 2 * compute_half_digit(
+                inertial.get("quat")
+            ) * _find_largest(words)
         for joint in body.iter("joint"):
             own = joint.get("name", "")
-            found[own, "position"] = way + half_digit(joint.get("pos"))
+            found[own, "position"] = way + compute_half_digit(joint.get("pos"))
             found[own, "rotation"] = turn
-            found[own, "axis"] = half_digit(joint.get("axis"))
+            found[own, "axis"] = compute_half_digit(joint.get("axis"))
             for key, ours in (("armature", "rotor_inertia"), ("damping", "damping"), ("frictionloss", "friction")):
-                found[own, ours] = half_digit(joint.get(key))
+                found[own, ours] = compute_half_digit(joint.get(key))
     return found
 
 
-def _bodies(element: Element, way: float, turn: float) -> Iterator[tuple[Element, float, float]]:
+def _list_bodies(element: Element, way: float, turn: float) -> Iterator[tuple[Element, float, float]]:
     """Bodies with the half digits of their frames on the body before [m], [rad]; a <frame> around one adds its own.
 
     Bodies are told before those that they carry, whose joints then take the place of what was told of them.
     """
     for part in element:
-        own = half_digit(_get(part, "pos")), 2 * max(half_digit(_get(part, key)) for key in TURNS)
+        own = (
+            compute_half_digit(_read_attribute(part, "pos")),
+            2 * max(compute_half_digit(_read_attribute(part, key)) for key in TURNS),
+        )
         if part.tag == "body":
             yield part, way + own[0], turn + own[1]
-            yield from _bodies(part, 0.0, 0.0)
+            yield from _list_bodies(part, 0.0, 0.0)
         elif part.tag == "frame":
-            yield from _bodies(part, way + own[0], turn + own[1])
+            yield from _list_bodies(part, way + own[0], turn + own[1])
         else:
-            yield from _bodies(part, way, turn)
+            yield from _list_bodies(part, way, turn)

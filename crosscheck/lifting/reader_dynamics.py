@@ -42,10 +42,10 @@ class Feature:
     @property
     def words(self) -> str:
         """Return the numbers of the feature in a line [any unit]."""
-        return ", ".join(f"{name} {_text(value)}" for name, value in self.parameters.items())
+        return ", ".join(f"{name} {_format_value(value)}" for name, value in self.parameters.items())
 
 
-def _text(value: Parameter) -> str:
+def _format_value(value: Parameter) -> str:
     if isinstance(value, str):
         return value
     return " ".join(f"{number:.9g}" for number in (value if isinstance(value, tuple) else (value,)))

@@ -9,7 +9,7 @@ import numpy as np
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 
-def on(outer: Placement, inner: Placement) -> Placement:
+def apply_placement(outer: Placement, inner: Placement) -> Placement:
     """Return a frame that is stated in another one in the frame of that one [m]."""
     return Placement(outer.position + outer.rotation @ inner.position, outer.rotation @ inner.rotation)
 
@@ -20,24 +20,24 @@ def inverse(frame: Placement) -> Placement:
     return Placement(-turn @ frame.position, turn)
 
 
-def between(first: Placement, second: Placement) -> Placement:
+def compute_relative_pose(first: Placement, second: Placement) -> Placement:
     """Return the second of two frames of one space in the first [m]."""
-    return on(inverse(first), second)
+    return apply_placement(inverse(first), second)
 
 
-def moved(frame: Placement, body: Inertia) -> Inertia:
+def move_inertia(frame: Placement, body: Inertia) -> Inertia:
     """Return a body that is stated in a frame in the frame outside of it [kg, m, kg m^2]."""
     turn = frame.rotation
     return Inertia.stated(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
 
 
-def angle(rotation: Array) -> float:
+def compute_angle(rotation: Array) -> float:
     """Return the angle of a rotation [rad], with full digits near zero and near a half turn."""
     skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
     return float(np.arctan2(np.linalg.norm(skew) / 2, (np.trace(rotation) - 1) / 2))
 
 
-def angle_about(rotation: Array, axis: Array) -> float:
+def compute_angle_about(rotation: Array, axis: Array) -> float:
     """Return the angle [rad] by which a rotation turns vectors across an axis about it: exact if it is a turn about the axis."""
     skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
     return float(np.arctan2(axis @ skew / 2, (np.trace(rotation) - axis @ rotation @ axis) / 2))
@@ -51,7 +51,7 @@ def turned(axis: Array, turn: float) -> Array:
     return made
 
 
-def twist_map(frame: Placement) -> Array:
+def build_adjoint(frame: Placement) -> Array:
     """Return Ad (6, 6) [-], [m]: the velocity (v, w) of a frame's origin as that of the outer one, both in their own axes."""
     x, y, z = frame.position
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -59,7 +59,7 @@ def twist_map(frame: Placement) -> Array:
     return np.block([[turn, cross @ turn], [np.zeros((3, 3)), turn]])
 
 
-def quaternion(rotation: Array) -> Array:
+def convert_to_quaternion(rotation: Array) -> Array:
     """Return x, y, z, w [-] of a rotation: the largest of the four is computed from the trace (Shepperd)."""
     squares = np.array([*(2 * np.diag(rotation) - np.trace(rotation)), np.trace(rotation)])
     k = int(np.argmax(squares))
@@ -82,7 +82,7 @@ def cross(a: Array, b: Array) -> Array:
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def size_of(vector: Array) -> float:
+def compute_norm(vector: Array) -> float:
     """Return the length of a plain vector (3,) [its unit]: numpy's own takes several times as long."""
     x, y, z = vector.tolist()
     return math.sqrt(x * x + y * y + z * z)

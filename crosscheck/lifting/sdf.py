@@ -58,77 +58,77 @@ def read_stated(path: Path) -> Stated:
     found = Stated()
     root = read_xml(path)
     for world in root.findall("world"):
-        if (pull := _numbers(world, "gravity", f"{path}: <world>")).size == 3:
+        if (pull := _read_numbers(world, "gravity", f"{path}: <world>")).size == 3:
             found.gravity = pull
-        for model in _models(world):
-            _model(model, "", path, found)
-    for model in _models(root):
-        _model(model, "", path, found)
+        for model in _list_models(world):
+            _read_model(model, "", path, found)
+    for model in _list_models(root):
+        _read_model(model, "", path, found)
     return found
 
 
-def _models(parent: Element) -> Iterator[Element]:
+def _list_models(parent: Element) -> Iterator[Element]:
     yield from (part for part in parent if part.tag in ("model", "include"))
 
 
-def _model(model: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_model(model: Element, scope: str, path: Path, found: Stated) -> None:
     if model.tag == "include":
-        _included(model, scope, path, found)
+        _read_include(model, scope, path, found)
         return
-    inner = _scoped(scope, model.get("name", ""))
+    inner = _join_scope(scope, model.get("name", ""))
     for link in model.findall("link"):
-        name = _scoped(inner, link.get("name", ""))
+        name = _join_scope(inner, link.get("name", ""))
         where = f'{path}: <link name="{link.get("name", "")}">'
         mass = link.find("inertial/fluid_added_mass")
         if mass is not None:
-            entries = {key: float(_first(mass, key, 0.0, where)) for key in ADDED}
+            entries = {key: float(_read_number(mass, key, 0.0, where)) for key in ADDED}
             found.added[name] = {key: value for key, value in entries.items() if value}
-        if _text(link, "gravity") in ("false", "0"):
+        if _read_text(link, "gravity") in ("false", "0"):
             found.floating.append(name)
     for joint in model.findall("joint"):
-        _joint(joint, inner, path, found)
-    for part in _models(model):
-        _model(part, scope if part.get("merge") in ("true", "1") and part.tag == "model" else inner, path, found)
+        _read_joint(joint, inner, path, found)
+    for part in _list_models(model):
+        _read_model(part, scope if part.get("merge") in ("true", "1") and part.tag == "model" else inner, path, found)
 
 
-def _joint(joint: Element, scope: str, path: Path, found: Stated) -> None:
-    name = _scoped(scope, joint.get("name", ""))
+def _read_joint(joint: Element, scope: str, path: Path, found: Stated) -> None:
+    name = _join_scope(scope, joint.get("name", ""))
     where = f'{path}: <joint name="{joint.get("name", "")}">'
     axes = [axis for axis in (joint.find("axis"), joint.find("axis2")) if axis is not None]
-    friction = [_first(axis, "dynamics/friction", 0.0, where) for axis in axes]
+    friction = [_read_number(axis, "dynamics/friction", 0.0, where) for axis in axes]
     if any(friction):
         found.friction[name] = tuple(friction)
     law = axes[0].find("mimic") if axes else None
     if law is not None:
-        multiplier = _first(law, "multiplier", 1.0, where)
-        offset, reference = (_first(law, key, 0.0, where) for key in ("offset", "reference"))
-        found.mimics[name] = Mimic(_scoped(scope, law.get("joint", "")), multiplier, offset, reference)
+        multiplier = _read_number(law, "multiplier", 1.0, where)
+        offset, reference = (_read_number(law, key, 0.0, where) for key in ("offset", "reference"))
+        found.mimics[name] = Mimic(_join_scope(scope, law.get("joint", "")), multiplier, offset, reference)
 
 
-def _included(include: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_include(include: Element, scope: str, path: Path, found: Stated) -> None:
     """Look into an included file that stands beside this one; others are said to be unread."""
-    uri = _text(include, "uri").removeprefix("file://")
+    uri = _read_text(include, "uri").removeprefix("file://")
     there = path.parent / uri
     if not uri or ":" in uri or not there.is_file():
         found.unread.append(uri or "an include without uri")
         return
     inner = read_xml(there)
-    for model in _models(inner):
-        if name := _text(include, "name"):
+    for model in _list_models(inner):
+        if name := _read_text(include, "name"):
             model.set("name", name)
-        _model(model, scope, there, found)
+        _read_model(model, scope, there, found)
 
 
-def _scoped(scope: str, name: str) -> str:
+def _join_scope(scope: str, name: str) -> str:
     return f"{scope}{SCOPE}{name}" if scope else name
 
 
-def _text(element: Element, key: str) -> str:
+def _read_text(element: Element, key: str) -> str:
     return (element.findtext(key) or "").strip()
 
 
-def _numbers(element: Element, key: str, where: str) -> Array:
-    text = _text(element, key)
+def _read_numbers(element: Element, key: str, where: str) -> Array:
+    text = _read_text(element, key)
     try:
         return np.array([float(word) for word in text.split()])
     except ValueError:
@@ -137,8 +137,8 @@ def _numbers(element: Element, key: str, where: str) -> Array:
         ) from None
 
 
-def _first(element: Element, key: str, default: float, where: str) -> float:
-    found = _numbers(element, key, where)
+def _read_number(element: Element, key: str, default: float, where: str) -> float:
+    found = _read_numbers(element, key, where)
     return float(found[0]) if found.size else default
 
 
@@ -160,11 +160,11 @@ def with_stated(
             continue
         friction[name] = values[0]
     joints = [replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in mechanism.joints]
-    laws = list(_laws(mechanism, stated, joint_of, words))
+    laws = list(_list_couplings(mechanism, stated, joint_of, words))
     return replace(mechanism, joints=tuple(joints), closures=(*mechanism.closures, *laws)), words
 
 
-def _laws(
+def _list_couplings(
     mechanism: Mechanism, stated: Stated, joint_of: Callable[[str], str], words: list[str]
 ) -> Iterator[Closure]:  # fmt: skip
     here = Attachment(WORLD)

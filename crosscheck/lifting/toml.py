@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from crosscheck.lifting.attached import attached_features
+from crosscheck.lifting.attached import list_force_features
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 from crosscheck.measures.mechanisms import read_mechanism
@@ -21,7 +21,7 @@ def lift_toml(path: Path) -> Description:
         stated = read_mechanism(path)
     gears = {joint.name: joint.drive.ratio for joint in stated.joints if joint.drive is not None}
     dropped = [str(one.message) for one in caught]
-    features = (*_elastic_drives(stated.joints), *attached_features(stated.springs, stated.forces))
+    features = (*_find_elastic_drives(stated.joints), *list_force_features(stated.springs, stated.forces))
     label = f"{path.parent.name}/{path.name}" if path.suffix else path.name
     return Description(
         label,
@@ -35,7 +35,7 @@ def lift_toml(path: Path) -> Description:
     )
 
 
-def _elastic_drives(joints: Iterable[Joint]) -> Iterator[Feature]:
+def _find_elastic_drives(joints: Iterable[Joint]) -> Iterator[Feature]:
     """Drives with an elastic joint whose link is moved: no spring of the mechanism, but of the way to the motor."""
     for joint in joints:
         drive = joint.drive

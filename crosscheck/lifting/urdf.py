@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.printed import printed_of_urdf
+from crosscheck.lifting.printed import read_urdf_digits
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import STANDARD_GRAVITY, describe_location, read_number, read_robot, read_urdf
 from flexinv.model.mechanism import GEARED, WORLD, Attachment, Closure, Mechanism
@@ -34,7 +34,7 @@ def lift_urdf(path: Path, base: str = "fixed") -> Description:
         mechanism, warned = read_urdf(path, [], base, STANDARD_GRAVITY, ())
     robot = read_robot(path)
     couplings, dropped = mimics(robot, mechanism, path)
-    gears, rotors, lost = _transmissions(robot, path)
+    gears, rotors, lost = _read_transmissions(robot, path)
     joints = tuple(replace(j, rotor_inertia=rotors.get(j.name, 0.0)) for j in mechanism.joints)
     lost = [*lost, *(f"actuator of {name}: there is no such joint" for name in gears if name not in mechanism.joint_of)]
     noted = [str(one.message) for one in caught]
@@ -44,8 +44,8 @@ def lift_urdf(path: Path, base: str = "fixed") -> Description:
         mechanism=replace(mechanism, joints=joints, closures=couplings),
         format="urdf",
         gears={name: gear for name, gear in gears.items() if name in mechanism.joint_of},
-        dropped=(*dropped, *lost, *_others(robot), *noted),
-        printed=printed_of_urdf(robot),
+        dropped=(*dropped, *lost, *_list_other_tags(robot), *noted),
+        printed=read_urdf_digits(robot),
         file=path,
         root_stated=False,
         gravity_stated=False,
@@ -80,13 +80,13 @@ def mimics(robot: Element, mechanism: Mechanism, path: Path) -> tuple[tuple[Clos
     return tuple(made), dropped
 
 
-def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[str, float], list[str]]:
+def _read_transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[str, float], list[str]]:
     """Gears [-] and reflected rotors [kg m^2] by joint; what is no simple transmission is dropped."""
     gears: dict[str, float] = {}
     rotors: dict[str, float] = {}
     dropped: list[str] = []
     for element in robot.findall("transmission"):
-        kind = _text(element.find("type")) or element.get("type", "")
+        kind = _read_text(element.find("type")) or element.get("type", "")
         joints = element.findall("joint")
         if len(joints) != 1 or ("Simple" not in kind and kind):
             dropped.append(
@@ -96,9 +96,9 @@ def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[s
         name = joints[0].get("name", "")
         ratio = 1.0
         for place in (element, *joints, *element.findall("actuator")):
-            if text := _text(place.find("mechanicalReduction")):
+            if text := _read_text(place.find("mechanicalReduction")):
                 try:
-                    ratio = _float(text, describe_location(path, element, "mechanicalReduction"))
+                    ratio = _parse_float(text, describe_location(path, element, "mechanicalReduction"))
                 except InputError:
                     dropped.append(f"transmission of {name}: its mechanicalReduction {text[:60]!r} is no number")
         gears[name] = ratio
@@ -111,15 +111,15 @@ def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[s
     return gears, rotors, dropped
 
 
-def _text(element: Element | None) -> str:
+def _read_text(element: Element | None) -> str:
     return "" if element is None or element.text is None else element.text.strip()
 
 
-def _float(text: str, where: str) -> float:
+def _parse_float(text: str, where: str) -> float:
     return read_number(Element("mechanicalReduction", value=text), "value", 1.0, where)
 
 
-def _others(robot: Element) -> Iterator[str]:
+def _list_other_tags(robot: Element) -> Iterator[str]:
     """Yield a line for each tag that the mechanism has no word for."""
     counted = Counter(part.tag for part in robot if part.tag not in KNOWN)
     counted.update(f"joint/{part.tag}" for j in robot.findall("joint") for part in j if part.tag not in PARTS)

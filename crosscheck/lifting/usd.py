@@ -29,9 +29,16 @@ from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.reader_dynamics import Feature
-from crosscheck.lifting.rigid import between, on, turned
-from crosscheck.lifting.usd_features import find_features, in_radians, pulls, scene_flags, scenes
-from crosscheck.lifting.usd_joints import Told, Units, couplings, effort, passive, speed
+from crosscheck.lifting.rigid import apply_placement, compute_relative_pose, turned
+from crosscheck.lifting.usd_features import find_features, find_scenes, has_gravity, is_in_radians, read_disabled_flags
+from crosscheck.lifting.usd_joints import (
+    Told,
+    Units,
+    build_couplings,
+    read_effort_limit,
+    read_passive_values,
+    read_speed_limit,
+)
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Array, Inertia, Limits, Placement
 
@@ -43,7 +50,7 @@ SINGLE = float(np.finfo(np.float32).eps)
 UNPROVEN = "usd-core reads the stage and computes no dynamics to hold it against"
 
 
-def reads_usd() -> bool:
+def can_read_usd() -> bool:
     """Return True if usd-core is installed."""
     return importlib.util.find_spec("pxr") is not None
 
@@ -62,13 +69,13 @@ def lift_usd(path: Path) -> Description:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
         raise InputError(
-            f"{path}\n  given:    what USD refuses: {_words(error)}\n  expected: a stage that USD's own library opens\n"
+            f"{path}\n  given:    what USD refuses: {_format_error(error)}\n  expected: a stage that USD's own library opens\n"
             "  write:    usdcat FILE, which shows where it breaks; or the file as it was exported"
         ) from None
     return _Stage(stage, path).description()
 
 
-def _words(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     """Return the library's message without the places of its own code."""
     said = re.findall(r" : '(.*?)'\s*$", str(error), re.DOTALL | re.MULTILINE) or [str(error)]
     plain = [re.sub(r"pxrInternal\w*?__", "", " ".join(words.split())) for words in said]
@@ -91,15 +98,15 @@ class _Stage:
 
         self.meter = float(UsdGeom.GetStageMetersPerUnit(self.stage))
         self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(self.stage))
-        self.radian = in_radians(self.stage)
+        self.radian = is_in_radians(self.stage)
         self.units = Units(self.meter, self.kilogram, self.radian is not False)
-        self.flags_off = scene_flags(self.stage)
+        self.flags_off = read_disabled_flags(self.stage)
         self.up = UsdGeom.GetStageUpAxis(self.stage)
         self.world = turned(AXES["X"], np.pi / 2) if self.up == "Y" else np.eye(3)
         self.cache = UsdGeom.XformCache()
         every = list(self.stage.Traverse())
-        self.names = self.named("bodies", [p for p in every if p.HasAPI(UsdPhysics.RigidBodyAPI) and _enabled(p)])
-        self.tied = [p for p in every if p.IsA(UsdPhysics.Joint) and _on(p)]
+        self.names = self.named("bodies", [p for p in every if p.HasAPI(UsdPhysics.RigidBodyAPI) and _is_enabled(p)])
+        self.tied = [p for p in every if p.IsA(UsdPhysics.Joint) and _is_tying(p)]
         self.joint_names = self.named("joints", self.tied)
 
     def named(self, kind: str, prims: list[Any]) -> dict[Any, str]:
@@ -126,7 +133,7 @@ class _Stage:
         gravity, stated = self.gravity()
         label = self.path.name
         mechanism = assembled(label, bodies, joints, gravity, poses)
-        laws, lost, features = couplings(self.told)
+        laws, lost, features = build_couplings(self.told)
         mechanism = replace(mechanism, closures=(*mechanism.closures, *laws))
         features += [*self.features, *find_features(self.stage, self.names)]
         return Description(
@@ -146,7 +153,7 @@ class _Stage:
         """Return mass [kg], centre [m] and tensor [kg m^2] of a body, in its frame."""
         stated = [prim.GetAttribute(f"physics:{key}").Get() for key in ("mass", "diagonalInertia", "centerOfMass")]
         mass, moments, com = (np.zeros(3) if value is None else np.array(value, dtype=float) for value in stated)
-        turn = _rotation(prim.GetAttribute("physics:principalAxes").Get())
+        turn = _convert_quaternion(prim.GetAttribute("physics:principalAxes").Get())
         there = {
             "mass": mass.any(),
             "inertia": moments.any(),
@@ -154,7 +161,7 @@ class _Stage:
         }
         missing = [key for key, known in there.items() if not known]
         if missing:
-            mass, moments, com, turn = self.computed(prim, missing, turn)
+            mass, moments, com, turn = self.compute_mass_properties(prim, missing, turn)
         unit = self.kilogram * self.meter**2
         tensor = turn @ np.diag(moments) @ turn.T
         whole = prim.GetAttribute("newton:inertia").Get()
@@ -163,19 +170,19 @@ class _Stage:
         scale = self.pose(prim)[1]
         return Inertia.stated(float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor)
 
-    def computed(self, prim: Any, missing: list[str], turn: Array) -> tuple[Any, Array, Array, Array]:
+    def compute_mass_properties(self, prim: Any, missing: list[str], turn: Array) -> tuple[Any, Array, Array, Array]:
         """Return mass, moments, centre and axes as UsdPhysics computes them from what is stated and from shapes."""
         from pxr import UsdPhysics
 
-        from crosscheck.lifting.usd_shapes import mass_of_shape
+        from crosscheck.lifting.usd_shapes import compute_shape_mass
 
         shapes: list[Any] = []
 
-        def measured(shape: Any) -> Any:
+        def add_shape_mass(shape: Any) -> Any:
             shapes.append(shape)
-            return mass_of_shape(shape, prim, self.cache)
+            return compute_shape_mass(shape, prim, self.cache)
 
-        found = UsdPhysics.RigidBodyAPI(prim).ComputeMassProperties(measured)
+        found = UsdPhysics.RigidBodyAPI(prim).ComputeMassProperties(add_shape_mass)
         mass = found[0]
         moments = np.array(found[1], dtype=float)
         com = np.array(found[2], dtype=float)
@@ -184,7 +191,7 @@ class _Stage:
                 f"{self.path}\n  given:    body {prim.GetName()!r} without {' and '.join(missing)}, and without colliders\n"
                 "  expected: a mass and moments of inertia\n  write:    physics:mass, physics:diagonalInertia"
             )
-        return mass, moments, com, _rotation(found[3]) if "inertia" in missing else turn
+        return mass, moments, com, _convert_quaternion(found[3]) if "inertia" in missing else turn
 
     def joints(self, prim: Any) -> Iterator[Between]:
         """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
@@ -223,7 +230,7 @@ class _Stage:
         name = self.joint_names[prim.GetPath()]
         kind = prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
         if kind == "":
-            return self.free_axes(prim)
+            return self.list_free_axes(prim)
         if kind not in ("revolute", "prismatic", "spherical", "fixed"):
             raise InputError(
                 f"{self.path}\n  given:    joint {name!r} of type {prim.GetTypeName()}\n"
@@ -235,13 +242,13 @@ class _Stage:
             self.dropped.append(f"joint {name}: the cone that limits a ball joint is no part of a mechanism")
         return [(kind, prim.GetAttribute("physics:axis").Get() or "Z")]
 
-    def free_axes(self, prim: Any) -> list[tuple[str, str]]:
+    def list_free_axes(self, prim: Any) -> list[tuple[str, str]]:
         """Return the free axes of a joint of six: those that its limits do not lock (low above high) [-].
 
         Translations come first, along the axes of the first body.  Of two rotations USD states no order.
         """
         slides, turns = (
-            [f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot")
+            [f"{way}{axis}" for axis in AXES if self._can_move(prim, f"{way}{axis}")] for way in ("trans", "rot")
         )
         name = self.joint_names[prim.GetPath()]
         steps = [("prismatic", axis) for axis in slides]
@@ -252,7 +259,7 @@ class _Stage:
                 f"about {two} of the second"
             )
         if len(turns) == 3 and len(slides) < 3:
-            if any(np.isfinite(end) for axis in turns for end in self._limits(prim, axis)):
+            if any(np.isfinite(end) for axis in turns for end in self._read_axis_limits(prim, axis)):
                 self.dropped.append(f"joint {name}: the limits of its three rotations are no part of a ball joint")
             return [*steps, ("spherical", "rot")]
         if len(turns) == 3:
@@ -260,12 +267,12 @@ class _Stage:
         steps += [("revolute", axis) for axis in turns]
         return steps or [("fixed", "Z")]
 
-    def _limits(self, prim: Any, axis: str) -> list[float]:
+    def _read_axis_limits(self, prim: Any, axis: str) -> list[float]:
         """The low and the high end of a free axis [degree], [unit of the stage]; infinite where it is not stated."""
         stated = [prim.GetAttribute(f"limit:{axis}:physics:{end}").Get() for end in ("low", "high")]
         return [np.inf if end is None else float(end) for end in stated]
 
-    def _moves(self, prim: Any, axis: str) -> bool:
+    def _can_move(self, prim: Any, axis: str) -> bool:
         low, high = (prim.GetAttribute(f"limit:{axis}:physics:{end}").Get() for end in ("low", "high"))
         return low is None or high is None or low <= high
 
@@ -276,21 +283,21 @@ class _Stage:
         prim = self.stage.GetPrimAtPath(targets[0]) if targets else None
         if prim is None or not prim.IsValid():
             return WORLD, Placement(
-                self.world @ np.array(place, dtype=float) * self.meter, self.world @ _rotation(turn)
+                self.world @ np.array(place, dtype=float) * self.meter, self.world @ _convert_quaternion(turn)
             )
         frame, scale = self.pose(prim)
-        local = Placement(np.array(place, dtype=float) * scale * self.meter, _rotation(turn))
+        local = Placement(np.array(place, dtype=float) * scale * self.meter, _convert_quaternion(turn))
         while prim.IsValid() and prim.GetPath() not in self.names and not prim.IsPseudoRoot():
             prim = prim.GetParent()
         if prim.GetPath() not in self.names:
-            return WORLD, on(frame, local)
-        return self.names[prim.GetPath()], on(between(self.pose(prim)[0], frame), local)
+            return WORLD, apply_placement(frame, local)
+        return self.names[prim.GetPath()], apply_placement(compute_relative_pose(self.pose(prim)[0], frame), local)
 
     def drive(self, prim: Any, name: str, kind: str, axis: str) -> dict[str, Any]:
         """Return limits [rad], [m] and passive numbers of a joint; gains of its drive are dropped."""
         if kind == "fixed":
             return {}
-        found = passive(prim, name, kind, axis, self.units, self.flags_off)
+        found = read_passive_values(prim, name, kind, axis, self.units, self.flags_off)
         self.dropped += found.words
         self.features += found.features
         if kind == "revolute" and found.own.get("rest") and self.radian is None:
@@ -311,7 +318,7 @@ class _Stage:
             keys = (f"limit:{turn}:physics:low", f"limit:{turn}:physics:high")
         stated = [prim.GetAttribute(key).Get() for key in keys]
         low, high = (end if value is None else value for value, end in zip(stated, (-np.inf, np.inf), strict=True))
-        most = effort(prim, kind, self.units)
+        most = read_effort_limit(prim, kind, self.units)
         if prim.HasAttribute(f"drive:{turn}:physics:stiffness") or prim.HasAttribute(f"drive:{turn}:physics:damping"):
             gains = [prim.GetAttribute(f"drive:{turn}:physics:{key}").Get() or 0.0 for key in ("stiffness", "damping")]
             told = [f"{float(gain) * force / unit:.6g}" for gain in gains]
@@ -320,7 +327,7 @@ class _Stage:
             drawn = prim.GetAttribute(f"drive:{turn}:physics:maxForce").Get()
             if drawn is not None and np.isfinite(drawn) and drawn > 0:
                 most = min(most, float(drawn) * force)
-        fastest = speed(prim, kind, axis if six else "", self.units)
+        fastest = read_speed_limit(prim, kind, axis if six else "", self.units)
         return Limits(most, fastest, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))
 
     def gravity(self) -> tuple[Array, bool]:
@@ -328,10 +335,10 @@ class _Stage:
         from pxr import UsdPhysics
 
         down = -AXES[self.up]
-        prims = scenes(self.stage)
+        prims = find_scenes(self.stage)
         if not prims:
             return self.world @ down * EARTH, False
-        if not pulls(prims[0]):
+        if not has_gravity(prims[0]):
             return np.zeros(3), True
         scene = UsdPhysics.Scene(prims[0])
         along = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
@@ -341,17 +348,17 @@ class _Stage:
         return self.world @ (along / length if length else down) * pull, True
 
 
-def _enabled(prim: Any) -> bool:
+def _is_enabled(prim: Any) -> bool:
     value = prim.GetAttribute("physics:rigidBodyEnabled").Get()
     return value is None or bool(value)
 
 
-def _on(prim: Any) -> bool:
+def _is_tying(prim: Any) -> bool:
     value = prim.GetAttribute("physics:jointEnabled").Get()
     return value is None or bool(value)
 
 
-def _rotation(quaternion: Any) -> Array:
+def _convert_quaternion(quaternion: Any) -> Array:
     """The rotation (3, 3) [-] of one of Gf's quaternions; of none, or of zeros, which mean that, the identity."""
     if quaternion is None:
         return np.eye(3)

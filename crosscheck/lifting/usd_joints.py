@@ -59,12 +59,12 @@ class Attribute:
     def value(self, prim: Any, kind: str, instances: tuple[str, ...], units: Units) -> float | None:
         """Return the number of a joint [kg m^2], [N m], [N m s/rad]; None where it states none."""
         for instance in instances if "{}" in self.key else ("",):
-            stated = number(prim, self.key.format(instance))
+            stated = read_number(prim, self.key.format(instance))
             if stated is not None:
-                return stated * self._size(kind, units)
+                return stated * self._compute_unit(kind, units)
         return None
 
-    def _size(self, kind: str, units: Units) -> float:
+    def _compute_unit(self, kind: str, units: Units) -> float:
         if self.unit == "effort":
             return units.effort(kind)
         per = DEGREE if self.unit == "per degree" and kind in TURNS else 1.0
@@ -114,7 +114,7 @@ class Told:
     unit: float
 
 
-def number(prim: Any, key: str) -> float | None:
+def read_number(prim: Any, key: str) -> float | None:
     """Return a number that is written in a prim [unit of the attribute]; None where none is."""
     attribute = prim.GetAttribute(key)
     if not attribute.HasAuthoredValue():
@@ -123,20 +123,22 @@ def number(prim: Any, key: str) -> float | None:
     return float(values[0]) if values.size else None
 
 
-def instances_of(prim: Any, kind: str, axis: str) -> tuple[str, ...]:
+def list_instances(prim: Any, kind: str, axis: str) -> tuple[str, ...]:
     """Return the names [-] by which applied schemas of PhysX call an axis of a joint: "rotX", "angular"."""
     way = "rot" if kind in TURNS else "trans"
     stated = axis or str(prim.GetAttribute("physics:axis").Get() or "X")
     return f"{way}{stated}", "angular" if kind in TURNS else "linear"
 
 
-def passive(prim: Any, name: str, kind: str, axis: str, units: Units, off: frozenset[str] = frozenset()) -> Passive:
+def read_passive_values(
+    prim: Any, name: str, kind: str, axis: str, units: Units, off: frozenset[str] = frozenset()
+) -> Passive:
     """Return rotor [kg m^2], damping [N m s/rad], friction [N m] and spring [N m/rad] of a joint.
 
     off : MuJoCo's flags that the scene switches off, such as "mjc:flag:spring"
     """
     found = Passive()
-    instances = instances_of(prim, kind, axis)
+    instances = list_instances(prim, kind, axis)
     for key, attributes in PASSIVE.items():
         stated = {a.key.format(instances[0]): a.value(prim, kind, instances, units) for a in attributes}
         said = {own: value for own, value in stated.items() if value is not None}
@@ -150,17 +152,17 @@ def passive(prim: Any, name: str, kind: str, axis: str, units: Units, off: froze
             found.words.append(f"{key} of joint {name}: attributes of two engines differ; {source} is taken")
             found.features.append(Feature("contradiction", f"joint {name}", {f"{key} {k}": v for k, v in said.items()}))
         if value:
-            _put(found, key, value, prim, (name, kind), units)
-    found.features += _others(prim, name)
+            _add_value(found, key, value, prim, (name, kind), units)
+    found.features += _list_other_features(prim, name)
     return found
 
 
-def _put(found: Passive, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
+def _add_value(found: Passive, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
     name, kind = joint
     if key != "stiffness":
         found.own[key] = value
         return
-    rest = number(prim, "mjc:springref") or 0.0
+    rest = read_number(prim, "mjc:springref") or 0.0
     if kind == "spherical":
         found.features.append(Feature("ball-spring", f"joint {name}", {"stiffness": value}))
         return
@@ -169,46 +171,46 @@ def _put(found: Passive, key: str, value: float, prim: Any, joint: tuple[str, st
     found.own |= {"stiffness": value, "rest": rest * (units.meter if kind == "prismatic" else 1.0)}
 
 
-def _others(prim: Any, name: str) -> Iterator[Feature]:
+def _list_other_features(prim: Any, name: str) -> Iterator[Feature]:
     """Yield what engines do at a joint and no mechanism can say."""
     for key, kind, word in (
         ("physxJoint:jointFriction", "load-friction", "coefficient"),
         ("mjc:ref", "coordinate-reference", "ref"),
         ("mjc:actuatorgravcomp", "gravcomp-of-actuators", "on"),
     ):
-        if value := number(prim, key):
+        if value := read_number(prim, key):
             yield Feature(kind, f"joint {name}", {word: value}, felt=kind == "load-friction")
     damper = prim.GetAttribute("mjc:springdamper")
     if damper.HasAuthoredValue() and len(values := np.ravel(damper.Get())) == 2 and min(values) > 0.0:
         yield Feature("spring-damper", f"joint {name}", {"time and ratio": tuple(map(float, values))})
 
 
-def speed(prim: Any, kind: str, axis: str, units: Units) -> float:
+def read_speed_limit(prim: Any, kind: str, axis: str, units: Units) -> float:
     """Return the largest speed of a joint [rad/s], [m/s]; infinite where none is stated."""
     for key in SPEEDS:
-        for instance in instances_of(prim, kind, axis) if "{}" in key else ("",):
-            stated = number(prim, key.format(instance))
+        for instance in list_instances(prim, kind, axis) if "{}" in key else ("",):
+            stated = read_number(prim, key.format(instance))
             if stated is not None and 0.0 < stated < ENDLESS:
                 return stated * units.coordinate(kind)
     return np.inf
 
 
-def effort(prim: Any, kind: str, units: Units) -> float:
+def read_effort_limit(prim: Any, kind: str, units: Units) -> float:
     """Return the largest effort [N m], [N] by MuJoCo's range of actuator forces; infinite where none is stated."""
     limited = str(prim.GetAttribute("mjc:actuatorfrclimited").Get() or "auto")
-    low, high = (number(prim, f"mjc:actuatorfrcrange:{end}") or 0.0 for end in ("min", "max"))
+    low, high = (read_number(prim, f"mjc:actuatorfrcrange:{end}") or 0.0 for end in ("min", "max"))
     if limited == "false" or low >= high:
         return np.inf
     return max(abs(low), abs(high)) * units.effort(kind)
 
 
-def couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str], list[Feature]]:
+def build_couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str], list[Feature]]:
     """Return the laws  q - factor q_of = offset [rad], [m]  of joints that mimic others, by prim path; what is lost; features."""
     made: list[Closure] = []
     lost: list[str] = []
     features: list[Feature] = []
     for one in joints.values():
-        law = _law_of(one)
+        law = _read_mimic_law(one)
         if law is None:
             continue
         path, factor, offset = law
@@ -221,34 +223,34 @@ def couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str], lis
         here = Attachment(WORLD)
         factors = (one.name, 1.0), (other.name, -factor)
         made.append(Closure(f"mimic {one.name}", "coupling", here, here, factors=factors, offset=offset * one.unit))
-        features += _orders(one, other, (offset * one.unit, factor))
+        features += _list_higher_orders(one, other, (offset * one.unit, factor))
     return made, lost, features
 
 
-def _law_of(one: Told) -> tuple[Any, float, float] | None:
+def _read_mimic_law(one: Told) -> tuple[Any, float, float] | None:
     """Prim path of what a joint mimics, factor [-], offset in the units of the stage [deg]."""
     prim = one.prim
     enabled = prim.GetAttribute("newton:mimicEnabled").Get()
     if targets := prim.GetRelationship("newton:mimicJoint").GetTargets():
-        factor = number(prim, "newton:mimicCoef1")
-        offset = number(prim, "newton:mimicCoef0")
+        factor = read_number(prim, "newton:mimicCoef1")
+        offset = read_number(prim, "newton:mimicCoef0")
         law = targets[0], 1.0 if factor is None else factor, offset or 0.0
         return law if enabled is None or enabled else None
     if targets := prim.GetRelationship("mjc:target").GetTargets():
-        factor = number(prim, "mjc:coef1")
-        offset = number(prim, "mjc:coef0") or 0.0
+        factor = read_number(prim, "mjc:coef1")
+        offset = read_number(prim, "mjc:coef0") or 0.0
         in_degrees = offset / DEGREE if one.kind in TURNS else offset  # MuJoCo's is in radians, always
         return targets[0], 1.0 if factor is None else factor, in_degrees
     for axis in ("rotX", "rotY", "rotZ", "transX", "transY", "transZ"):
         start = f"physxMimicJoint:{axis}"
         if targets := prim.GetRelationship(f"{start}:referenceJoint").GetTargets():
-            gearing = number(prim, f"{start}:gearing")
-            return targets[0], -(1.0 if gearing is None else gearing), -(number(prim, f"{start}:offset") or 0.0)
+            gearing = read_number(prim, f"{start}:gearing")
+            return targets[0], -(1.0 if gearing is None else gearing), -(read_number(prim, f"{start}:offset") or 0.0)
     return None
 
 
-def _orders(one: Told, other: Told, linear: tuple[float, float]) -> Iterator[Feature]:
-    more = tuple(number(one.prim, f"mjc:coef{k}") or 0.0 for k in (2, 3, 4))
+def _list_higher_orders(one: Told, other: Told, linear: tuple[float, float]) -> Iterator[Feature]:
+    more = tuple(read_number(one.prim, f"mjc:coef{k}") or 0.0 for k in (2, 3, 4))
     if any(more):
         names = one.name, other.name
         numbers: dict[str, Parameter] = {"polycoef": (*linear, *more)}

@@ -20,15 +20,15 @@ ALONG = {
 }  # the axes of a shape along z, as rows of one along the named axis
 
 
-def mass_of_shape(shape: Any, body: Any, cache: Any) -> Any:
+def compute_shape_mass(shape: Any, body: Any, cache: Any) -> Any:
     """Return the MassInformation of a collider prim of a body [units of the stage].  Raises InputError for other shapes."""
     from pxr import Gf, UsdPhysics
 
     matrix = np.array(cache.GetLocalToWorldTransform(shape)) @ np.linalg.inv(
-        _rigid(cache.GetLocalToWorldTransform(body))
+        _remove_scale(cache.GetLocalToWorldTransform(body))
     )
     scale = np.linalg.norm(matrix[:3, :3], axis=1)
-    volume, com, tensor = _solid(shape, scale)
+    volume, com, tensor = _compute_solid(shape, scale)
     turn = Gf.Matrix3d(*(float(x) for x in (matrix[:3, :3] / scale[:, None]).ravel())).ExtractRotation().GetQuat()
     found = UsdPhysics.RigidBodyAPI.MassInformation()
     found.volume = float(volume)
@@ -39,18 +39,18 @@ def mass_of_shape(shape: Any, body: Any, cache: Any) -> Any:
     return found
 
 
-def _rigid(matrix: Any) -> Array:
+def _remove_scale(matrix: Any) -> Array:
     """A transformation without its scale."""
     plain = np.array(matrix)
     plain[:3, :3] /= np.linalg.norm(plain[:3, :3], axis=1)[:, None]
     return plain
 
 
-def _solid(shape: Any, scale: Array) -> tuple[float, Array, Array]:
+def _compute_solid(shape: Any, scale: Array) -> tuple[float, Array, Array]:
     """Volume, centre (3,) and tensor (3, 3) about it at density one, along the shape's axes."""
     kind = shape.GetTypeName()
     if kind == "Mesh":
-        return _mesh(shape, scale)
+        return _compute_mesh_solid(shape, scale)
     get = lambda key: float(shape.GetAttribute(key).Get())  # noqa: E731
     if kind == "Cube":
         sides = get("size") * scale
@@ -68,14 +68,14 @@ def _solid(shape: Any, scale: Array) -> tuple[float, Array, Array]:
         if abs(across - scale[order[1]]) <= EVEN * across and (
             kind == "Cylinder" or abs(along - across) <= EVEN * across
         ):
-            return _round(kind, get("radius") * across, get("height") * along, order)
+            return _compute_round_solid(kind, get("radius") * across, get("height") * along, order)
     raise InputError(
         f"{shape.GetPath()}: the mass of its body comes from a {kind or 'shape without a type'}, scaled by {scale.tolist()}; "
         "write physics:mass, physics:diagonalInertia and physics:centerOfMass on the body"
     )
 
 
-def _round(kind: str, radius: float, height: float, order: list[int]) -> tuple[float, Array, Array]:
+def _compute_round_solid(kind: str, radius: float, height: float, order: list[int]) -> tuple[float, Array, Array]:
     """Cylinder, or cylinder with half balls at its ends, about its centre."""
     tube = np.pi * radius**2 * height
     axial = tube * radius**2 / 2
@@ -91,7 +91,7 @@ def _round(kind: str, radius: float, height: float, order: list[int]) -> tuple[f
     return volume, np.zeros(3), np.diag(moments)
 
 
-def _mesh(shape: Any, scale: Array) -> tuple[float, Array, Array]:
+def _compute_mesh_solid(shape: Any, scale: Array) -> tuple[float, Array, Array]:
     try:
         import trimesh
     except ImportError:

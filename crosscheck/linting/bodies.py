@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.linting.finding import Finding, error, warning
+from crosscheck.linting.finding import Finding, make_error, make_warning
 from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import Array, Inertia
 
@@ -36,23 +36,25 @@ class Stated:
     written: bool = True
 
 
-def body_findings(links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
+def check_bodies(links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
     """Yield findings in the inertias of links [kg, m, kg m^2]; size : of the machine [m]."""
     for link in links.values():
         if link.written:
-            yield from _own(link, size)
-    yield from _defaults(links)
-    yield from _sides(links)
+            yield from _check_body(link, size)
+    yield from _check_default_tensors(links)
+    yield from _check_sides(links)
 
 
-def _own(link: Stated, size: float) -> Iterator[Finding]:
+def _check_body(link: Stated, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     if not all(np.all(np.isfinite(part)) for part in (body.mass, body.com, body.tensor)):
-        yield error("number", place, "NaN or infinite", "an inertia of numbers", "the measured or computed numbers")
+        yield make_error(
+            "number", place, "NaN or infinite", "an inertia of numbers", "the measured or computed numbers"
+        )
         return
     if body.mass < 0:
-        yield error(
+        yield make_error(
             "mass", place, f"{body.mass:g} kg", "no body has a negative mass", f'<mass value="{-body.mass:g}"/>'
         )
     none = bool(np.abs(body.tensor).max() <= NOISE * body.mass)
@@ -60,35 +62,37 @@ def _own(link: Stated, size: float) -> Iterator[Finding]:
         advice = (
             "the tensor about the centre of mass: principal moments p1 + p2 >= p3; some readers replace such a tensor"
         )
-        yield error("tensor", place, _moments(body), f"no body has it: {reason}", advice)
+        yield make_error("tensor", place, _describe_moments(body), f"no body has it: {reason}", advice)
     if body.mass == 0 and body.tensor.any():
         why = "a body without mass has no inertia; MuJoCo drops it, Drake makes it 1 kg"
-        yield error("tensor without mass", place, _moments(body), why, "a mass, or a tensor of zeros")
+        yield make_error("tensor without mass", place, _describe_moments(body), why, "a mass, or a tensor of zeros")
     if body.mass > 0 and none:
         why = "a mass without moments of inertia is a point: forward dynamics of a joint through it has no inertia"
-        yield warning(
+        yield make_warning(
             "mass without tensor", place, f"{body.mass:g} kg", why, "the moments of the shape about its centre of mass"
         )
-    yield from _units(link, size)
+    yield from _check_units(link, size)
 
 
-def _moments(body: Inertia) -> str:
+def _describe_moments(body: Inertia) -> str:
     moments = np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2)
     return "principal moments " + " ".join(f"{p:.4g}" for p in moments) + " kg m^2"
 
 
-def _units(link: Stated, size: float) -> Iterator[Finding]:
+def _check_units(link: Stated, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     if body.mass > HEAVY:
-        yield warning("mass", place, f"{body.mass:g} kg", "looks like grams", f'<mass value="{body.mass / 1000:g}"/>')
+        yield make_warning(
+            "mass", place, f"{body.mass:g} kg", "looks like grams", f'<mass value="{body.mass / 1000:g}"/>'
+        )
     elif 0 < body.mass < LIGHT and body.tensor.max() > body.mass * size**2:
-        yield warning("mass", place, f"{body.mass:g} kg", "looks like a placeholder", "the mass of the link")
+        yield make_warning("mass", place, f"{body.mass:g} kg", "looks like a placeholder", "the mass of the link")
     far = float(np.linalg.norm(body.com))
     if far > FAR:
-        yield warning("com", place, f"{far:g} m from its frame", "looks like mm", f"{far / 1000:g} m")
+        yield make_warning("com", place, f"{far:g} m from its frame", "looks like mm", f"{far / 1000:g} m")
     elif size and far > 3 * size:
-        yield warning(
+        yield make_warning(
             "com",
             place,
             f"{far:g} m from its frame",
@@ -97,49 +101,49 @@ def _units(link: Stated, size: float) -> Iterator[Finding]:
         )
     if body.mass > 0:
         radius = float(np.sqrt(max(np.trace(body.tensor), 0.0) / 2 / body.mass))
-        if size and radius > WIDE * size and _placeholder(body.tensor) is None:
+        if size and radius > WIDE * size and _find_placeholder(body.tensor) is None:
             why = f"its radius of gyration is {radius:.3g} m, the machine extends {size:.3g} m: looks like g mm^2"
-            yield warning("tensor", place, _moments(body), why, "kg m^2, about the centre of mass")
+            yield make_warning("tensor", place, _describe_moments(body), why, "kg m^2, about the centre of mass")
 
 
-def _defaults(links: Mapping[str, Stated]) -> Iterator[Finding]:
+def _check_default_tensors(links: Mapping[str, Stated]) -> Iterator[Finding]:
     """Tensors that a tool or an author puts in where nothing is known."""
     groups: dict[tuple[float, ...], list[Stated]] = {}
     for link in links.values():
         if link.written and link.inertia.mass > 0 and link.inertia.tensor.any():
             groups.setdefault(tuple(link.inertia.tensor.ravel()), []).append(link)
     for key, same in groups.items():
-        moment = _placeholder(np.array(key).reshape(3, 3))
+        moment = _find_placeholder(np.array(key).reshape(3, 3))
         masses = {link.inertia.mass for link in same}
         given = f"one tensor for {len(same)} links of {len(masses)} masses"
         for link in same:  # findings that say the same are put together where they are shown
             if moment is not None:
                 shown = f"{moment:g} kg m^2 about every axis"
-                yield warning(
+                yield make_warning(
                     "default tensor", f"link {link.name}", shown, "looks like a placeholder", "the moments of the shape"
                 )
             elif len(same) >= COPIES and len(masses) >= COPIES:
-                yield warning(
+                yield make_warning(
                     "default tensor", f"link {link.name}", given, "looks like a copy", "the moments of each shape"
                 )
 
 
-def _placeholder(tensor: Array) -> float | None:
+def _find_placeholder(tensor: Array) -> float | None:
     """The moment [kg m^2] of a tensor that is the same power of ten about every axis; None for any other."""
     moment = float(f"{tensor[0, 0]:.9g}")  # a turned unit tensor is one to rounding
     equal = bool(np.abs(tensor - moment * np.eye(3)).max() <= 1e-9 * abs(moment))
     return moment if equal and moment in DEFAULTS else None
 
 
-def _sides(links: Mapping[str, Stated]) -> Iterator[Finding]:
+def _check_sides(links: Mapping[str, Stated]) -> Iterator[Finding]:
     for name, link in links.items():
-        for other in _partners(name):
+        for other in _list_partner_names(name):
             if other in links and link.written and links[other].written:
-                yield from _differ(link, links[other])
+                yield from _compare_sides(link, links[other])
                 break
 
 
-def _partners(name: str) -> Iterator[str]:
+def _list_partner_names(name: str) -> Iterator[str]:
     words = re.split(r"([_\-. /]|(?<=[a-z])(?=[A-Z0-9]))", name)
     for left, right in SIDES:
         if left in words:
@@ -148,12 +152,12 @@ def _partners(name: str) -> Iterator[str]:
             yield name.replace(left, right)
 
 
-def _differ(left: Stated, right: Stated) -> Iterator[Finding]:
+def _compare_sides(left: Stated, right: Stated) -> Iterator[Finding]:
     a = left.inertia
     b = right.inertia
     place = f"links {left.name}, {right.name}"
     if abs(a.mass - b.mass) > SIDE * max(a.mass, b.mass):
-        yield warning(
+        yield make_warning(
             "left and right",
             place,
             f"{a.mass:g} and {b.mass:g} kg",
@@ -163,16 +167,16 @@ def _differ(left: Stated, right: Stated) -> Iterator[Finding]:
         return
     moments = [np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2) for body in (a, b)]
     if np.abs(moments[0] - moments[1]).max() > SIDE * max(np.abs(moments[0]).max(), np.abs(moments[1]).max()):
-        yield warning(
+        yield make_warning(
             "left and right",
             place,
-            f"{_moments(a)}; {_moments(b)}",
+            f"{_describe_moments(a)}; {_describe_moments(b)}",
             "their moments differ",
             "mirrored tensors, if they are alike",
         )
     far = [float(np.linalg.norm(body.com)) for body in (a, b)]
     if abs(far[0] - far[1]) > 5 * SIDE * max(*far, 0.01):
-        yield warning(
+        yield make_warning(
             "left and right", place, f"centres {far[0]:.4g} and {far[1]:.4g} m from their frames",
             "their centres of mass are no mirror images", "mirrored centres, if they are alike",
         )  # fmt: skip

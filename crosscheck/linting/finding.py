@@ -26,11 +26,11 @@ class Finding:
         return dict(vars(self))
 
 
-def error(check: str, place: str, given: str, why: str, write: str) -> Finding:
+def make_error(check: str, place: str, given: str, why: str, write: str) -> Finding:
     """Return a finding of something that no machine can have [any unit]."""
     return Finding(check, "error", place, given, why, write)
 
 
-def warning(check: str, place: str, given: str, why: str, write: str) -> Finding:
+def make_warning(check: str, place: str, given: str, why: str, write: str) -> Finding:
     """Return a finding of something that a machine probably does not have [any unit]."""
     return Finding(check, "warning", place, given, why, write)

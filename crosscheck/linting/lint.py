@@ -12,9 +12,9 @@ import numpy as np
 from crosscheck.equivalence.sources import describe, find_format, is_xml
 from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.description import Description
-from crosscheck.linting.bodies import Stated, body_findings
-from crosscheck.linting.finding import Finding, error, warning
-from crosscheck.linting.urdf import urdf_findings
+from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.finding import Finding, make_error, make_warning
+from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import list_xml_repairs, read_xml
 from flexinv.validation import check_flag
@@ -64,16 +64,16 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
     meshes = check_flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and path.is_file() and is_xml(path) and find_format(path) == "urdf":
-        found = [*_xml_findings(path), *urdf_findings(read_xml(path), path, meshes)]
+        found = [*_check_xml(path), *check_urdf(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
-            found += _unread(path)
-        return Linted(path.name, _sorted(found), strict)
+            found += _check_readable(path)
+        return Linted(path.name, _join_findings(found), strict)
     description = describe(source)
-    written = _xml_findings(path) if path is not None and path.is_file() and is_xml(path) else []
-    return Linted(description.label, _sorted([*written, *machine_findings(description)]), strict)
+    written = _check_xml(path) if path is not None and path.is_file() and is_xml(path) else []
+    return Linted(description.label, _join_findings([*written, *check_machine(description)]), strict)
 
 
-def lint_each(
+def check_sources(
     sources: Iterable[Any], strict: bool = False, meshes: bool = True, way: Callable[[Any, bool, bool], Linted] = lint
 ) -> list[Linted]:
     """List the findings of several descriptions; one that cannot be read is a finding of its own, and keeps none back.
@@ -87,36 +87,38 @@ def lint_each(
         except InputError as problem:
             words = str(problem)
             name = Path(str(source)).name
-            finding = error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
+            finding = make_error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
             found.append(Linted(name, (finding,), strict, words))
     return found
 
 
-def _xml_findings(path: Path) -> Iterator[Finding]:
+def _check_xml(path: Path) -> Iterator[Finding]:
     """Yield what the standard of XML forbids and some readers take."""
     for words in list_xml_repairs(path):
         write = "one hyphen in comments" if "comment" in words else "the declaration in the first tag"
         why = "XML forbids it: MuJoCo, DART and urdfdom read it, strict readers refuse the file"
-        yield warning("xml", path.name, words, why, write)
+        yield make_warning("xml", path.name, words, why, write)
 
 
-def _unread(path: Path) -> Iterator[Finding]:
+def _check_readable(path: Path) -> Iterator[Finding]:
     """Yield the reason why a URDF without errors of its own is not read."""
     try:
         describe(path)
     except InputError as problem:
-        yield error("file", path.name, " ".join(str(problem).split()), "this project's reader refuses it", "as it says")
+        yield make_error(
+            "file", path.name, " ".join(str(problem).split()), "this project's reader refuses it", "as it says"
+        )
 
 
-def _sorted(found: list[Finding]) -> tuple[Finding, ...]:
+def _join_findings(found: list[Finding]) -> tuple[Finding, ...]:
     """Errors first; findings that say the same of several links or joints are one."""
     groups: dict[tuple[str, ...], list[Finding]] = {}
     for one in found:
         groups.setdefault((one.check, one.level, one.given, one.why, one.write, one.place.split()[0]), []).append(one)
-    return tuple(sorted(map(_together, groups.values()), key=lambda one: one.level))
+    return tuple(sorted(map(_join_places, groups.values()), key=lambda one: one.level))
 
 
-def _together(same: list[Finding]) -> Finding:
+def _join_places(same: list[Finding]) -> Finding:
     places = list(dict.fromkeys(one.place for one in same))
     if len(places) == 1:
         return same[0]
@@ -124,7 +126,7 @@ def _together(same: list[Finding]) -> Finding:
     return replace(same[0], place=f"{places[0].partition(' ')[0]}s {names} ({len(places)})")
 
 
-def machine_findings(description: Description) -> Iterator[Finding]:
+def check_machine(description: Description) -> Iterator[Finding]:
     """Yield findings of a mechanism, whatever it was lifted from [m, kg, rad]."""
     mechanism = description.mechanism
     moving = {joint.child for joint in mechanism.joints if joint.nv}
@@ -133,16 +135,16 @@ def machine_findings(description: Description) -> Iterator[Finding]:
         body = join_bodies([part.inertia for part in link.bodies])
         links[link.name] = Stated(link.name, body, link.name in moving, bool(link.bodies))
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
-    yield from body_findings(links, float(sum(lengths[-6:])) or 1.0)
+    yield from check_bodies(links, float(sum(lengths[-6:])) or 1.0)
     for joint in mechanism.joints:
         low = joint.limits.lower
         high = joint.limits.upper
         if low > high:
-            yield error(
+            yield make_error(
                 "limit", f"joint {joint.name}", f"{low:g} to {high:g}", "lower is above upper", "the two exchanged"
             )
         elif joint.kind == "revolute" and np.isfinite(high) and 4 * np.pi < max(-low, high) < 1e4:
-            yield warning(
+            yield make_warning(
                 "units",
                 f"joint {joint.name}",
                 f"{low:g} to {high:g}",
@@ -152,13 +154,15 @@ def machine_findings(description: Description) -> Iterator[Finding]:
     for feature in description.features:
         if feature.name in LAWS:
             words = f"{feature.name} of {feature.place}: {feature.words}"
-            yield warning(
+            yield make_warning(
                 "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
             )
     for words in description.dropped:
         if words.startswith("geometry"):
-            yield warning("file", description.label, words, "shapes of it are not there", "the file where it is named")
+            yield make_warning(
+                "file", description.label, words, "shapes of it are not there", "the file where it is named"
+            )
         if words.startswith(("equality", "mimic", "transmission")):
-            yield warning(
+            yield make_warning(
                 "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
             )

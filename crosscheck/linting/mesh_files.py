@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, ParseError
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from crosscheck.linting.finding import Finding, error, warning
+from crosscheck.linting.finding import Finding, make_error, make_warning
 from flexinv.files.bounded_xml import Unbounded, parse_bounded
 from flexinv.files.regular_files import MISSING, describe_kind, read_regular
 from flexinv.model.mechanism import Array
@@ -78,11 +78,11 @@ def file_findings(meshes: Mapping[str, MeshFile]) -> Iterator[Finding]:
     for name, file in meshes.items():
         place = f"mesh {name[:100]}"
         if file.problem:
-            yield error("mesh", place, file.problem, REFUSED, WRITE)
+            yield make_error("mesh", place, file.problem, REFUSED, WRITE)
         elif file.doubt:
-            yield warning("mesh", place, file.doubt, "MuJoCo and trimesh refuse the file, others take it", WRITE)
+            yield make_warning("mesh", place, file.doubt, "MuJoCo and trimesh refuse the file, others take it", WRITE)
         elif file.unread:
-            yield warning("mesh", place, file.unread, "it is not looked into", "a mesh with fewer triangles")
+            yield make_warning("mesh", place, file.unread, "it is not looked into", "a mesh with fewer triangles")
 
 
 def reads_meshes() -> bool:

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from crosscheck.linting.bodies import Stated
-from crosscheck.linting.finding import Finding, warning
+from crosscheck.linting.finding import Finding, make_warning
 from crosscheck.linting.mesh_files import MeshFile
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array
@@ -26,24 +26,24 @@ LIGHT = 1e-4  # of the machine's mass: lighter links are sensors and marks, whos
 ROUND = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 
 
-def mesh_findings(
+def check_meshes(
     robot: Element, meshes: Mapping[str, MeshFile], links: Mapping[str, Stated], size: float
 ) -> Iterator[Finding]:
     """Yield findings of links whose shapes are all there [m, kg m^2]; meshes : by name; size : of the machine [m]."""
     total = sum(link.inertia.mass for link in links.values() if link.written and link.inertia.mass > 0)
     for element in robot.findall("link"):
         link = links.get(element.get("name", ""))
-        points = _shape(element, meshes)
+        points = _collect_link_points(element, meshes)
         if link is not None and points is not None and link.inertia.mass >= LIGHT * total:
-            yield from _of_link(link, points, size)
+            yield from _check_link(link, points, size)
 
 
-def _shape(element: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
+def _collect_link_points(element: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     """All points of what is drawn of a link and of what collides (n, 3) [m]; of the one of them that is all there.
 
     Boxes, cylinders and spheres that collide cover what may be hit, not the whole link: alone they do not stand for a drawn mesh.
     """
-    drawn, colliding = (_all_points(element.findall(kind), meshes) for kind in ("visual", "collision"))
+    drawn, colliding = (_collect_points(element.findall(kind), meshes) for kind in ("visual", "collision"))
     solid = any(part.find("geometry/mesh") is None for part in element.findall("collision"))
     if drawn is None and element.find("visual") is not None and solid:
         return None
@@ -51,13 +51,13 @@ def _shape(element: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     return np.vstack(found) if found else None
 
 
-def _all_points(parts: list[Element], meshes: Mapping[str, MeshFile]) -> Array | None:
-    found = [_points(part, meshes) for part in parts]
+def _collect_points(parts: list[Element], meshes: Mapping[str, MeshFile]) -> Array | None:
+    found = [_read_points(part, meshes) for part in parts]
     there = [points for points in found if points is not None]
     return np.vstack(there) if there and len(there) == len(parts) else None
 
 
-def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
+def _check_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     low = points.min(axis=0)
@@ -65,7 +65,7 @@ def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
     diagonal = float(np.linalg.norm(high - low))
     if size and diagonal > WIDE * size:
         why = f"the machine extends {size:.3g} m: looks like mm"
-        yield warning("mesh", place, f"shapes of {diagonal:.3g} m", why, '<mesh scale="0.001 0.001 0.001" .../>')
+        yield make_warning("mesh", place, f"shapes of {diagonal:.3g} m", why, '<mesh scale="0.001 0.001 0.001" .../>')
         return
     if not link.written or not body.mass > 0 or not diagonal:
         return
@@ -75,7 +75,7 @@ def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
     if beyond > OUTSIDE * diagonal:
         given = f"{' '.join(f'{x:.4g}' for x in body.com)} m"
         why = f"{beyond:.3g} m outside of its shapes, whose diagonal is {diagonal:.3g} m"
-        yield warning("centre outside", place, given, why, "the centre of mass in the link's frame, m")
+        yield make_warning("centre outside", place, given, why, "the centre of mass in the link's frame, m")
         return
     reach = float(np.linalg.norm(points - body.com, axis=1).max())
     largest = float(np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2)[-1])
@@ -87,32 +87,32 @@ def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
         hint = "the moments about the centre of mass"
         if moved[0] >= 0 and moved[-1] <= body.mass * reach**2:
             hint = f"the moments about the centre of mass; if these are about the link's frame, {moved[-1]:.4g} kg m^2 at most"
-        yield warning("moments of shape", place, given, why, hint)
+        yield make_warning("moments of shape", place, given, why, hint)
 
 
-def _points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
+def _read_points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     """Points of a shape in the link's frame (n, 3) [m]; None for one that is not there or not read."""
     shape = next(iter(part.find("geometry") or ()), None)
     if shape is None:
         return None
     try:
-        found = _mesh(shape, meshes) if shape.tag == "mesh" else _solid(shape)
+        found = _read_mesh_points(shape, meshes) if shape.tag == "mesh" else _compute_solid_points(shape)
         origin = part.find("origin")
-        xyz, rpy = (_numbers(origin, key, "0 0 0") for key in ("xyz", "rpy"))
+        xyz, rpy = (_read_numbers(origin, key, "0 0 0") for key in ("xyz", "rpy"))
     except ValueError:
         return None
     return None if found is None else found @ compute_rpy_rotation(rpy).T + xyz
 
 
-def _numbers(element: Element | None, key: str, default: str) -> Array:
+def _read_numbers(element: Element | None, key: str, default: str) -> Array:
     text = default if element is None else element.get(key, default)
     return np.array([float(word) for word in text.split()])
 
 
-def _solid(shape: Element) -> Array | None:
+def _compute_solid_points(shape: Element) -> Array | None:
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
     if shape.tag == "box":
-        return corners * _numbers(shape, "size", "0 0 0") / 2
+        return corners * _read_numbers(shape, "size", "0 0 0") / 2
     radius = float(shape.get("radius", "nan"))
     circle = radius * np.column_stack([np.cos(ROUND), np.sin(ROUND)])
     if shape.tag == "cylinder":
@@ -123,9 +123,9 @@ def _solid(shape: Element) -> Array | None:
     return None
 
 
-def _mesh(shape: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
+def _read_mesh_points(shape: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     file = meshes.get(shape.get("filename", ""))
     if file is None or file.points is None:
         return None
-    scale = _numbers(shape, "scale", "1 1 1")
+    scale = _read_numbers(shape, "scale", "1 1 1")
     return file.points * scale if np.isfinite(scale).all() else None

@@ -24,18 +24,18 @@ def write(found: Sequence[Linted], out: Path) -> None:
     view = {
         "found": found,
         "clean": all(one.clean for one in found),
-        "sentence": sentence(found),
+        "sentence": describe_counts(found),
         "results": stamp,
         "root": "",
     }
     write_page(prepare_templates(), "lint.html.j2", out / "index.html", **view)
     plain = {"format": "crosscheck-lint/1", "files": [one.plain for one in found]} | stamp
     owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
-    owned.write(out / "junit.xml", junit(found))
-    owned.write(out / "summary.md", markdown(found))
+    owned.write(out / "junit.xml", build_junit_xml(found))
+    owned.write(out / "summary.md", render_markdown(found))
 
 
-def sentence(found: Sequence[Linted]) -> str:
+def describe_counts(found: Sequence[Linted]) -> str:
     """Return the numbers of findings and of files in a sentence."""
     files = "one file" if len(found) == 1 else f"{len(found)} files"
     with_any = sum(bool(one.findings) for one in found)
@@ -44,9 +44,9 @@ def sentence(found: Sequence[Linted]) -> str:
     return f"{sum(len(one.findings) for one in found)} findings in {with_any} of {files}."
 
 
-def markdown(found: Sequence[Linted]) -> str:
+def render_markdown(found: Sequence[Linted]) -> str:
     """Return findings as Markdown: a table for each file."""
-    lines = [f"## {sentence(found)}"]
+    lines = [f"## {describe_counts(found)}"]
     for one in found:
         lines += ["", f"### {format_cell(one.label)}: {one.words}"]
         if one.findings:
@@ -56,17 +56,17 @@ def markdown(found: Sequence[Linted]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def junit(found: Sequence[Linted]) -> bytes:
+def build_junit_xml(found: Sequence[Linted]) -> bytes:
     """Return findings as JUnit XML: a suite for each file, a failure for each finding that counts."""
     root = ET.Element("testsuites", name="crosscheck lint")
     for one in found:
-        suite = ET.SubElement(root, "testsuite", name=_clean(one.label), tests=str(len(one.findings) or 1))
+        suite = ET.SubElement(root, "testsuite", name=_remove_forbidden(one.label), tests=str(len(one.findings) or 1))
         counted = [f for f in one.findings if f.level == "error" or one.strict]
         suite.set("failures", str(len(counted)))
         for finding in one.findings:
-            case = ET.SubElement(suite, "testcase", classname=finding.check, name=_clean(finding.place))
+            case = ET.SubElement(suite, "testcase", classname=finding.check, name=_remove_forbidden(finding.place))
             if finding in counted:
-                message = _clean(f"{finding.given}: {finding.why}; write {finding.write}")
+                message = _remove_forbidden(f"{finding.given}: {finding.why}; write {finding.write}")
                 ET.SubElement(case, "failure", message=message)
         if not one.findings:
             ET.SubElement(suite, "testcase", classname="lint", name="nothing found")
@@ -75,5 +75,5 @@ def junit(found: Sequence[Linted]) -> bytes:
     return text
 
 
-def _clean(words: str) -> str:
+def _remove_forbidden(words: str) -> str:
     return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)

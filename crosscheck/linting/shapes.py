@@ -15,32 +15,32 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.finding import Finding, warning
+from crosscheck.linting.finding import Finding, make_warning
 
 WATER = 1000.0  # [kg/m^3]: what MuJoCo takes for a shape without mass
 MADE_UP = "PyBullet and DART take 1 kg"
 
 
-def shape_findings(robot: Element) -> Iterator[Finding]:
+def check_shapes(robot: Element) -> Iterator[Finding]:
     """Yield links that move, have shapes, and no <inertial> [kg]."""
     carried = {_end(joint, "child"): joint for joint in robot.findall("joint")}
     for link in robot.findall("link"):
         name = link.get("name", "")
         touched = link.findall("collision")
         seen = link.findall("visual")
-        if link.find("inertial") is not None or not (touched or seen) or not _moves(name, carried):
+        if link.find("inertial") is not None or not (touched or seen) or not _can_move(name, carried):
             continue
         if touched:
             given = "collides, and has no <inertial>"
-            why = f"MuJoCo takes {_taken(touched)}, {MADE_UP}, Pinocchio and Drake nothing"
+            why = f"MuJoCo takes {_describe_shape_mass(touched)}, {MADE_UP}, Pinocchio and Drake nothing"
         else:
             given = "is seen, and has no <inertial>"
             why = f"{MADE_UP}, MuJoCo, Pinocchio and Drake nothing"
         write = "<inertial> with mass and tensor; of zeros, if it weighs nothing, which all readers take alike"
-        yield warning("shape without inertia", f"link {name}", given, why, write)
+        yield make_warning("shape without inertia", f"link {name}", given, why, write)
 
 
-def _moves(name: str, carried: Mapping[str, Element]) -> bool:
+def _can_move(name: str, carried: Mapping[str, Element]) -> bool:
     """Return True if a joint that moves stands between a link and the root."""
     passed: set[str] = set()
     while name in carried and name not in passed:
@@ -56,15 +56,15 @@ def _end(joint: Element, tag: str) -> str:
     return "" if end is None else end.get("link", "")
 
 
-def _taken(collisions: list[Element]) -> str:
+def _describe_shape_mass(collisions: list[Element]) -> str:
     """MuJoCo's mass of shapes in words [kg]."""
-    volumes = [_volume(collision.find("geometry")) for collision in collisions]
+    volumes = [_compute_volume(collision.find("geometry")) for collision in collisions]
     if any(volume is None for volume in volumes):
         return f"{WATER:g} kg/m^3 of its shape"
     return f"{WATER * sum(volume for volume in volumes if volume is not None):.3g} kg, {WATER:g} kg/m^3 of its shape"
 
 
-def _volume(geometry: Element | None) -> float | None:
+def _compute_volume(geometry: Element | None) -> float | None:
     """The volume [m^3] of a box, a sphere or a cylinder; None for a mesh, and for what is no number."""
     shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:

@@ -10,11 +10,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.bodies import Stated, body_findings
-from crosscheck.linting.finding import Finding, error, warning
+from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.finding import Finding, make_error, make_warning
 from crosscheck.linting.mesh_files import file_findings, mesh_path, read_meshes
-from crosscheck.linting.meshes import mesh_findings
-from crosscheck.linting.shapes import shape_findings
+from crosscheck.linting.meshes import check_meshes
+from crosscheck.linting.shapes import check_shapes
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array, Inertia
 
@@ -28,27 +28,27 @@ LONG = 10.0
 STRONG = 1e5  # [N m], [N]
 
 
-def urdf_findings(robot: Element, path: Path, meshes: bool = True) -> Iterator[Finding]:
+def check_urdf(robot: Element, path: Path, meshes: bool = True) -> Iterator[Finding]:
     """Yield findings of a URDF [m, kg, rad]; meshes : look at the shapes of links, too."""
-    yield from _names(robot)
-    yield from _tree(robot)
-    links, problems = _links(robot)
+    yield from _check_names(robot)
+    yield from _check_tree(robot)
+    links, problems = _read_links(robot)
     yield from problems
-    yield from body_findings(links, _size(robot))
-    yield from _without_inertia(robot, links)
-    yield from shape_findings(robot)
+    yield from check_bodies(links, _compute_machine_size(robot))
+    yield from _check_massless_links(robot, links)
+    yield from check_shapes(robot)
     for joint in robot.findall("joint"):
-        yield from _joint(joint)
-    yield from _mimics(robot)
-    yield from _transmissions(robot)
-    yield from _meshes(robot, path)
+        yield from _check_joint(joint)
+    yield from _check_mimics(robot)
+    yield from _check_transmissions(robot)
+    yield from _check_mesh_files(robot, path)
     if meshes:
         read = read_meshes(robot, path)
         yield from file_findings(read)
-        yield from mesh_findings(robot, read, links, _size(robot))
+        yield from check_meshes(robot, read, links, _compute_machine_size(robot))
 
 
-def values(element: Element | None, key: str, default: tuple[float, ...]) -> Array | None:
+def read_values(element: Element | None, key: str, default: tuple[float, ...]) -> Array | None:
     """Return an attribute's numbers in its own unit [any unit]; None where they are none, NaN, or too few."""
     text = None if element is None else element.get(key)
     if text is None:
@@ -60,16 +60,16 @@ def values(element: Element | None, key: str, default: tuple[float, ...]) -> Arr
     return np.array(found) if len(found) == len(default) and all(map(math.isfinite, found)) else None
 
 
-def _names(robot: Element) -> Iterator[Finding]:
+def _check_names(robot: Element) -> Iterator[Finding]:
     for tag in ("link", "joint"):
         counted = Counter(element.get("name", "") for element in robot.findall(tag))
         for name, times in counted.items():
             if times > 1 or not name:
                 why = "readers keep one of them, or refuse the file" if name else "it has no name"
-                yield error("name", f"{tag} {name!r}", f"{times} times", why, "a name of its own for each")
+                yield make_error("name", f"{tag} {name!r}", f"{times} times", why, "a name of its own for each")
 
 
-def _tree(robot: Element) -> Iterator[Finding]:
+def _check_tree(robot: Element) -> Iterator[Finding]:
     links = {link.get("name", "") for link in robot.findall("link")}
     carried: Counter[str] = Counter()
     for joint in robot.findall("joint"):
@@ -77,7 +77,7 @@ def _tree(robot: Element) -> Iterator[Finding]:
             end = joint.find(tag)
             name = "" if end is None else end.get("link", "")
             if name not in links:
-                yield error(
+                yield make_error(
                     "tree",
                     f"joint {joint.get('name')}",
                     f"<{tag} link={name!r}>",
@@ -88,7 +88,7 @@ def _tree(robot: Element) -> Iterator[Finding]:
                 carried[name] += 1
     for name, times in carried.items():
         if times > 1:
-            yield error(
+            yield make_error(
                 "tree",
                 f"link {name}",
                 f"the child of {times} joints",
@@ -98,10 +98,10 @@ def _tree(robot: Element) -> Iterator[Finding]:
     roots = links - set(carried)
     if links and len(roots) != 1:
         given = f"{len(roots)} links without a joint that carries them: {', '.join(sorted(roots)[:5])}"
-        yield error("tree", "robot", given, "a URDF is one tree", "one root link")
+        yield make_error("tree", "robot", given, "a URDF is one tree", "one root link")
 
 
-def _links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
+def _read_links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
     moved = {
         j.find("child").get("link", "")  # type: ignore[union-attr]
         for j in robot.findall("joint")
@@ -112,11 +112,11 @@ def _links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
     for link in robot.findall("link"):
         name = link.get("name", "")
         inertial = link.find("inertial")
-        found = None if inertial is None else _inertia(inertial)
+        found = None if inertial is None else _read_inertia(inertial)
         if inertial is not None and found is None:
             write = '<mass value="1.0"/> <inertia ixx="0.01" ixy="0" .../> with finite numbers'
             problems.append(
-                error(
+                make_error(
                     "number", f"link {name}", "no finite numbers in <inertial>", "readers take zero, or refuse", write
                 )
             )
@@ -125,11 +125,11 @@ def _links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
     return links, problems
 
 
-def _inertia(inertial: Element) -> Inertia | None:
-    mass = values(inertial.find("mass"), "value", (0.0,))
+def _read_inertia(inertial: Element) -> Inertia | None:
+    mass = read_values(inertial.find("mass"), "value", (0.0,))
     entry = inertial.find("inertia")
-    numbers = [values(entry, key, (0.0,)) for key in INERTIAS]
-    com, rpy = (values(inertial.find("origin"), key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    numbers = [read_values(entry, key, (0.0,)) for key in INERTIAS]
+    com, rpy = (read_values(inertial.find("origin"), key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
     if mass is None or com is None or rpy is None or any(x is None for x in numbers):
         return None
     xx, xy, xz, yy, yz, zz = (float(x[0]) for x in numbers if x is not None)
@@ -137,17 +137,17 @@ def _inertia(inertial: Element) -> Inertia | None:
     return Inertia.stated(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
 
 
-def _size(robot: Element) -> float:
+def _compute_machine_size(robot: Element) -> float:
     """Sum of the longest ways from joint to joint [m]: how far the machine can extend."""
     lengths = []
     for joint in robot.findall("joint"):
-        xyz = values(joint.find("origin"), "xyz", (0.0, 0.0, 0.0))
+        xyz = read_values(joint.find("origin"), "xyz", (0.0, 0.0, 0.0))
         if xyz is not None:
             lengths.append(float(np.linalg.norm(xyz)))
     return float(sum(sorted(lengths)[-6:])) or 1.0
 
 
-def _without_inertia(robot: Element, links: dict[str, Stated]) -> Iterator[Finding]:
+def _check_massless_links(robot: Element, links: dict[str, Stated]) -> Iterator[Finding]:
     """Links that a joint moves, and at whose end there is no mass at all."""
     children: dict[str, list[Element]] = {}
     for joint in robot.findall("joint"):
@@ -156,9 +156,9 @@ def _without_inertia(robot: Element, links: dict[str, Stated]) -> Iterator[Findi
     for joint in robot.findall("joint"):
         child = joint.find("child")
         name = "" if child is None else child.get("link", "")
-        if joint.get("type") in MOVING and name in links and not _weighs(name, links, children, 0):
+        if joint.get("type") in MOVING and name in links and not _has_mass(name, links, children, 0):
             why = "its joint moves nothing that has mass: forward dynamics is singular, and DART and MuJoCo make up a mass"
-            yield warning(
+            yield make_warning(
                 "link without inertia",
                 f"link {name}",
                 f"moved by joint {joint.get('name')}",
@@ -167,53 +167,55 @@ def _without_inertia(robot: Element, links: dict[str, Stated]) -> Iterator[Findi
             )
 
 
-def _weighs(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
+def _has_mass(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
     """Return True if a link, or what is fixed to it or carried by it, has mass."""
     link = links.get(name)
     if link is None or link.inertia.mass > 0 or depth > len(links):
         return link is not None and depth <= len(links)
     ends = [joint.find("child") for joint in children.get(name, [])]
-    return any(_weighs(end.get("link", ""), links, children, depth + 1) for end in ends if end is not None)
+    return any(_has_mass(end.get("link", ""), links, children, depth + 1) for end in ends if end is not None)
 
 
-def _joint(joint: Element) -> Iterator[Finding]:
+def _check_joint(joint: Element) -> Iterator[Finding]:
     name = f"joint {joint.get('name')}"
     kind = joint.get("type", "")
     if kind not in KINDS:
-        yield error("kind of joint", name, kind or "none", "no reader knows it", f"one of {', '.join(KINDS)}")
+        yield make_error("kind of joint", name, kind or "none", "no reader knows it", f"one of {', '.join(KINDS)}")
         return
-    yield from _origin(joint, name)
+    yield from _check_origin(joint, name)
     if kind in ("revolute", "continuous", "prismatic"):
-        yield from _axis(joint, name)
-        yield from _limits(joint, name, kind)
-        yield from _dynamics(joint, name)
+        yield from _check_axis(joint, name)
+        yield from _check_limits(joint, name, kind)
+        yield from _check_dynamics(joint, name)
 
 
-def _origin(joint: Element, name: str) -> Iterator[Finding]:
+def _check_origin(joint: Element, name: str) -> Iterator[Finding]:
     for key, most, words in (("xyz", FAR, "mm"), ("rpy", 2 * np.pi + 1e-3, "degrees")):
-        found = values(joint.find("origin"), key, (0.0, 0.0, 0.0))
+        found = read_values(joint.find("origin"), key, (0.0, 0.0, 0.0))
         if found is None:
-            yield error(
+            yield make_error(
                 "number",
                 name,
-                f'{key}="{_text_of(joint, "origin", key)}"'[:80],
+                f'{key}="{_read_text(joint, "origin", key)}"'[:80],
                 "three finite numbers are expected",
                 f'{key}="0 0 0"',
             )
         elif np.abs(found).max() > most:
             write = "metres" if key == "xyz" else "radians"
-            yield warning("units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write)
+            yield make_warning(
+                "units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write
+            )
 
 
-def _axis(joint: Element, name: str) -> Iterator[Finding]:
-    axis = values(joint.find("axis"), "xyz", (1.0, 0.0, 0.0))
+def _check_axis(joint: Element, name: str) -> Iterator[Finding]:
+    axis = read_values(joint.find("axis"), "xyz", (1.0, 0.0, 0.0))
     if axis is None or not axis.any():
-        yield error("axis", name, "zero, or no three numbers", "an axis has a direction", '<axis xyz="0 0 1"/>')
+        yield make_error("axis", name, "zero, or no three numbers", "an axis has a direction", '<axis xyz="0 0 1"/>')
         return
     length = float(np.linalg.norm(axis))
     if abs(length - 1.0) > 1e-3:
         unit = " ".join(f"{x:.9g}" for x in axis / length)
-        yield warning(
+        yield make_warning(
             "axis",
             name,
             f"length {length:.4g}",
@@ -222,11 +224,11 @@ def _axis(joint: Element, name: str) -> Iterator[Finding]:
         )
 
 
-def _limits(joint: Element, name: str, kind: str) -> Iterator[Finding]:
+def _check_limits(joint: Element, name: str, kind: str) -> Iterator[Finding]:
     limit = joint.find("limit")
     if limit is None:
         if kind != "continuous":
-            yield error(
+            yield make_error(
                 "limit",
                 name,
                 "none",
@@ -234,9 +236,9 @@ def _limits(joint: Element, name: str, kind: str) -> Iterator[Finding]:
                 '<limit lower="" upper="" effort="" velocity=""/>',
             )
         return
-    stated = {key: values(limit, key, (0.0,)) for key in ("lower", "upper", "effort", "velocity")}
+    stated = {key: read_values(limit, key, (0.0,)) for key in ("lower", "upper", "effort", "velocity")}
     if any(value is None for value in stated.values()):
-        yield error(
+        yield make_error(
             "limit",
             name,
             str(dict(limit.attrib))[:80],
@@ -246,21 +248,21 @@ def _limits(joint: Element, name: str, kind: str) -> Iterator[Finding]:
         return
     low, high, effort, speed = (float(value[0]) for value in stated.values() if value is not None)
     if kind != "continuous":
-        yield from _range(name, kind, low, high)
+        yield from _check_range(name, kind, low, high)
     for key, value, unit in (("effort", effort, "N m, N"), ("velocity", speed, "rad/s, m/s")):
         if value < 0 or (value == 0 and low < high):
             why = "some readers take 0 as a drive that can do nothing, others as none stated"
-            yield warning("limit", name, f"{key} {value:g} {unit}", why, f'{key}="..." of the drive')
+            yield make_warning("limit", name, f"{key} {value:g} {unit}", why, f'{key}="..." of the drive')
 
 
-def _range(name: str, kind: str, low: float, high: float) -> Iterator[Finding]:
+def _check_range(name: str, kind: str, low: float, high: float) -> Iterator[Finding]:
     given = f"lower {low:g}, upper {high:g}"
     if low > high:
-        yield error(
+        yield make_error(
             "limit", name, given, "lower is above upper: nothing is allowed", f'lower="{high:g}" upper="{low:g}"'
         )
     elif low == high:
-        yield warning(
+        yield make_warning(
             "limit",
             name,
             given,
@@ -268,7 +270,7 @@ def _range(name: str, kind: str, low: float, high: float) -> Iterator[Finding]:
             'its range, or type="fixed"',
         )
     elif kind == "revolute" and max(-low, high) > TURNS and max(-low, high) < 1e4:
-        yield warning(
+        yield make_warning(
             "units",
             name,
             given,
@@ -276,29 +278,29 @@ def _range(name: str, kind: str, low: float, high: float) -> Iterator[Finding]:
             f'lower="{math.radians(low):.6g}" upper="{math.radians(high):.6g}", or type="continuous"',
         )
     elif kind == "prismatic" and LONG < max(-low, high) < 1e5:
-        yield warning("units", name, given, "looks like mm", f'lower="{low / 1000:g}" upper="{high / 1000:g}"')
+        yield make_warning("units", name, given, "looks like mm", f'lower="{low / 1000:g}" upper="{high / 1000:g}"')
 
 
-def _dynamics(joint: Element, name: str) -> Iterator[Finding]:
+def _check_dynamics(joint: Element, name: str) -> Iterator[Finding]:
     for key in ("damping", "friction"):
-        found = values(joint.find("dynamics"), key, (0.0,))
+        found = read_values(joint.find("dynamics"), key, (0.0,))
         if found is None or found[0] < 0:
-            yield error(
+            yield make_error(
                 "dynamics",
                 name,
-                f"{key} {_text_of(joint, 'dynamics', key)}"[:80],
+                f"{key} {_read_text(joint, 'dynamics', key)}"[:80],
                 "a number >= 0 is expected",
                 f'{key}="0"',
             )
 
 
-def _text_of(joint: Element, tag: str, key: str) -> str:
+def _read_text(joint: Element, tag: str, key: str) -> str:
     """The text of an attribute of a joint's part, "" where there is none."""
     part = joint.find(tag)
     return "" if part is None else part.get(key, "")
 
 
-def _mimics(robot: Element) -> Iterator[Finding]:
+def _check_mimics(robot: Element) -> Iterator[Finding]:
     kinds = {joint.get("name", ""): joint.get("type", "") for joint in robot.findall("joint")}
     names = []
     for joint in robot.findall("joint"):
@@ -308,11 +310,11 @@ def _mimics(robot: Element) -> Iterator[Finding]:
         name = joint.get("name", "")
         other = mimic.get("joint", "")
         if other not in kinds or other == name:
-            yield error(
+            yield make_error(
                 "mimic", f"joint {name}", f"mimics {other!r}", "there is no such other joint", "a joint of the file"
             )
         elif "fixed" in (kinds[name], kinds[other]):
-            yield error(
+            yield make_error(
                 "mimic",
                 f"joint {name}",
                 f"mimics {other}",
@@ -323,7 +325,7 @@ def _mimics(robot: Element) -> Iterator[Finding]:
             names.append(name)
     if names:
         why = "Pinocchio leaves them independent unless asked, DART's inverse dynamics too, MuJoCo makes equalities"
-        yield warning(
+        yield make_warning(
             "mimic",
             f"joint {', '.join(names[:8])}",
             f"{len(names)} mimic joints",
@@ -332,13 +334,13 @@ def _mimics(robot: Element) -> Iterator[Finding]:
         )
 
 
-def _transmissions(robot: Element) -> Iterator[Finding]:
+def _check_transmissions(robot: Element) -> Iterator[Finding]:
     joints = {joint.get("name", "") for joint in robot.findall("joint")}
     for element in robot.findall("transmission"):
         named = [joint.get("name", "") for joint in element.findall("joint")]
         for name in named:
             if name not in joints:
-                yield error(
+                yield make_error(
                     "transmission",
                     f"transmission {element.get('name')}",
                     f"joint {name!r}",
@@ -347,14 +349,16 @@ def _transmissions(robot: Element) -> Iterator[Finding]:
                 )
         for part in element.iter("mechanicalReduction"):
             text = (part.text or "").strip()
-            if values(Element("x", value=text), "value", (1.0,)) is None:
+            if read_values(Element("x", value=text), "value", (1.0,)) is None:
                 where = f"transmission {element.get('name')}"
                 given = f"mechanicalReduction {text[:60]!r}"
-                yield error("transmission", where, given, "readers take 1, or refuse the file", "the gear as a number")
+                yield make_error(
+                    "transmission", where, given, "readers take 1, or refuse the file", "the gear as a number"
+                )
         kind = (element.findtext("type") or element.get("type") or "").strip()
         if len(named) > 1 or (kind and "Simple" not in kind):
             why = "readers other than its controller drop it, with its gear"
-            yield warning(
+            yield make_warning(
                 "transmission",
                 f"transmission {element.get('name')}",
                 kind or f"{len(named)} joints",
@@ -363,18 +367,18 @@ def _transmissions(robot: Element) -> Iterator[Finding]:
             )
 
 
-def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
+def _check_mesh_files(robot: Element, path: Path) -> Iterator[Finding]:
     for mesh in robot.iter("mesh"):
-        if values(mesh, "scale", (1.0, 1.0, 1.0)) is None:
+        if read_values(mesh, "scale", (1.0, 1.0, 1.0)) is None:
             given = f'scale="{mesh.get("scale", "")}"'[:80]
             place = f"mesh {mesh.get('filename', '')[:100]}"
-            yield error("number", place, given, "three finite numbers are expected", 'scale="1 1 1"')
+            yield make_error("number", place, given, "three finite numbers are expected", 'scale="1 1 1"')
     lost = sorted(
         {name for mesh in robot.iter("mesh") if (name := mesh.get("filename", "")) and mesh_path(name, path) is None}
     )
     if lost:
         given = f"{len(lost)} meshes, such as {lost[0][:100]}"
-        yield warning(
+        yield make_warning(
             "mesh",
             "robot",
             given,

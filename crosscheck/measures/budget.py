@@ -5,7 +5,7 @@ With an error c h^p the differences of successive runs are a geometric series of
 (Richardson's extrapolation with the observed order; |.| the RMS over the samples, so that zeros of a difference do no
 harm).  Where the differences shrink so but point another way, nothing may be extrapolated and the bar is the largest
 difference between the runs.  Where they grow, or shrink more slowly than with the order 1/2, the runs have no order: their
-largest difference is shown, but it is no bar that explains anything (`no_order`), and of two runs alone nobody can tell.
+largest difference is shown, but it is no bar that explains anything (`has_no_order`), and of two runs alone nobody can tell.
 
 An observed order above 2 is no promise: time integrations are of second order, and a mesh error that falls faster covers that
 only while it is the larger one.  A bar therefore takes no higher order than `FORMAL`, whatever was observed.
@@ -74,7 +74,7 @@ class Family:
     value: int | str = -1
 
 
-def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
+def compute_error_bar(levels: Sequence[Array], value: int = -1) -> Estimate:
     """Return the error bar of one of the levels.
 
     levels : two or three, coarse to fine, each (samples,) [unit]; value : which of them is reported
@@ -85,10 +85,10 @@ def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
         return Estimate(find_largest_nearby(spread), None, TWO)
     first = levels[-2] - levels[-3]
     second = levels[-1] - levels[-2]
-    size = max(_rms(one) for one in levels)
-    if max(_rms(first), _rms(second)) <= ROUNDING * size:
+    size = max(_compute_rms(one) for one in levels)
+    if max(_compute_rms(first), _compute_rms(second)) <= ROUNDING * size:
         return Estimate(find_largest_nearby(spread), None, "rounding", reported, find_largest_nearby(spread))
-    ratio = _rms(second) / _rms(first) if _rms(first) > 0.0 else np.inf
+    ratio = _compute_rms(second) / _compute_rms(first) if _compute_rms(first) > 0.0 else np.inf
     if ratio > 2.0**-SLOWEST:
         return Estimate(find_largest_nearby(spread), None, UNORDERED)
     if ratio == 0.0 or float(first @ second) <= 0.0:
@@ -103,7 +103,7 @@ def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
     return Estimate(bar, float(-np.log2(ratio)), "Richardson", limit, find_largest_nearby(left))
 
 
-def extrapolated(levels: Sequence[Array]) -> Estimate:
+def compute_extrapolated_bar(levels: Sequence[Array]) -> Estimate:
     """Return the error bar of (4 fine - coarse) / 3: what one more refinement changed it.
 
     levels : two or three, coarse to fine, each (samples,) [unit].  The order of the extrapolated values would take
@@ -111,7 +111,7 @@ def extrapolated(levels: Sequence[Array]) -> Estimate:
     """
     limit = (4.0 * levels[-1] - levels[-2]) / 3.0
     before = levels[-1] if len(levels) < 3 else (4.0 * levels[-2] - levels[-3]) / 3.0
-    inner = estimate(levels)
+    inner = compute_error_bar(levels)
     # Where the runs do not converge, extrapolating them is no better than the runs: the largest difference.
     others = levels if inner.how in ("largest difference", UNORDERED) else [before]
     bar = find_largest_nearby(np.max([np.abs(limit - one) for one in others], axis=0))
@@ -121,8 +121,8 @@ def extrapolated(levels: Sequence[Array]) -> Estimate:
     return Estimate(bar, inner.order, inner.how, limit if known else None, bar if known else None)
 
 
-def no_order(line: Mapping[str, Any]) -> bool:
-    """Return True if a series' line of budget (see ``with_bars``) shows that some refinement of it has no order."""
+def has_no_order(line: Mapping[str, Any]) -> bool:
+    """Return True if a series' line of budget (see ``add_error_bars``) shows that some refinement of it has no order."""
     return any(how in NO_ORDER for how in line.get("how", {}).values())
 
 
@@ -131,21 +131,21 @@ def is_checked(budget: Mapping[str, Mapping[str, Any]], name: str) -> bool:
     return name in budget and STATED not in budget[name].get("how", {})
 
 
-def stated(record: Record) -> Record:
+def apply_stated_bars(record: Record) -> Record:
     """Return the record of an engine from outside that made its bars by itself: they are shown, and count for nothing."""
-    budget = {name: _stated(one) for name, one in record.series.items() if one.error is not None}
+    budget = {name: _make_stated_line(one) for name, one in record.series.items() if one.error is not None}
     plain = {name: replace(one, refined=None, left=None) for name, one in record.series.items()}
     return replace(record, series=plain, budget=budget)
 
 
-def _stated(one: Series) -> dict[str, Any]:
+def _make_stated_line(one: Series) -> dict[str, Any]:
     """Return the line of a series whose engine states its bar; numbers that are none are refused with the record."""
     bar, peak = (float(np.nan_to_num(np.abs(part)).max(initial=0.0)) for part in (np.asarray(one.error), one.values))
     how = {STATED: "no refinement that was asked for shows it"}
     return {"bar": bar, "peak": peak, "peak_bar": bar, "order": {}, "how": how}
 
 
-def with_bars(
+def add_error_bars(
     values: Mapping[str, Series], families: Sequence[Family]
 ) -> tuple[dict[str, Series], dict[str, dict[str, Any]]]:
     """Return the series with error bars [unit of each], and one line of budget per series; families add up.
@@ -160,12 +160,12 @@ def with_bars(
     made = dict(values)
     budget = {}
     for name, one in values.items():
-        bars = {f.name: _of_family(f, name) for f in families}
+        bars = {f.name: _compute_family_bars(f, name) for f in families}
         known = {k: e for k, e in bars.items() if e is not None}
         if not known or len(known) < len(families):  # a bar that leaves out a cause of error would be too short
             continue
         bar = np.sum([series.bar for series, _ in known.values()], axis=0)
-        made[name] = replace(one, error=bar, **_refined(one, [series for series, _ in known.values()]))
+        made[name] = replace(one, error=bar, **_compute_refined_limit(one, [series for series, _ in known.values()]))
         budget[name] = {
             "bar": float(bar.max()),
             "peak": float(np.abs(one.values).max()),
@@ -178,7 +178,7 @@ def with_bars(
     return made, budget
 
 
-def _refined(one: Series, families: Sequence[Estimate]) -> dict[str, Any]:
+def _compute_refined_limit(one: Series, families: Sequence[Estimate]) -> dict[str, Any]:
     """Return the limit of the runs of all families and the half-width of its bar (samples,) [unit], {} where they show none."""
     steps = [family.tends_to - one.values for family in families if family.tends_to is not None]
     left = [family.left for family in families if family.left is not None]
@@ -190,21 +190,21 @@ def _refined(one: Series, families: Sequence[Estimate]) -> dict[str, Any]:
     return {"refined": one.values + np.sum(steps, axis=0), "left": np.sum(left, axis=0) + mixed}
 
 
-def _of_family(family: Family, name: str) -> tuple[Estimate, Estimate] | None:
+def _compute_family_bars(family: Family, name: str) -> tuple[Estimate, Estimate] | None:
     """Return the estimates of a series and of its peak, or None where not all runs (two or more) have it, finite."""
     levels = [run[name].values for run in family.runs if name in run]
     if len(levels) < 2 or len(levels) < len(family.runs) or not all(np.isfinite(level).all() for level in levels):
         return None
     peaks = [np.abs(level).max(keepdims=True) for level in levels]
     if isinstance(family.value, str):
-        return extrapolated(levels), extrapolated(peaks)
-    return estimate(levels, family.value), estimate(peaks, family.value)
+        return compute_extrapolated_bar(levels), compute_extrapolated_bar(peaks)
+    return compute_error_bar(levels, family.value), compute_error_bar(peaks, family.value)
 
 
-def limit_of(runs: Sequence[Mapping[str, Series]]) -> dict[str, Series]:
+def compute_richardson_limit(runs: Sequence[Mapping[str, Series]]) -> dict[str, Series]:
     """Return (4 fine - coarse) / 3 of the last two runs: the limit of an error a l^2 + b h^2, halved from run to run."""
     return {n: replace(s, values=(4.0 * s.values - runs[-2][n].values) / 3.0) for n, s in runs[-1].items()}
 
 
-def _rms(values: Array) -> float:
+def _compute_rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))

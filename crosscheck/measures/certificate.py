@@ -77,7 +77,7 @@ class Certificate:
     @property
     def plain(self) -> dict[str, Any]:
         """Return the certificate as JSON values."""
-        return {name: _plain(value) for name, value in asdict(self).items()}
+        return {name: _convert_to_plain(value) for name, value in asdict(self).items()}
 
 
 def certificate(plain: Mapping[str, Any]) -> Certificate:
@@ -86,11 +86,11 @@ def certificate(plain: Mapping[str, Any]) -> Certificate:
     return Certificate(**{name: value for name, value in plain.items() if name in known})
 
 
-def _plain(value: Any) -> Any:
+def _convert_to_plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _convert_to_plain(item) for key, item in value.items()}
     if isinstance(value, np.floating | np.integer):
         return value.item()
     return list(value) if isinstance(value, tuple) else value
@@ -115,22 +115,27 @@ class Check:
 def checks(mechanism: str, case: str, engine: str, theirs: Certificate, ours: Certificate) -> tuple[Check, ...]:
     """Return every line that both certificates have; words say where the largest difference is [unit of the line]."""
     here = (mechanism, case, engine)
-    lines = [*_numbers(theirs, ours), *_order(theirs, ours), *_closures(theirs, ours), *_given(theirs)]
+    lines = [
+        *_list_number_lines(theirs, ours),
+        *_list_order_lines(theirs, ours),
+        *_list_closure_lines(theirs, ours),
+        *_list_supplied_lines(theirs),
+    ]
     return tuple(Check(*here, **line) for line in lines)
 
 
-def _given(theirs: Certificate) -> Iterator[dict[str, Any]]:
+def _list_supplied_lines(theirs: Certificate) -> Iterator[dict[str, Any]]:
     """Lines that say who computed what an engine was given."""
     for what, words in theirs.given.items():
         yield {"what": what, "unit": "-", "holds": True, "words": words}
 
 
-def holds(lines: tuple[Check, ...]) -> bool:
+def is_certified(lines: tuple[Check, ...]) -> bool:
     """Return True if there is a certificate and every line of it holds."""
     return bool(lines) and all(line.holds for line in lines)
 
 
-def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+def _list_number_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
     for what, unit, name in (
         ("total mass", "kg", "mass"),
         ("centre of mass", "m", "com"),
@@ -140,7 +145,7 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
         a = getattr(theirs, name)
         b = getattr(ours, name)
         if a is not None and b is not None:
-            yield _line(what, unit, np.asarray(a), np.asarray(b), EXACT)
+            yield _make_line(what, unit, np.asarray(a), np.asarray(b), EXACT)
     for what, unit, name, limit in (
         ("masses by joint", "kg", "masses", EXACT),
         ("first moments by joint", "kg m", "moments", EXACT),
@@ -159,13 +164,15 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
         b = getattr(ours, name)
         both = [key for key in b if key in a]
         if both:
-            yield _worst(what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, name in EACH)
+            yield _make_worst_line(
+                what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, name in EACH
+            )
         elif a and b and name in BY_JOINT:
             words = f"of {', '.join(sorted(a))}; expected {', '.join(sorted(b))}"
             yield {"what": what, "unit": unit, "holds": False, "words": words}
 
 
-def _line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:
+def _make_line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:
     if a.shape != b.shape:
         return {"what": what, "unit": unit, "holds": False, "words": f"of shape {a.shape}, expected {b.shape}"}
     size = float(np.abs(a).max(initial=0.0))
@@ -178,10 +185,12 @@ def _line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "
     return {"what": what, "unit": unit, "holds": good, "error": error, "scale": scale, "limit": limit, "words": words}
 
 
-def _worst(what: str, unit: str, pairs: Mapping[str, tuple[Array, Array]], limit: float, each: bool) -> dict[str, Any]:
+def _make_worst_line(
+    what: str, unit: str, pairs: Mapping[str, tuple[Array, Array]], limit: float, each: bool
+) -> dict[str, Any]:
     """Return the line of the key that is farthest off; each : measured against its own size, else the largest one."""
     whole = max(float(np.abs(b).max(initial=0.0)) for _, b in pairs.values()) or 1.0
-    lines = {key: _line(what, unit, a, b, limit, key) for key, (a, b) in pairs.items()}
+    lines = {key: _make_line(what, unit, a, b, limit, key) for key, (a, b) in pairs.items()}
     key = max(
         lines, key=lambda k: (lines[k].get("error", np.inf)) / ((lines[k].get("scale") or 1.0) if each else whole)
     )
@@ -191,7 +200,7 @@ def _worst(what: str, unit: str, pairs: Mapping[str, tuple[Array, Array]], limit
     return line
 
 
-def _order(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+def _list_order_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
     if theirs.order and ours.order:
         same = sorted(theirs.order) == sorted(ours.order)
         words = "the same" if tuple(theirs.order) == tuple(ours.order) else "mapped by name: " + ", ".join(theirs.order)
@@ -200,7 +209,7 @@ def _order(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
         yield {"what": "order of the joints", "unit": "-", "holds": same, "words": words}
 
 
-def _closures(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+def _list_closure_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
     if theirs.residual is not None:
         good = theirs.residual <= CLOSED
         yield {"what": "closure residual", "unit": "m, -", "holds": good, "error": theirs.residual, "limit": CLOSED}

@@ -23,9 +23,9 @@ BY_DISCRETISATION = "by discretisation: "
 UNCLAIMED = "not judged: no limit is stated, and the engine itself says why"
 
 
-def references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
+def list_references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
     """Return the engines that ``engine`` is compared with: those its limits name, or flexinv."""
-    named = {limit.reference for limit in limits if _names(limit, engine)}
+    named = {limit.reference for limit in limits if _has_engine(limit, engine)}
     if engine != REFERENCE:
         named.add(REFERENCE)
     return tuple(sorted(named - {engine}))
@@ -37,18 +37,18 @@ def find(limits: Iterable[Limit], quantity: str, engine: str, reference: str, ve
     version : of the engine; a limit that names versions fits no engine that tells none
     """
     for limit in limits:
-        named = limit.quantity == quantity and limit.reference == reference and _names(limit, engine)
-        if named and (not limit.versions or _fits(version, limit.versions)):
+        named = limit.quantity == quantity and limit.reference == reference and _has_engine(limit, engine)
+        if named and (not limit.versions or _is_in_version_range(version, limit.versions)):
             return limit
     return None
 
 
-def expired(limit: Limit, today: datetime.date) -> bool:
+def is_expired(limit: Limit, today: datetime.date) -> bool:
     """Return True if the limit was stated for a time that is over."""
     return limit.expires is not None and limit.expires < today
 
 
-def by_limit(fraction: float, limit: Limit | None, today: datetime.date, cause: str = "") -> tuple[Verdict, str]:
+def judge_by_limit(fraction: float, limit: Limit | None, today: datetime.date, cause: str = "") -> tuple[Verdict, str]:
     """Return verdict and message of an error.
 
     fraction : largest error over the range of the signal [-]; cause : why this engine's own result is known to differ: without
@@ -58,30 +58,30 @@ def by_limit(fraction: float, limit: Limit | None, today: datetime.date, cause: 
         return "skipped", f"{UNCLAIMED}: {fraction:.3g} of the range: {cause}"
     if limit is None:
         return "unjudged", "no limit is stated for this quantity and engine: crosscheck verify proposes one"
-    if expired(limit, today):
+    if is_expired(limit, today):
         return "unjudged", f"the limit expired on {limit.expires}: state it anew, or mend the cause"
     if fraction <= limit.maximum:
         return "within", ""
     return "deviation", f"{fraction:.3g} of the range, the limit is {limit.maximum:.3g}"
 
 
-def unused(limits: Iterable[Limit], used: Iterable[Limit]) -> list[Limit]:
+def list_unused_limits(limits: Iterable[Limit], used: Iterable[Limit]) -> list[Limit]:
     """Return the limits that no comparison asked for (a misspelt engine, a quantity nobody gives)."""
     asked = {id(limit) for limit in used}
     return [limit for limit in limits if id(limit) not in asked]
 
 
-def worst(verdicts: Iterable[Verdict]) -> Verdict:
+def find_worst_verdict(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the gravest verdict; "skipped" where there is none: nothing was shown."""
     return max(verdicts, key=VERDICTS.index, default="skipped")
 
 
-def exit_code(verdicts: Iterable[Verdict]) -> int:
+def compute_exit_code(verdicts: Iterable[Verdict]) -> int:
     """Return 2 with an error, 1 with a deviation or a missing limit, else 0."""
-    return {"error": 2, "deviation": 1, "unjudged": 1}.get(worst(verdicts), 0)
+    return {"error": 2, "deviation": 1, "unjudged": 1}.get(find_worst_verdict(verdicts), 0)
 
 
-def _fits(version: str, range_: str) -> bool:
+def _is_in_version_range(version: str, range_: str) -> bool:
     """Return True if a release is in a range of versions; what is no release ("source tree") is in none."""
     try:
         return SpecifierSet(range_).contains(version, prereleases=True)
@@ -89,5 +89,5 @@ def _fits(version: str, range_: str) -> bool:
         return False
 
 
-def _names(limit: Limit, engine: str) -> bool:
+def _has_engine(limit: Limit, engine: str) -> bool:
     return any(fnmatchcase(engine, pattern) for pattern in limit.engines)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def sprague_geers(ours: Array, theirs: Array) -> dict[str, float]:
+def compute_sprague_geers(ours: Array, theirs: Array) -> dict[str, float]:
     """Return Sprague and Geers' errors [-]; empty where one of the signals is zero throughout.
 
         M = sqrt(oo / tt) - 1,    P = arccos(ot / sqrt(oo tt)) / pi,    C = sqrt(M^2 + P^2)

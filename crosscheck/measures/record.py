@@ -69,7 +69,7 @@ class Record:
     time : (samples,) [s]; series : by name; wall_time : [s] of the engine's own run
     settings : what the engine was told (tolerances, mesh, step), JSON values
     status : "ok", or why there are no series; message : words for the reader of the report
-    budget : where the error bars come from, by series: see ``crosscheck.measures.budget.with_bars``
+    budget : where the error bars come from, by series: see ``crosscheck.measures.budget.add_error_bars``
     certificate : what the engine's own model says of itself (``crosscheck.measures.certificate``), or {"problem": why not},
         or {"broken": why one that is there cannot be read}
     """
@@ -96,7 +96,7 @@ def series(name: str, unit: str, values: ArrayLike, error: ArrayLike | None = No
     return {name: Series(name, unit, np.asarray(values, dtype=np.float64), bar)}
 
 
-def columns(
+def make_column_series(
     names: Sequence[str], units: Sequence[str], values: ArrayLike, error: ArrayLike | None = None
 ) -> dict[str, Series]:
     """Return one series per column, by name.
@@ -122,7 +122,7 @@ def torque_series(mechanism: Mechanism, torque: ArrayLike, error: ArrayLike | No
     torque, error : (samples, nv) [N m or N], in the order of ``mechanism.velocity_names``
     """
     names = [f"torque/{name}" for name in mechanism.velocity_names]
-    return columns(names, effort_units(mechanism), torque, error)
+    return make_column_series(names, list_effort_units(mechanism), torque, error)
 
 
 def vector_series(prefix: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
@@ -130,39 +130,39 @@ def vector_series(prefix: str, unit: str, values: ArrayLike, error: ArrayLike | 
 
     values, error : (samples, 3) [unit]
     """
-    return columns([f"{prefix}/{axis}" for axis in XYZ], [unit] * 3, values, error)
+    return make_column_series([f"{prefix}/{axis}" for axis in XYZ], [unit] * 3, values, error)
 
 
-def wrench_series(joint: str, wrench: ArrayLike) -> dict[str, Series]:
+def make_wrench_series(joint: str, wrench: ArrayLike) -> dict[str, Series]:
     """Return "wrench/<joint>/fx" ... "mz": what the joint puts on its child, at the joint, in the child's frame.
 
     wrench : (samples, 6), force [N] then moment [N m]
     """
-    return _wrench(f"wrench/{joint}", wrench)
+    return _make_wrench_columns(f"wrench/{joint}", wrench)
 
 
-def reaction_series(closure: str, wrench: ArrayLike) -> dict[str, Series]:
+def make_reaction_series(closure: str, wrench: ArrayLike) -> dict[str, Series]:
     """Return "reaction/<closure>/fx" ... "mz": what a closure puts on its second frame, there and along its axes.
 
     wrench : (samples, 6), force [N] then moment [N m]; of a closure whose second frame is the world's, on the world
     """
-    return _wrench(f"reaction/{closure}", wrench)
+    return _make_wrench_columns(f"reaction/{closure}", wrench)
 
 
-def _wrench(prefix: str, wrench: ArrayLike) -> dict[str, Series]:
-    return columns([f"{prefix}/{c}" for c in WRENCH], ["N"] * 3 + ["N m"] * 3, wrench)
+def _make_wrench_columns(prefix: str, wrench: ArrayLike) -> dict[str, Series]:
+    return make_column_series([f"{prefix}/{c}" for c in WRENCH], ["N"] * 3 + ["N m"] * 3, wrench)
 
 
-def internal_series(beam: str, station: str, resultants: ArrayLike) -> dict[str, Series]:
+def make_internal_series(beam: str, station: str, resultants: ArrayLike) -> dict[str, Series]:
     """Return "internal/<beam>/<station>/axial" ... "bending_z" of one section.
 
     resultants : (samples, 6): axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m]
     """
     names = [f"internal/{beam}/{station}/{c}" for c in RESULTANTS]
-    return columns(names, ["N"] * 3 + ["N m"] * 3, resultants)
+    return make_column_series(names, ["N"] * 3 + ["N m"] * 3, resultants)
 
 
-def effort_units(mechanism: Mechanism) -> tuple[str, ...]:
+def list_effort_units(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the unit of the effort of every velocity coordinate, "N m" or "N"."""
     kinds = {"prismatic": ("N",), "free": ("N",) * 3 + ("N m",) * 3}
     return tuple(u for j in mechanism.joints for u in kinds.get(j.kind, ("N m",) * j.nv))
@@ -241,7 +241,7 @@ def save(record: Record, stem: Path) -> None:
     stem.with_name(stem.name + ".json").write_text(text + "\n", encoding="utf-8")
 
 
-def load(stem: Path) -> Record:
+def read_record(stem: Path) -> Record:
     """Read what ``save`` wrote.  Raises RecordError where a file is missing, cut off or not a record."""
     try:
         plain = json.loads(stem.with_name(stem.name + ".json").read_text(encoding="utf-8"))
@@ -265,29 +265,29 @@ def load(stem: Path) -> Record:
     return record
 
 
-def fingerprint(*things: object) -> str:
+def compute_fingerprint(*things: object) -> str:
     """Return a short hash of data: dataclasses, arrays, mappings, sequences, plain values."""
     digest = hashlib.sha256()
     for thing in things:
-        _feed(digest.update, thing)
+        _add_to_digest(digest.update, thing)
     return digest.hexdigest()[:16]
 
 
-def _feed(update: Any, thing: object) -> None:
+def _add_to_digest(update: Any, thing: object) -> None:
     update(type(thing).__name__.encode())
     if dataclasses.is_dataclass(thing) and not isinstance(thing, type):
         for f in dataclasses.fields(thing):
             update(f.name.encode())
-            _feed(update, getattr(thing, f.name))
+            _add_to_digest(update, getattr(thing, f.name))
     elif isinstance(thing, np.ndarray):
         update(str(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
     elif isinstance(thing, Mapping):
         for key in sorted(thing, key=str):
             update(str(key).encode())
-            _feed(update, thing[key])
+            _add_to_digest(update, thing[key])
     elif isinstance(thing, Sequence) and not isinstance(thing, str):
         for one in thing:
-            _feed(update, one)
+            _add_to_digest(update, one)
     elif isinstance(thing, Path):
         update(thing.name.encode())  # the same model in another folder is the same model
     else:

@@ -33,7 +33,7 @@ STATION = "STATION"  # stands for any in the names that are known: internal/BEAM
 
 def read(path: Path) -> tuple[Array, dict[str, Series]]:
     """Read times [s] and series with their error bars, by name.  Raises InputError that names the column or the row."""
-    rows = _cells(path)
+    rows = _read_cells(path)
     header = [cell.strip() for cell in rows[0]] if rows else []
     if not header or header[0] != TIME:
         seen = f"the first column is {_shown(header[0])}" if header else "there is no header"
@@ -46,7 +46,7 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
     names = [m.group("name", "bar") for m in heads if m is not None]
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise InputError(f"{path}: column {_shown(''.join(filter(None, twice[0])))} is there twice; expected each once")
-    table = _numbers(path, header, rows[1:])
+    table = _read_numbers(path, header, rows[1:])
     columns = {m.group("name", "bar"): (m["unit"], table[:, k]) for k, m in enumerate(heads) if m is not None and k}
     found: dict[str, Series] = {}
     for (name, bar), (unit, values) in columns.items():
@@ -59,7 +59,7 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
     return table[:, 0], found
 
 
-def _cells(path: Path) -> list[list[str]]:
+def _read_cells(path: Path) -> list[list[str]]:
     try:
         if (size := path.stat().st_size) > LARGEST:
             raise InputError(f"{path} has {size / 1e6:.0f} MB, expected at most {LARGEST / 1e6:.0f} MB")
@@ -69,7 +69,7 @@ def _cells(path: Path) -> list[list[str]]:
         raise InputError(f"{path} cannot be read: {error}") from error
 
 
-def _numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array:
+def _read_numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array:
     """Return the numbers of a table (rows, columns) [unit of each]; the first row without as many cells is named."""
     rows = [row for row in rows if row]  # an empty line at the end is none
     for k, row in enumerate(rows):
@@ -80,7 +80,7 @@ def _numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array:
             return np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
     except ValueError:
         pass
-    k, one, cell = next(wrong for wrong in _words(header, rows))
+    k, one, cell = next(wrong for wrong in _list_text_cells(header, rows))
     raise InputError(f"{path}: row {k}, column {_shown(one)}: {_shown(cell)} is no number")
 
 
@@ -94,7 +94,7 @@ def _shown(text: str) -> str:
     return repr(text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
 
 
-def _words(header: list[str], rows: list[list[str]]) -> Iterator[tuple[int, str, str]]:
+def _list_text_cells(header: list[str], rows: list[list[str]]) -> Iterator[tuple[int, str, str]]:
     """Yield row, column and text of each cell that is no number."""
     for k, row in enumerate(rows):
         for one, cell in zip(header, row, strict=True):
@@ -148,10 +148,10 @@ def write(path: Path, time: Array, found: Iterable[Series]) -> None:
         if one.error is not None:
             header.append(f"{one.name} error [{one.unit}]")
             columns.append(one.error)
-    table(path, header, np.stack(columns, axis=1))
+    write_table(path, header, np.stack(columns, axis=1))
 
 
-def table(path: Path, header: Iterable[str], values: Array) -> None:
+def write_table(path: Path, header: Iterable[str], values: Array) -> None:
     """Write a table (rows, columns) [unit of each column] below its header, numbers as the shortest text that gives them back."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         lines = csv.writer(stream, lineterminator="\n")

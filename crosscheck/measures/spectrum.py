@@ -17,7 +17,7 @@ STILL = 1e-9
 CLEAR = 2.0  # a peak stands clear of the side lobes of larger ones by this factor, else it is one of them
 
 
-def window(time: Array, values: Array, rest: float) -> tuple[Array, Array]:
+def take_rest_part(time: Array, values: Array, rest: float) -> tuple[Array, Array]:
     """Return the part of a signal after ``rest`` [s], or all of it where that part is too short.
 
     time : (samples,) [s]; values : (samples,) [unit]
@@ -28,7 +28,7 @@ def window(time: Array, values: Array, rest: float) -> tuple[Array, Array]:
     return time[late], values[late]
 
 
-def amplitude_spectrum(time: Array, values: Array) -> tuple[Array, Array]:
+def compute_amplitude_spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     """Return the one-sided amplitude spectrum ``2 |sum w (x - mean) exp(-2 pi i f t)| / sum w``, w a Hann window.
 
     time : (samples,) [s], evenly spaced; values : (samples,) [unit]; mean: weighted by w, so that f = 0 is empty
@@ -42,7 +42,7 @@ def amplitude_spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     return frequency, 2.0 * np.abs(padded) / weights.sum()
 
 
-def peaks(frequency: Array, amplitude: Array) -> list[tuple[float, float]]:
+def find_peaks(frequency: Array, amplitude: Array) -> list[tuple[float, float]]:
     """Return frequency [Hz] and amplitude [unit] of the peaks of a padded spectrum, the largest first.
 
     A side lobe of a larger peak is none: d bins away from a peak of amplitude A a Hann window's lobes reach
@@ -57,18 +57,20 @@ def peaks(frequency: Array, amplitude: Array) -> list[tuple[float, float]]:
     found = found[amplitude[found] >= FLOOR * top]
     marks: list[int] = []
     for k in found[np.argsort(-amplitude[found])]:
-        if amplitude[k] > CLEAR * sum(_lobe(k - m, amplitude[m]) + _lobe(k + m, amplitude[m]) for m in marks):
+        if amplitude[k] > CLEAR * sum(
+            _compute_lobe_height(k - m, amplitude[m]) + _compute_lobe_height(k + m, amplitude[m]) for m in marks
+        ):
             marks.append(int(k))
-    return [_summit(frequency, amplitude, k) for k in marks[:MARKS]]
+    return [_find_parabola_top(frequency, amplitude, k) for k in marks[:MARKS]]
 
 
-def _lobe(lines: int, amplitude: float) -> float:
+def _compute_lobe_height(lines: int, amplitude: float) -> float:
     """Return the height of a peak of that amplitude ``lines`` of the padded spectrum away from it."""
     bins = abs(lines) / PADDING
     return np.inf if bins <= MAIN_LOBE else amplitude / (np.pi * bins * (bins**2 - 1.0))
 
 
-def _summit(frequency: Array, amplitude: Array, k: int) -> tuple[float, float]:
+def _find_parabola_top(frequency: Array, amplitude: Array, k: int) -> tuple[float, float]:
     """Return the top of the parabola through the logarithms of three neighbouring lines."""
     left, middle, right = np.log(amplitude[k - 1 : k + 2])
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
@@ -78,20 +80,20 @@ def _summit(frequency: Array, amplitude: Array, k: int) -> tuple[float, float]:
     )
 
 
-def ringing(time: Array, values: Array, rest: float) -> tuple[Array, Array] | None:
-    """Return the amplitude spectrum after ``rest`` [s] as in ``amplitude_spectrum``, or None where nothing moves there.
+def compute_ringing_spectrum(time: Array, values: Array, rest: float) -> tuple[Array, Array] | None:
+    """Return the amplitude spectrum after ``rest`` [s] as in ``compute_amplitude_spectrum``, or None where nothing moves there.
 
     time : (samples,) [s]; values : (samples,) [unit]
     """
-    part = window(time, values, rest)
+    part = take_rest_part(time, values, rest)
     size = float(np.abs(values).max(initial=0.0))
     if part[0].size < FEWEST or float(np.ptp(part[1])) <= STILL * size:
         return None
-    return amplitude_spectrum(*part)
+    return compute_amplitude_spectrum(*part)
 
 
-def dominant_frequency(time: Array, values: Array, rest: float) -> float | None:
+def find_dominant_frequency(time: Array, values: Array, rest: float) -> float | None:
     """Return the frequency [Hz] of the largest peak of the spectrum after ``rest`` [s]; None without a peak."""
-    lines = ringing(time, values, rest)
-    found = peaks(*lines) if lines is not None else []
+    lines = compute_ringing_spectrum(time, values, rest)
+    found = find_peaks(*lines) if lines is not None else []
     return found[0][0] if found else None

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from crosscheck.measures.certificate import Check, holds
+from crosscheck.measures.certificate import Check, is_certified
 from crosscheck.measures.limits import Verdict
 from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, CaseRow, Diagnosis, Results, is_failing
 
@@ -35,7 +35,7 @@ def _make_certificate(engine: str, lines: tuple[Check, ...]) -> Sheet:
         return Sheet(engine, "unjudged", NO_CERTIFICATE, lines)
     if [line.what for line in lines] == [BROKEN_CERTIFICATE]:
         return Sheet(engine, "deviation", f"{BROKEN_CERTIFICATE}: it is there and cannot be read", lines)
-    if holds(lines):
+    if is_certified(lines):
         return Sheet(engine, "within", "holds", lines)
     return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)
 

@@ -17,7 +17,7 @@ import jinja2
 from markupsafe import Markup
 
 from crosscheck import output_folder as owned
-from crosscheck.measures.limits import Verdict, worst
+from crosscheck.measures.limits import Verdict, find_worst_verdict
 from crosscheck.report import animation, changed, words
 from crosscheck.report import explanations as reasons
 from crosscheck.report.plots import read_records, write_case
@@ -176,7 +176,9 @@ def build_case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any
 
 def find_case_verdict(cells: Iterable[words.Cell]) -> Verdict:
     """Return the gravest verdict of a case; "skipped" where there is but the reference: skipped is not passed."""
-    return worst([c.verdict for c in cells if c.verdict is not None and (c.comparisons or c.verdict == "error")])
+    return find_worst_verdict(
+        [c.verdict for c in cells if c.verdict is not None and (c.comparisons or c.verdict == "error")]
+    )
 
 
 def is_empty_row(row: Comparison) -> bool:

@@ -16,8 +16,8 @@ import numpy as np
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.measures.record import Record, load
-from crosscheck.measures.spectrum import RINGING, ringing
+from crosscheck.measures.record import Record, read_record
+from crosscheck.measures.spectrum import RINGING, compute_ringing_spectrum
 from crosscheck.report import animation
 from crosscheck.report.encoding import convert_to_base64
 from crosscheck.verdicts.results import CaseRow, Results, make_slug
@@ -54,7 +54,7 @@ def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
 def read_records(results: Results, case: CaseRow, out: Path) -> dict[str, Record]:
     """Return the records of the engines that gave series for the case."""
     rows = [r for r in results.runs if (r.mechanism, r.case) == (case.mechanism, case.case) and r.series]
-    return {row.engine: load(out / row.series) for row in rows}
+    return {row.engine: read_record(out / row.series) for row in rows}
 
 
 def list_drawn_quantities(case: CaseRow, records: Mapping[str, Record]) -> list[str]:
@@ -123,7 +123,7 @@ def _build_spectrum_data(results: Results, case: CaseRow, records: Mapping[str, 
     axis = np.zeros(0)
     for engine, record in records.items():
         if name in record.series:
-            spectrum = ringing(record.time, record.series[name].values, case.rest)
+            spectrum = compute_ringing_spectrum(record.time, record.series[name].values, case.rest)
             if spectrum is not None:
                 axis, lines[engine] = spectrum
     if not lines:

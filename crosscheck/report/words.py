@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from crosscheck.measures.limits import VERDICTS, Verdict, worst
+from crosscheck.measures.limits import VERDICTS, Verdict, find_worst_verdict
 from crosscheck.report.explanations import (
     describe_causes,
     describe_diagnosis,
@@ -106,7 +106,7 @@ def make_cell(results: Results, case: CaseRow, engine: str) -> Cell:
     run = next(iter(results.runs_of.get(here, ())), None)
     if run is None:
         return Cell(case, engine, None, None, None, rows)
-    verdict = run.verdict if run.status != "ok" or not rows else worst(c.verdict for c in rows)
+    verdict = run.verdict if run.status != "ok" or not rows else find_worst_verdict(c.verdict for c in rows)
     certificate = describe_failing_lines(results, *here)
     if certificate and verdict in ("within", "explained", "skipped"):
         verdict = "deviation"

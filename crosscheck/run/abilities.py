@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import Engine
-from crosscheck.measures.record import Record, fingerprint
+from crosscheck.measures.record import Record, compute_fingerprint
 from crosscheck.run.isolation import Attempt, Children, Ending, open_scratch_folder, run_child
 from crosscheck.verdicts.plan import Task
 
@@ -69,5 +69,5 @@ def describe_ending(ending: Ending, left: int) -> str:
 
 def make_skipped_attempt(task: Task, engine: Engine, reason: str, version: str) -> Attempt:
     """Return the attempt of an engine that cannot do a case: no process has run."""
-    known = fingerprint(task.mechanism, task.case.motion)
+    known = compute_fingerprint(task.mechanism, task.case.motion)
     return Attempt(Record(engine.name, "skipped", reason, version=version, model_hash=known))

@@ -18,14 +18,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from crosscheck.doors.outside_bars import of_door, of_package
+from crosscheck.doors.outside_bars import convert_door_bars, of_package
 from crosscheck.engines import ENGINES, open_adapter
 from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.rounding import add_rounding_bars, build_perturbed_case
-from crosscheck.kit.resolved import integrated
+from crosscheck.kit.resolved import needs_integration
 from crosscheck.measures.mechanisms import read_mechanism
-from crosscheck.measures.record import Record, fingerprint, load, save
+from crosscheck.measures.record import Record, compute_fingerprint, read_record, save
 from crosscheck.run.processes import apply_file_size_limit, end_with_parent, make_subreaper
 from crosscheck.run.reading import read
 from flexinv.errors import InputError
@@ -62,7 +62,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     name = job["engine"]
     mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
-    known = {"engine": name, "model_hash": fingerprint(mechanism, case.motion)}
+    known = {"engine": name, "model_hash": compute_fingerprint(mechanism, case.motion)}
     if way := job["options"].pop("shake", 0):
         case = build_perturbed_case(case, way)
     if (reason := refusal(adapter, mechanism, case, name)) is not None:
@@ -72,7 +72,9 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     record = replace(record, version=stated or adapter.version())
     if record.status == "ok" and job["options"].get("certificate", True):
         record = replace(record, certificate=record.certificate or make_certificate(adapter, mechanism, case, name))
-    stepped = "settings" in job and integrated(mechanism, case)  # the bars of a program's steps are its own business
+    stepped = "settings" in job and needs_integration(
+        mechanism, case
+    )  # the bars of a program's steps are its own business
     if stepped or not job["options"].get("error", True):
         return record
     return add_rounding_bars(adapter, record, mechanism, case, job["options"])
@@ -93,7 +95,7 @@ def _run_adapter(job: dict[str, Any], adapter: Adapter, mechanism: Mechanism, ca
     name = job["engine"]
     options = job["options"]
     if "settings" in job or (name in ENGINES and ENGINES[name].module == job["module"]):
-        return of_door(adapter.run(mechanism, case, name, options))
+        return convert_door_bars(adapter.run(mechanism, case, name, options))
     return of_package(adapter, mechanism, case, name, options)
 
 
@@ -169,7 +171,7 @@ def write_export(job: dict[str, Any]) -> None:
     adapter = open_adapter(job)
     mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
-    expected = load(Path(job["expected"])).series
+    expected = read_record(Path(job["expected"])).series
     effort = np.stack([expected[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
     try:
         if (write := offered(adapter, "export")) is None:

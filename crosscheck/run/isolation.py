@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines import Engine, describe_missing_package
-from crosscheck.measures.record import Record, RecordError, Status, check, load
+from crosscheck.measures.record import Record, RecordError, Status, check, read_record
 from crosscheck.output_folder import remove_tree
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
 from crosscheck.run.processes import (
@@ -165,7 +165,7 @@ def run_engine(
 
 def _read(stem: Path, failed: Record, time: NDArray[np.float64]) -> Record:
     try:
-        record = load(stem)
+        record = read_record(stem)
     except RecordError as error:
         return replace(failed, message=str(error))
     try:

@@ -30,7 +30,7 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.doors.registry import COMMAND
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.measures.record import Record, RecordError, check, fingerprint, load, save
+from crosscheck.measures.record import Record, RecordError, check, compute_fingerprint, read_record, save
 from crosscheck.run.isolation import Attempt, open_scratch_folder
 from crosscheck.run.run_cache import add_door_digest, compute_attempt_key, compute_surroundings_digest
 from crosscheck.studies import Study
@@ -88,7 +88,7 @@ class KeptAnswers:
 
     def find_values(self, name: str, *things: object) -> Any:
         """Return the values that were kept under things that they depend on, with their time ("when"), None without them."""
-        return self._read(fingerprint(name, *things, self.setting), lambda words, stem: words)
+        return self._read(compute_fingerprint(name, *things, self.setting), lambda words, stem: words)
 
     def list_study_dependencies(self, study: Study) -> tuple[object, ...]:
         """Return the things that a study depends on: its function, its options, and all files in the folders that these name."""
@@ -100,7 +100,7 @@ class KeptAnswers:
 
     def add_values(self, words: Mapping[str, Any], name: str, *things: object) -> None:
         """Keep JSON values under the things that they depend on."""
-        self._write(fingerprint(name, *things, self.setting), {**words, "when": format_current_time()})
+        self._write(compute_fingerprint(name, *things, self.setting), {**words, "when": format_current_time()})
 
     def _compute_attempt_key(self, task: Task, engine: Engine) -> str:
         """Return the key of an attempt, "" of an engine about which nobody can see whether it has changed."""
@@ -108,7 +108,7 @@ class KeptAnswers:
             return ""
         options = add_door_digest(engine, task.folder, self.options)
         ours = "" if engine.name in ENGINES or engine.settings is not None else compute_package_digest(engine.module)
-        return fingerprint(
+        return compute_fingerprint(
             compute_attempt_key(task, engine.name, options), self.contents(task.folder), ours, self.setting
         )
 
@@ -162,7 +162,7 @@ class KeptAnswers:
 
 
 def _read_attempt(words: Mapping[str, Any], stem: Path, task: Task) -> Attempt:
-    record = load(stem)
+    record = read_record(stem)
     check(record, task.time)
     return Attempt(record, words["printed"], words["elapsed"], words["when"])
 
@@ -206,14 +206,16 @@ def compute_setting_digest() -> str:
     """Return a digest of all that every answer depends on: sources, packages, Python, processor, environment."""
     told = sorted((name, value) for name, value in os.environ.items() if name.startswith(TOLD))
     here = {name: value for name, value in describe_machine().items() if name != "cores"}
-    return fingerprint(compute_surroundings_digest(), compute_source_digest(), here, compute_installed_digest(), told)
+    return compute_fingerprint(
+        compute_surroundings_digest(), compute_source_digest(), here, compute_installed_digest(), told
+    )
 
 
 @cache
 def compute_source_digest() -> str:
     """Return a digest of all files of flexinv and crosscheck, not of their sources alone."""
     root = Path(__file__).resolve().parents[2]
-    return fingerprint([compute_folder_digest(root / name) for name in ("flexinv", "crosscheck")])
+    return compute_fingerprint([compute_folder_digest(root / name) for name in ("flexinv", "crosscheck")])
 
 
 @cache
@@ -223,7 +225,9 @@ def compute_installed_digest() -> str:
     Both stand in the name of a package's folder of metadata; reading the metadata themselves takes most of a second.
     """
     places = [Path(place) for place in sys.path if os.path.isdir(place)]
-    return fingerprint(sorted(one.name for place in places for end in METADATA for one in place.glob(f"*{end}")))
+    return compute_fingerprint(
+        sorted(one.name for place in places for end in METADATA for one in place.glob(f"*{end}"))
+    )
 
 
 @cache

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import describe_missing_package
-from crosscheck.measures.limits import find, references, unused
-from crosscheck.measures.record import Record, RecordError, load
-from crosscheck.measures.spectrum import RINGING, peaks, ringing
+from crosscheck.measures.limits import find, list_references, list_unused_limits
+from crosscheck.measures.record import Record, RecordError, read_record
+from crosscheck.measures.spectrum import RINGING, compute_ringing_spectrum, find_peaks
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.work import Work
 from crosscheck.studies import Study
@@ -27,12 +27,12 @@ def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Compari
     rows = []
     used = []
     for name, record in records.items():
-        for reference in references(task.case.limits, name):
+        for reference in list_references(task.case.limits, name):
             other = records.get(reference) or make_absent_record(reference)
             pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
             rows += compare(pair)
             used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
-    idle = unused(task.case.limits, [limit for limit in used if limit is not None])
+    idle = list_unused_limits(task.case.limits, [limit for limit in used if limit is not None])
     here = [limit for limit in idle if not records.keys().isdisjoint(limit.engines)]
     return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in here)
 
@@ -46,7 +46,9 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
     """Return the row of a report about one run."""
     record = attempt.record
     spectra = {
-        s.name: ringing(record.time, s.values, task.rest) for s in record.series.values() if s.quantity in RINGING
+        s.name: compute_ringing_spectrum(record.time, s.values, task.rest)
+        for s in record.series.values()
+        if s.quantity in RINGING
     }
     return RunRow(
         mechanism=task.folder.name,
@@ -60,7 +62,7 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
         elapsed=attempt.elapsed,
         model_hash=record.model_hash,
         printed=attempt.printed,
-        peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
+        peaks={name: find_peaks(*lines) for name, lines in spectra.items() if lines is not None},
         budget=tuple(list_budget_rows(record, task.case.quantities)),
         kept=attempt.kept,
     )
@@ -94,7 +96,7 @@ UNREPEATED = Record("", status="error", message="interrupted")
 def read_saved_record(stem: Path | None, engine: str) -> Record:
     """Return a record that was saved; what cannot be read any more cannot be repeated."""
     try:
-        return load(stem) if stem is not None else Record(engine)
+        return read_record(stem) if stem is not None else Record(engine)
     except RecordError:
         return Record(engine)
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck import output_folder as owned
-from crosscheck.doors.registry import stamp
+from crosscheck.doors.registry import compute_answer_digest
 from crosscheck.engines import Engine
-from crosscheck.measures.record import RecordError, check, fingerprint, load, save
+from crosscheck.measures.record import RecordError, check, compute_fingerprint, read_record, save
 from crosscheck.run.isolation import Attempt
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import list_versions
@@ -41,7 +41,7 @@ class Attempts:
         stem = self.stem(task, engine, options)
         try:
             words = json.loads(stem.with_name(stem.name + ".attempt").read_text(encoding="utf-8"))
-            record = load(stem)
+            record = read_record(stem)
             check(record, task.time)
             return Attempt(record, words["printed"], words["elapsed"])
         except (OSError, ValueError, LookupError, RecordError):
@@ -76,7 +76,7 @@ class Attempts:
 
 def add_door_digest(engine: Engine | None, folder: Path, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options with a digest of what is behind the door of an engine, where it has one."""
-    behind = "" if engine is None else stamp(engine, folder)
+    behind = "" if engine is None else compute_answer_digest(engine, folder)
     return {**options, **({"door": behind} if behind else {})}
 
 
@@ -85,7 +85,7 @@ def compute_attempt_key(task: Task, engine: str, options: Mapping[str, Any]) -> 
     case = replace(task.case, limits=())  # they judge; nothing that an engine gives depends on them
     files = (file.read_bytes() if file else b"" for file in (task.mechanism.urdf, case.measured))
     given = task.folder.name, task.mechanism, *(sha256(data).hexdigest() for data in files), case, dict(options)
-    return fingerprint(*given, engine, compute_surroundings_digest())
+    return compute_fingerprint(*given, engine, compute_surroundings_digest())
 
 
 @cache

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from crosscheck.measures.record import RecordError, load
+from crosscheck.measures.record import RecordError, read_record
 from crosscheck.run.abilities import Abilities
 from crosscheck.run.isolation import Ending
 from crosscheck.run.kept_answers import KeptAnswers
@@ -105,7 +105,7 @@ def _list_question_dependencies(question: Question, kept: KeptAnswers) -> tuple[
     """Return the things that an answer depends on: the case, and both records but for the time that they took."""
     told = dict(question.options)
     try:
-        records = [load(Path(told.pop(side))) for side in ("ours", "theirs")]
+        records = [read_record(Path(told.pop(side))) for side in ("ours", "theirs")]
     except RecordError:
         return None
     folder = Path(told.pop("folder"))

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.measures.budget import is_checked, no_order
+from crosscheck.measures.budget import has_no_order, is_checked
 from crosscheck.measures.limits import BY_DISCRETISATION, WIDEST_BAR, Verdict
 from crosscheck.measures.record import Record
 
@@ -195,4 +195,4 @@ def _compute_limit_gap(ours: Record, reference: Reference, name: str, allowed: f
 
 def describe_unordered(ours: Record, theirs: Record, name: str) -> str:
     """Return the engines whose refinement of a series has no order, in words; "" where none."""
-    return " and ".join(one.engine for one in (ours, theirs) if no_order(one.budget.get(name, {})))
+    return " and ".join(one.engine for one in (ours, theirs) if has_no_order(one.budget.get(name, {})))

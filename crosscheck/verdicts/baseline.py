@@ -21,7 +21,7 @@ from types import MappingProxyType
 from typing import Any
 
 from crosscheck import output_folder as owned
-from crosscheck.measures.record import load
+from crosscheck.measures.record import read_record
 from crosscheck.verdicts.bars import COARSE
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.provenance import (
@@ -195,7 +195,7 @@ def collect_signals(results: Results, out: Path) -> dict[SignalKey, Signal]:
     for run in results.runs:
         if not run.series:
             continue
-        record = load(out / run.series)
+        record = read_record(out / run.series)
         described = describe_signals(record, quantities[run.mechanism, run.case])
         found |= {(run.mechanism, run.case, run.engine, name): signal for name, signal in described.items()}
     return found

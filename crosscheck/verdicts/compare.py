@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES
-from crosscheck.measures.limits import Verdict, by_limit, find
-from crosscheck.measures.metrics import sprague_geers
+from crosscheck.measures.limits import Verdict, find, judge_by_limit
+from crosscheck.measures.metrics import compute_sprague_geers
 from crosscheck.measures.record import Record, Series
-from crosscheck.measures.spectrum import dominant_frequency
+from crosscheck.measures.spectrum import find_dominant_frequency
 from crosscheck.verdicts.bars import (
     Bars,
     Reference,
@@ -188,7 +188,7 @@ def _collect_bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
 
 def _compute_metrics(ours: Array, theirs: Array) -> dict[str, Any]:
     """Return Sprague and Geers' errors of two signals (samples,) [unit], by the names of a comparison's fields [-]."""
-    return {**sprague_geers(ours, theirs)}
+    return {**compute_sprague_geers(ours, theirs)}
 
 
 def _find_limit(pair: Pair, quantity: str) -> Limit | None:
@@ -221,7 +221,7 @@ def _judge_quantity(
     limit = _find_limit(pair, quantity)
     share = compute_fraction(measured.maximum, measured.scale)
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
-    verdict, message = by_limit(share, limit, pair.today, pair.engine.message if known else "")
+    verdict, message = judge_by_limit(share, limit, pair.today, pair.engine.message if known else "")
     if bars is not None and limit is not None and verdict in ("within", "deviation"):
         verdict, message = bars.judged(verdict, message, limit.maximum)
     if gap:
@@ -287,7 +287,9 @@ def _compare_frequency(pair: Pair) -> Comparison:
     name = find_ringing_series(pair.reference)
     if name is None or name not in pair.engine.series:
         return _make_row(pair, "frequency", "Hz", "skipped", "no deflection or torque in common to take it from")
-    ours, theirs = (dominant_frequency(r.time, r.series[name].values, pair.rest) for r in (pair.engine, pair.reference))
+    ours, theirs = (
+        find_dominant_frequency(r.time, r.series[name].values, pair.rest) for r in (pair.engine, pair.reference)
+    )
     if ours is None or theirs is None:
         return _make_row(pair, "frequency", "Hz", "skipped", f"{name} has no peak in its spectrum")
     difference = abs(ours - theirs)

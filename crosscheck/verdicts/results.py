@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.certificate import Check
-from crosscheck.measures.limits import Verdict, exit_code, worst
+from crosscheck.measures.limits import Verdict, compute_exit_code, find_worst_verdict
 from crosscheck.measures.spectrum import FEWEST
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.signals import Move
@@ -73,7 +73,7 @@ class RunRow:
     """One engine on one case; wall_time [s] of the engine, elapsed [s] of the process; series: stem of its files.
 
     peaks : frequency [Hz] and amplitude [unit of the series] of the spectrum's peaks, by series
-    budget : by quantity and unit, the series with the largest error bar: see ``crosscheck.measures.budget.with_bars``
+    budget : by quantity and unit, the series with the largest error bar: see ``crosscheck.measures.budget.add_error_bars``
     kept : when it was computed, where that was in an earlier run and nothing has changed since
     """
 
@@ -138,7 +138,7 @@ class StudyRow:
         """The gravest verdict of its rows, "error" where there is no table."""
         if self.status != "ok":
             return OF_STATUS.get(self.status, "error")
-        return worst(row.get("verdict", "error") for row in self.rows)
+        return find_worst_verdict(row.get("verdict", "error") for row in self.rows)
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ class Results:
     @property
     def exit_code(self) -> int:
         """0 all within limits, 1 a deviation or a missing limit, 2 an engine or the harness failed."""
-        return exit_code(self.verdicts)
+        return compute_exit_code(self.verdicts)
 
 
 def _split_by_place(rows: Iterable[Row]) -> dict[Place, tuple[Row, ...]]:
@@ -288,7 +288,7 @@ def _replace_unsayable(plain: dict[str, Any]) -> dict[str, Any]:
     made: dict[str, Any] = replace_value(plain, "")
     words = f"numbers that are not finite stand as null: {len(places)}, the first is {places[0]}"
     message = "; ".join(filter(None, [str(made["message"]), words]))
-    return made | {"message": message, "exit_code": exit_code(["error"])}
+    return made | {"message": message, "exit_code": compute_exit_code(["error"])}
 
 
 def read(file: Path) -> Results:

@@ -19,7 +19,7 @@ import numpy as np
 
 from crosscheck.engines import Engine
 from crosscheck.engines.base import sample_times
-from crosscheck.measures.budget import Family, with_bars
+from crosscheck.measures.budget import Family, add_error_bars
 from crosscheck.measures.certificate import Certificate
 from crosscheck.measures.record import Record, Series, torque_series
 from flexinv.errors import InputError
@@ -137,7 +137,7 @@ def scattered(mechanism: Mechanism, case: Case, name: str, options: Mapping[str,
     levels = [{n: noise(s) for n, s in good.series.items()} for _ in range(3)]
     if seed is None:
         return replace(good, series=levels[-1])
-    made, budget = with_bars(levels[-1], [Family("step", levels)])
+    made, budget = add_error_bars(levels[-1], [Family("step", levels)])
     return replace(good, series=made, budget=budget)
 
 

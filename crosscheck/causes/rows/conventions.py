@@ -11,7 +11,7 @@ import numpy as np
 from crosscheck.causes.cause import Cause, Change, list_closed_target, list_driven_joints
 from crosscheck.causes.model import Model, drop_closures, is_tree, open_tree
 from crosscheck.causes.subject import Array, EffortChange, States, Subject
-from crosscheck.measures.record import effort_units
+from crosscheck.measures.record import list_effort_units
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.model.track import LAWS
@@ -25,7 +25,7 @@ ALPHABET = "alphabetical order"
 def _list_exchangeable_pairs(model: Model) -> list[str]:
     """Return the pairs of like coordinates that could be exchanged, and the alphabet where it is another order."""
     mechanism = model.base.mechanism
-    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    units = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     names = [j.name for j in mechanism.joints if j.nv == j.nq == 1 and j.actuated]
     pairs = list(combinations(names, 2)) if len(names) <= MANY else list(pairwise(names))
     found = [f"{a}{ARROW}{b}" for a, b in pairs if units[a] == units[b]]

@@ -18,7 +18,7 @@ from crosscheck.causes.cause import (
 )
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array, StateChange, States, Subject
-from crosscheck.measures.record import effort_units
+from crosscheck.measures.record import list_effort_units
 from flexinv.model.mechanism import Attachment, Closure, Inertia, Joint, Link, Mechanism, Placement
 
 QUICK = "all joints moved quickly, each at a rhythm of its own"
@@ -30,7 +30,7 @@ def _scale_efforts(subject: Subject, target: str, size: Array) -> Subject:
     factor = 1.0 + check_fraction(size)
 
     def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
-        concerned = np.array([not target or unit == target for unit in effort_units(mechanism)])
+        concerned = np.array([not target or unit == target for unit in list_effort_units(mechanism)])
         return effort * np.where(concerned, factor, 1.0)
 
     return subject.add_effort_change(update_effort)
@@ -39,7 +39,9 @@ def _scale_efforts(subject: Subject, target: str, size: Array) -> Subject:
 def _list_effort_units(model: Model) -> list[str]:
     """Return "" for all efforts and, where there are two units, each of them; of one coordinate it is no cause of its own."""
     units = [
-        u for u, driven in zip(effort_units(model.base.mechanism), model.base.mechanism.actuated, strict=True) if driven
+        u
+        for u, driven in zip(list_effort_units(model.base.mechanism), model.base.mechanism.actuated, strict=True)
+        if driven
     ]
     found = [""] if len(units) > 1 else []
     return found + ([u for u in dict.fromkeys(units) if units.count(u) > 1] if len(set(units)) > 1 else [])

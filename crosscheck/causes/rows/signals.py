@@ -15,7 +15,7 @@ import scipy  # its parts are loaded when they are asked for
 from crosscheck.causes.cause import Cause, Change, compute_effort_range, list_driven_joints, list_global_target
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array, States, Subject
-from crosscheck.measures.record import effort_units
+from crosscheck.measures.record import list_effort_units
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
 
@@ -202,7 +202,7 @@ def _add_drift(subject: Subject, target: str, size: Array) -> Subject:
 def _list_column_pairs(model: Model) -> list[str]:
     """Return "a <- b" for joints of one coordinate and one unit whose efforts are not the same."""
     mechanism = model.base.mechanism
-    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    units = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     names = [n for n in list_driven_joints(model) if mechanism.joint_of[n].nv == 1]
     pairs = permutations(names, 2) if len(names) <= MANY else pairwise(names)
     return [f"{a}{FROM}{b}" for a, b in pairs if units[a] == units[b]]

@@ -20,7 +20,7 @@ from crosscheck.commands.shared.terminal import (
     match_entries,
     plan_of,
 )
-from crosscheck.doors.registry import Doors, doors, limited, stamp
+from crosscheck.doors.registry import Doors, add_engine_limits, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.run.work import Options, Work
 from crosscheck.studies import STUDIES, Study
@@ -91,7 +91,7 @@ class Asked:
         wanted = ("" if self.names else read_study_patterns(self.models)) if self.studies is None else self.studies
         tables = match_entries(STUDIES, wanted, "study")
         studies = (replace(study, options=self._told(study, engines)) for study in tables.values())
-        plan = limited(plan_of(self.models, self.names), engines)
+        plan = add_engine_limits(plan_of(self.models, self.names), engines)
         return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
 
     def _told(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
@@ -99,7 +99,7 @@ class Asked:
         models = self.models.resolve()
         strangers = [engine for name, engine in engines.items() if name not in ENGINES]
         folders = sorted(file.parent for file in models.glob("*/mechanism.toml"))
-        stamps = {engine.name: [stamp(engine, folder) for folder in folders] for engine in strangers}
+        stamps = {engine.name: [compute_answer_digest(engine, folder) for folder in folders] for engine in strangers}
         doors = [{**engine.door, "engine": engine.name, "stamp": stamps[engine.name]} for engine in strangers]
         return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
 
@@ -107,7 +107,7 @@ class Asked:
 def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:
     """Return the engines of a folder of models.  Raises Failure where a file is refused."""
     try:
-        return doors(models, config, named)
+        return collect_doors(models, config, named)
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
 
@@ -115,7 +115,7 @@ def collect_engines(models: Path, config: Path | None = None, named: Iterable[st
 def check_trust(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
     """Say which programs run.  Raises Failure where one is not trusted."""
     try:
-        known.admit(chosen, trusting, say)
+        known.check_trust(chosen, trusting, say)
     except InputError as error:
         raise Failure(str(error)) from error
 

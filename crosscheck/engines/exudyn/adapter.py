@@ -30,7 +30,7 @@ from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, Made, build_start_layout, integrate_tree
 from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.mechanisms import check_resolved
-from crosscheck.measures.record import Record, fingerprint, torque_series, vector_series, wrench_series
+from crosscheck.measures.record import Record, compute_fingerprint, make_wrench_series, torque_series, vector_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -98,7 +98,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         time=sample_times(case),
         series=made.series,
         wall_time=made.wall,
-        model_hash=fingerprint(mechanism),
+        model_hash=compute_fingerprint(mechanism),
         budget=made.budget,
     )
 
@@ -125,5 +125,5 @@ def _run_tree(mechanism: Mechanism, case: Case) -> Made:
     for name, tip in result.tip.items():
         made |= vector_series(f"tip/{name}", "m", tip)
     for name, wrench in result.wrench.items():
-        made |= wrench_series(name, wrench)
+        made |= make_wrench_series(name, wrench)
     return Made(made, {"algorithm": "KinematicTree66, M qdd + f"}, wall)

@@ -24,7 +24,7 @@ from exudyn.robotics import Robot
 from crosscheck.engines.exudyn.own_dynamics import build_dynamics
 from crosscheck.lifting.assembly import Between, assembled
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.rigid import inverse, moved, on
+from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Inertia, Placement
 
@@ -100,7 +100,12 @@ def _read_robot(robot: Any) -> Iterator[Part]:
         parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
         carrier = behind[parent] if parent >= 0 else _convert_placement(robot.GetBaseHT())
         own = Inertia.stated(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
-        yield Part(link.jointType, parent, on(carrier, _convert_placement(link.preHT)), moved(behind[k], own))
+        yield Part(
+            link.jointType,
+            parent,
+            apply_placement(carrier, _convert_placement(link.preHT)),
+            move_inertia(behind[k], own),
+        )
 
 
 def _convert_placement(transformation: Any) -> Placement:
@@ -131,7 +136,10 @@ def _read_tree_object(told: dict[str, Any]) -> Iterator[Part]:
         at = _read_joint_frame(told, k)
         own = [np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
         yield Part(
-            name, parent, at if parent >= 0 else on(base, at), Inertia.stated(float(told["linkMasses"][k]), *own)
+            name,
+            parent,
+            at if parent >= 0 else apply_placement(base, at),
+            Inertia.stated(float(told["linkMasses"][k]), *own),
         )
 
 

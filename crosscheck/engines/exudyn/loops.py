@@ -42,8 +42,8 @@ from crosscheck.engines.exudyn.models.parts import Outcome
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, Made, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import compute_spring_effort, missing_motion, passive_effort, rotor_effort
-from crosscheck.measures.budget import Family, limit_of, with_bars
-from crosscheck.measures.record import Series, reaction_series, torque_series, wrench_series
+from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
+from crosscheck.measures.record import Series, make_reaction_series, make_wrench_series, torque_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -223,7 +223,9 @@ def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Opti
     done = [_integrate_with_retries(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
     series_of = collect_flexible_series if mechanism.beams else _collect_rigid_series
     runs = [series_of(model, outcome) for outcome, _ in done]
-    made, budget = with_bars(limit_of(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")])
+    made, budget = add_error_bars(
+        compute_richardson_limit(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")]
+    )
     told = _describe_settings(model, [plan for _, plan in done])
     if mechanism.beams:
         told |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
@@ -257,10 +259,10 @@ def collect_flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]
     torque = compute_drive_efforts(model, outcome, sample_times(model.case))
     made = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
     for name, wrench in outcome.wrench.items():
-        made |= wrench_series(name, wrench)
+        made |= make_wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
         # what the model has no equation for is no reaction: a pin of the plane and its moments
-        made |= {n: one for n, one in reaction_series(name, wrench).items() if one.values.any()}
+        made |= {n: one for n, one in make_reaction_series(name, wrench).items() if one.values.any()}
     return made
 
 
@@ -295,9 +297,9 @@ def _collect_rigid_series(model: Model, outcome: Outcome) -> dict[str, Series]:
     )
     made: dict[str, Series] = {}
     for name, wrench in outcome.wrench.items():
-        made |= wrench_series(name, wrench)
+        made |= make_wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
-        made |= reaction_series(name, wrench)
+        made |= make_reaction_series(name, wrench)
     if m.closures:
         torque = exudyn_chain.split_sampled_efforts(m, model.case, q, torque)
     if model.left_out or (m.closures and not _has_collocated_drives(model)):

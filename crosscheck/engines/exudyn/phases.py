@@ -47,8 +47,8 @@ from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.phases import Phase, State
 from crosscheck.engines.shared.prescribed import compute_spring_effort, passive_effort, rotor_effort
 from crosscheck.engines.shared.wrenches import compute_closure_forces, compute_reactions
-from crosscheck.measures.budget import Family, limit_of, with_bars
-from crosscheck.measures.record import Series, reaction_series, torque_series
+from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
+from crosscheck.measures.record import Series, make_reaction_series, torque_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
 from flexinv.model.owned_cache import make_owner_cache
@@ -168,7 +168,7 @@ def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> Made
     run = Run(mechanism, case, solve_phases(mechanism, case))
     done = [run.march(plan) for plan in plan_runs(mechanism, case, options)]
     runs = [run.series(outcome) for outcome, _ in done]
-    made, budget = with_bars(limit_of(runs), [Family("step", runs, "limit")])
+    made, budget = add_error_bars(compute_richardson_limit(runs), [Family("step", runs, "limit")])
     return Made(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
 
 
@@ -239,7 +239,7 @@ class Run:
             for name, wrench in change.items():
                 reaction[name][phase.samples] += wrench
         for name, wrench in reaction.items():
-            made |= reaction_series(name, wrench)
+            made |= make_reaction_series(name, wrench)
         return torque_series(m, torque) | made | collect_link_series(m, self.layout, outcome)
 
     def settings(self, plans: list[Plan]) -> dict[str, Any]:

@@ -24,8 +24,8 @@ from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, 
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
 from crosscheck.engines.shared.prescribed import passive_effort, rotor_effort
-from crosscheck.measures.budget import Family, limit_of, with_bars
-from crosscheck.measures.record import Series, series, torque_series, vector_series, wrench_series
+from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
+from crosscheck.measures.record import Series, make_wrench_series, series, torque_series, vector_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Beam, Mechanism
 from flexinv.model.motion import Motion
@@ -148,9 +148,9 @@ def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Optio
             done.append(_integrate_with_retries(mechanism, case, layout, choice, n, plan))
     wall = clock.perf_counter() - start
     made = [_collect_series(mechanism, case, layout, outcome) for outcome, _ in done]
-    values = limit_of(made) if choice.limit else made[-1]
+    values = compute_richardson_limit(made) if choice.limit else made[-1]
     family = Family("step" if engine == DAE else "mesh and step", made, "limit" if choice.limit else -1)
-    bars, budget = with_bars(values, [family])
+    bars, budget = add_error_bars(values, [family])
     return Made(bars, _describe_settings(choice, [plan for _, plan in done]), wall, budget)
 
 
@@ -200,7 +200,7 @@ def _collect_series(mechanism: Mechanism, case: Case, layout: Layout, outcome: O
     """Return the series of one run."""
     made: dict[str, Series] = {}
     for name, wrench in outcome.wrench.items():
-        made |= wrench_series(name, wrench)
+        made |= make_wrench_series(name, wrench)
     torque = compute_drive_efforts(mechanism, case.motion, sample_times(case), outcome)
     return torque_series(mechanism, torque) | made | collect_link_series(mechanism, layout, outcome)
 

@@ -39,7 +39,7 @@ from crosscheck.engines.exudyn.models.parts import Outcome, Poses
 from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, Made
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
-from crosscheck.measures.budget import Family, limit_of, with_bars
+from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Mechanism, Placement
 
@@ -130,7 +130,7 @@ def integrate_switched_beams(mechanism: Mechanism, case: Case, engine: str, opti
     elements = exudyn_loops.list_mesh_sizes(len(plans), options)
     done = [_integrate_with_retries(mechanism, model, n, plan) for n, plan in zip(elements, plans, strict=True)]
     runs = [exudyn_loops.collect_flexible_series(model, outcome) for outcome, _ in done]
-    made, budget = with_bars(limit_of(runs), [Family("mesh and step", runs, "limit")])
+    made, budget = add_error_bars(compute_richardson_limit(runs), [Family("mesh and step", runs, "limit")])
     told = {
         "model": "planar bodies" if model.plane is not None else "bodies with Euler parameters",
         "closures": "connectors of each phase; velocities jump by the engine's mass matrix and Jacobian",

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.flexinv.determinacy import find_determinate_parts
-from crosscheck.measures.budget import Family, with_bars
+from crosscheck.measures.budget import Family, add_error_bars
 from crosscheck.measures.record import (
     Record,
     Series,
-    internal_series,
-    reaction_series,
+    make_internal_series,
+    make_reaction_series,
+    make_wrench_series,
     series,
     torque_series,
     vector_series,
-    wrench_series,
 )
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
@@ -76,7 +76,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     wall = clock.perf_counter() - start
     budget: dict[str, dict[str, object]] = {}
     if bool(options.get("error", True)) and needs_integration(mechanism, case):
-        made, budget = with_bars(made, run_refinements(mechanism, case, made))
+        made, budget = add_error_bars(made, run_refinements(mechanism, case, made))
     return Record(
         engine=engine,
         version=version(),
@@ -165,23 +165,23 @@ def collect_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dic
             made |= series(f"axial/{joint.child}", "N", solution.wrench[joint.name][rows, 0])
     for link, stations in solution.internal_stations.items():
         for k, station in enumerate(stations):
-            made |= internal_series(link, f"{station:.4f}", solution.internal[link][rows, k])
+            made |= make_internal_series(link, f"{station:.4f}", solution.internal[link][rows, k])
     return made
 
 
 def collect_wrenches(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return the wrenches of joints and, on its second frame, of every closure [N], [N m]: only determinate components."""
     if solution.loops is None:
-        return {k: s for name, own in solution.wrench.items() for k, s in wrench_series(name, own[rows]).items()}
+        return {k: s for name, own in solution.wrench.items() for k, s in make_wrench_series(name, own[rows]).items()}
     sure = find_determinate_parts(solution.mesh, solution.nodes, solution.time)
     made: dict[str, Series] = {}
     for name, own in solution.wrench.items():
-        made |= _take_determinate(wrench_series(name, own[rows]), sure.wrench[name])
+        made |= _take_determinate(make_wrench_series(name, own[rows]), sure.wrench[name])
     for closure in mechanism.closures:
         if closure.second.link == WORLD:
             continue  # there it is said at the first frame; a coupling has none
         own = solution.loops.reaction[closure.name][rows]
-        made |= _take_determinate(reaction_series(closure.name, own), sure.reaction[closure.name])
+        made |= _take_determinate(make_reaction_series(closure.name, own), sure.reaction[closure.name])
     return made
 
 

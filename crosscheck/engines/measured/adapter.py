@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.kit.resolved import all_series
+from crosscheck.kit.resolved import list_all_series
 from crosscheck.measures.record import Record, torque_series
 from crosscheck.measures.series_csv import check_names, check_times, read
 from flexinv.errors import InputError
@@ -42,7 +42,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     time, found = read(case.measured)
     wanted = sample_times(case)
     check_times(case.measured, time, wanted, case.sample)
-    check_names(case.measured, all_series(mechanism), found.values())
+    check_names(case.measured, list_all_series(mechanism), found.values())
     idle = torque_series(mechanism, np.zeros((time.size, mechanism.nv)))
     still = {name for name, on in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if not on}
     made = {name: one for name, one in idle.items() if name.partition("/")[2] in still} | found

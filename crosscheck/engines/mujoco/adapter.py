@@ -38,7 +38,14 @@ from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion
-from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
+from crosscheck.measures.record import (
+    Record,
+    Series,
+    make_reaction_series,
+    make_wrench_series,
+    torque_series,
+    vector_series,
+)
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -324,7 +331,7 @@ def _collect_series(mechanism: Mechanism, result: Dynamics) -> dict[str, Series]
     for link, place in result.tip.items():
         out |= vector_series(f"tip/{link}", "m", place)
     for joint, wrench in result.wrench.items():
-        out |= wrench_series(joint, wrench)
+        out |= make_wrench_series(joint, wrench)
     for closure, wrench in result.closures.items():
-        out |= reaction_series(closure, wrench)
+        out |= make_reaction_series(closure, wrench)
     return out

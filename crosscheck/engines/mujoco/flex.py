@@ -37,9 +37,9 @@ from crosscheck.engines.mujoco.rod import (
     find_bending_axis,
 )
 from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
-from crosscheck.measures.budget import Family, limit_of, with_bars
+from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
 from crosscheck.measures.mechanisms import check_resolved
-from crosscheck.measures.record import Record, Series, series, torque_series, vector_series, wrench_series
+from crosscheck.measures.record import Record, Series, make_wrench_series, series, torque_series, vector_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Link, Mechanism
 
@@ -109,7 +109,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     start = clock.perf_counter()
     with collect_warnings() as words:
         runs = [run_mesh(mechanism, case, build_rod(mechanism, n)) for n in meshes]
-    values, budget = with_bars(limit_of(runs), [Family("mesh", runs, "limit")])
+    values, budget = add_error_bars(compute_richardson_limit(runs), [Family("mesh", runs, "limit")])
     return Record(
         engine=engine,
         version=version(),
@@ -189,7 +189,7 @@ def _collect_series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torq
     for joint in mechanism.joints:
         body = built.body[joint.child]
         wrench = compute_body_wrench(built.model, raw, body)
-        made |= wrench_series(joint.name, wrench)
+        made |= make_wrench_series(joint.name, wrench)
         if joint.child == rod.link:
             made |= series(f"axial/{rod.link}", "N", wrench[:, 0])
         else:

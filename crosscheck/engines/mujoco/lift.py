@@ -47,8 +47,8 @@ from crosscheck.engines.mujoco.effort_limits import read_effort_limits
 from crosscheck.engines.mujoco.named_files import check_named_files
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, find_joint_addresses
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.hinges import with_hinges
-from crosscheck.lifting.printed import printed_of_mjcf
+from crosscheck.lifting.hinges import replace_points_by_hinges
+from crosscheck.lifting.printed import read_mjcf_digits
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import (
@@ -108,7 +108,7 @@ def lift(source: Any, label: str = "") -> Description:
         )
     kind = "urdf" if root.tag == "robot" else "mjcf"
     found = _build_description(model, label or path.name, kind, dropped)
-    printed = printed_of_mjcf(root) if kind == "mjcf" else {}
+    printed = read_mjcf_digits(root) if kind == "mjcf" else {}
     stated = kind != "urdf"
     return replace(found, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
 
@@ -308,7 +308,7 @@ def _read_closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure],
         elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD):
             tie = _read_body_tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _read_site_tie
             made.append(tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
-    return with_hinges(made), dropped
+    return replace_points_by_hinges(made), dropped
 
 
 def _read_site_tie(model: Any, k: int, name: str, weld: bool) -> Closure:

@@ -33,7 +33,14 @@ from crosscheck.engines.pinocchio import phases as pinocchio_phases
 from crosscheck.engines.pinocchio.model import Built, build, compute_inverse_dynamics
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort
-from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
+from crosscheck.measures.record import (
+    Record,
+    Series,
+    make_reaction_series,
+    make_wrench_series,
+    torque_series,
+    vector_series,
+)
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -110,7 +117,7 @@ def _collect_series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[st
     for link, place in held.dynamics.tip.items():
         out |= vector_series(f"tip/{link}", "m", place)
     for joint, wrench in held.dynamics.wrench.items():
-        out |= wrench_series(joint, wrench)
+        out |= make_wrench_series(joint, wrench)
     for closure, wrench in held.closures.items():
-        out |= reaction_series(closure, wrench)
+        out |= make_reaction_series(closure, wrench)
     return out

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from crosscheck.engines.pinocchio.own_dynamics import build_dynamics
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.hinges import with_hinges
+from crosscheck.lifting.hinges import replace_points_by_hinges
 from crosscheck.lifting.names import unique_names
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -80,7 +80,7 @@ def _build_description(model: Any, label: str, kind: str, path: Path | None, tie
         links.append(Link(names[k], (Body(names[k], body),) if body.mass or body.tensor.any() else ()))
         if "Mimic" in model.joints[k].shortname():
             closures.append(_read_mimic(model, k))
-    closures += with_hinges(_read_tie(tie, [WORLD, *names[1:]], k) for k, tie in enumerate(ties))
+    closures += replace_points_by_hinges(_read_tie(tie, [WORLD, *names[1:]], k) for k, tie in enumerate(ties))
     mechanism = Mechanism(
         name=label,
         links=tuple(links),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Adapter, Options, is_repeatable
-from crosscheck.measures.budget import Family, with_bars
+from crosscheck.measures.budget import Family, add_error_bars
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -64,7 +64,7 @@ def add_rounding_bars(adapter: Adapter, record: Record, mechanism: Mechanism, ca
     other = adapter.run(mechanism, build_perturbed_case(case), record.engine, options)
     if other.status != "ok" or set(other.series) != set(record.series):
         return record
-    made, budget = with_bars(record.series, [Family(NAME, (other.series, record.series))])
+    made, budget = add_error_bars(record.series, [Family(NAME, (other.series, record.series))])
     return replace(record, series=made, budget={k: _update_budget_line(line) for k, line in budget.items()})
 
 

@@ -14,7 +14,7 @@ from crosscheck.equivalence.alignment.seats import SAME
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair, format_placement
 from crosscheck.equivalence.tree import Tree
-from crosscheck.lifting.rigid import angle, inverse
+from crosscheck.lifting.rigid import compute_angle, inverse
 from flexinv.model.mechanism import Array, Placement
 
 BASE = "pose of base"
@@ -31,7 +31,7 @@ def list_base_differences(first: Tree, second: Tree, motion: Placement, pairs: I
     felt = float(np.linalg.norm(there - ours)) > SAME * pull
     other = float(np.linalg.norm(theirs - ours)) > SAME * pull
     way = float(np.linalg.norm(motion.position))
-    turn = angle(motion.rotation)
+    turn = compute_angle(motion.rotation)
     if max(way, turn) > SAME:
         standing = [pair for pair in pairs if pair.one.parent < 0]
         size, unit = (turn, "rad") if turn > SAME else (way, "m")

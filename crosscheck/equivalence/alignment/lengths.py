@@ -33,7 +33,14 @@ from crosscheck.equivalence.alignment.seats import (
     make_joint_alignment,
 )
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
-from crosscheck.lifting.rigid import angle, between, cross, moved, on, size_of
+from crosscheck.lifting.rigid import (
+    apply_placement,
+    compute_angle,
+    compute_norm,
+    compute_relative_pose,
+    cross,
+    move_inertia,
+)
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 HALF = 0.5  # of the length of a difference: how conventions and limits weigh
@@ -71,7 +78,7 @@ class Lengths:
 
     def compute_frame_code_length(self, frame: Placement) -> float:
         """Return the length of a frame of B that stands so in A's [m]."""
-        return FRAME * compute_code_length(max(size_of(frame.position) / self.size, angle(frame.rotation)))
+        return FRAME * compute_code_length(max(compute_norm(frame.position) / self.size, compute_angle(frame.rotation)))
 
     def of_joint(self, a: int, before: Placement, frame: Placement) -> float:
         """Return the length of what differs in a joint, where its carrier and its own frame stand so [m]."""
@@ -80,10 +87,12 @@ class Lengths:
         if one.kind == "free":
             return 0.0
         seat = make_joint_alignment(one, two, (a, self.partner[a]), before, frame)
-        way = size_of(seat.rest.position) / self.size
-        total = compute_code_length(way) + compute_code_length(angle(seat.rest.rotation))
+        way = compute_norm(seat.rest.position) / self.size
+        total = compute_code_length(way) + compute_code_length(compute_angle(seat.rest.rotation))
         if one.kind in SCALARS:
-            total += compute_code_length(size_of(cross(one.axis, frame.rotation @ two.axis))) + float(seat.sign < 0.0)
+            total += compute_code_length(compute_norm(cross(one.axis, frame.rotation @ two.axis))) + float(
+                seat.sign < 0.0
+            )
             total += HALF * compute_code_length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
             total += self._compute_limit_code_length(one, two, seat)
         return total
@@ -105,12 +114,12 @@ class Lengths:
         """Return the length of what differs in where a link's mass is, in a pose of B's frame in A's [m]."""
         one = self.first.members[a]
         two = self.second.members[self.partner[a]]
-        return self._compute_inertia_code_length(one.inertia, moved(frame, two.inertia))
+        return self._compute_inertia_code_length(one.inertia, move_inertia(frame, two.inertia))
 
     def _compute_inertia_code_length(self, one: Inertia, there: Inertia) -> float:
         if not one.mass or not there.mass:
             return 0.0
-        total = compute_code_length(size_of(there.com - one.com) / self.size)
+        total = compute_code_length(compute_norm(there.com - one.com) / self.size)
         largest = float(np.abs(one.tensor).max())
         return total + (
             compute_code_length(float(np.abs(there.tensor - one.tensor).max()) / largest) if largest else 0.0
@@ -119,7 +128,7 @@ class Lengths:
     def compute_content_code_length(self, a: int, frame: Placement) -> float:
         """Return the length of what differs in all that shows how a rigid part stands, in a pose of B's frame in A's [m]."""
         content = self.collect_rigid_content(a)
-        total = sum(self._compute_inertia_code_length(one, moved(frame, two)) for one, two in content.bodies)
+        total = sum(self._compute_inertia_code_length(one, move_inertia(frame, two)) for one, two in content.bodies)
         return total + sum(self._compute_child_code_length(*hung, frame) for hung in content.hung)
 
     def _compute_child_code_length(
@@ -127,10 +136,10 @@ class Lengths:
     ) -> float:
         gap = frame.position + frame.rotation @ theirs[0].position - ours[0].position
         if kind not in SCALARS:
-            return compute_code_length(size_of(gap) / self.size)
+            return compute_code_length(compute_norm(gap) / self.size)
         along = ours[0].rotation @ ours[1]
-        total = compute_code_length(size_of(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
-        return total + (compute_code_length(size_of(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
+        total = compute_code_length(compute_norm(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
+        return total + (compute_code_length(compute_norm(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
     def collect_rigid_content(self, a: int) -> Content:
         """Return the bodies and joints by which a member and all that is fixed to it show how they stand, found once [kg, m]."""
@@ -148,10 +157,10 @@ class Lengths:
                 continue
             one = self.first.members[c]
             two = self.second.members[self.partner[c]]
-            here = on(ours, one.placement)
-            there = on(theirs, two.placement)
+            here = apply_placement(ours, one.placement)
+            there = apply_placement(theirs, two.placement)
             if one.kind == "fixed":
-                found.bodies.append((moved(here, one.inertia), moved(there, two.inertia)))
+                found.bodies.append((move_inertia(here, one.inertia), move_inertia(there, two.inertia)))
                 self._collect_children(c, here, there, found)
             elif one.kind == two.kind:
                 found.hung.append((one.kind, (here, one.axis), (there, two.axis)))
@@ -160,12 +169,12 @@ class Lengths:
         """Return the length of a motion of the base, or of gravity where that is what differs [m]."""
         ours = self.first.gravity
         theirs = self.second.gravity
-        pull = max(size_of(ours), size_of(theirs)) or 1.0
-        felt = compute_code_length(size_of(motion.rotation @ theirs - ours) / pull)
-        size = max(size_of(motion.position) / self.size, angle(motion.rotation))
+        pull = max(compute_norm(ours), compute_norm(theirs)) or 1.0
+        felt = compute_code_length(compute_norm(motion.rotation @ theirs - ours) / pull)
+        size = max(compute_norm(motion.position) / self.size, compute_angle(motion.rotation))
         if size <= SAME:
             return felt
-        changed = compute_code_length(size_of(theirs - ours) / pull)
+        changed = compute_code_length(compute_norm(theirs - ours) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
         if felt:
             return compute_code_length(size) + (felt if changed else 0.0)
@@ -173,7 +182,10 @@ class Lengths:
 
     def of_ground(self, motion: Placement) -> float:
         """Return the length of the frames of links that stand still and carry joints, where B's world stands so in A's [m]."""
-        return sum(self.compute_frame_code_length(between(one, on(motion, two))) for one, two in self._grounds)
+        return sum(
+            self.compute_frame_code_length(compute_relative_pose(one, apply_placement(motion, two)))
+            for one, two in self._grounds
+        )
 
     @cached_property
     def _grounds(self) -> list[tuple[Placement, Placement]]:

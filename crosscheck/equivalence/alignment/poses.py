@@ -14,7 +14,7 @@ import numpy as np
 from crosscheck.equivalence.alignment.lengths import HINGES, Lengths
 from crosscheck.equivalence.alignment.seats import SEEN
 from crosscheck.equivalence.tree import SCALARS, Member
-from crosscheck.lifting.rigid import between, cross, inverse, on, size_of, turned
+from crosscheck.lifting.rigid import apply_placement, compute_norm, compute_relative_pose, cross, inverse, turned
 from flexinv.model.mechanism import Array, Placement
 
 INTRINSIC = 4  # poses by what a member shows alone, that are kept
@@ -33,7 +33,7 @@ class Poses:
     def still(self, a: int, before: Placement) -> Placement:
         """Return the pose that leaves both machines where they stand at zero; before : of the carrier [m]."""
         one, two = self._find_member_pair(a)
-        return self._move_onto_axis(a, between(one.placement, on(before, two.placement)))
+        return self._move_onto_axis(a, compute_relative_pose(one.placement, apply_placement(before, two.placement)))
 
     def others(self, a: int, still: Placement) -> Iterator[Placement]:
         """Yield other poses of a member: the same frame, its axis turned onto A's, turned zeros, and what it shows alone [m]."""
@@ -68,7 +68,7 @@ class Poses:
         one, _ = self._find_member_pair(a)
         turns = [0.0, *(self._list_axis_angles(a, frame) if one.kind in HINGES else ())]
         for turn in turns:
-            there = on(Placement(rotation=turned(one.axis, turn)), frame)
+            there = apply_placement(Placement(rotation=turned(one.axis, turn)), frame)
             yield there
             for way in self._list_axis_shifts(a, there):
                 yield Placement(there.position + way * one.axis, there.rotation)
@@ -112,7 +112,7 @@ class Poses:
             yield one.tensor @ axis / largest, there @ axis / largest
         if points:
             for kind, (at, along), (other, across) in content.hung:
-                theirs = on(frame, other)
+                theirs = apply_placement(frame, other)
                 if kind in HINGES:
                     yield tuple(  # type: ignore[misc]
                         _find_nearest_point(axis, pose.position, pose.rotation @ line) / size
@@ -144,11 +144,11 @@ class Poses:
             if one.mass and two.mass:
                 yield one.com - (frame.position + frame.rotation @ two.com)
         for kind, (at, along), (other, across) in content.hung:
-            there = on(frame, other)
+            there = apply_placement(frame, other)
             if kind in HINGES and axis is not None:
                 ours = at.rotation @ along
                 theirs = there.rotation @ across
-                if size_of(cross(axis, ours)) > SPREAD:
+                if compute_norm(cross(axis, ours)) > SPREAD:
                     yield _find_nearest_point(axis, at.position, ours) - _find_nearest_point(
                         axis, there.position, theirs
                     )
@@ -187,7 +187,7 @@ class Poses:
         ]
         for ours, theirs in points[1:]:
             arms = ours - points[0][0], theirs - points[0][1]
-            sizes = [size_of(arm) for arm in arms]
+            sizes = [compute_norm(arm) for arm in arms]
             if min(sizes) > SPREAD * self.lengths.size:
                 yield arms[0] / sizes[0], arms[1] / sizes[1]
 
@@ -212,7 +212,7 @@ class Poses:
                 axis = at.rotation @ along
                 across = np.eye(3) - np.outer(axis, axis)
                 matrix = matrix + across
-                right = right + across @ (at.position - on(frame, other).position)
+                right = right + across @ (at.position - apply_placement(frame, other).position)
         if np.linalg.matrix_rank(matrix, tol=SPREAD) == 3:
             yield Placement(frame.position + np.linalg.solve(matrix, right), frame.rotation)
 
@@ -220,26 +220,28 @@ class Poses:
         """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
         ours = self.lengths.first.gravity
         theirs = self.lengths.second.gravity
-        if size_of(ours) and size_of(theirs):
-            yield Placement(rotation=_compute_least_rotation(theirs / size_of(theirs), ours / size_of(ours)))
+        if compute_norm(ours) and compute_norm(theirs):
+            yield Placement(rotation=_compute_least_rotation(theirs / compute_norm(theirs), ours / compute_norm(ours)))
         for a in roots:
             one, two = self._find_member_pair(a)
             for pose in (self._move_onto_axis(a, Placement()), *self.alone(a)):
-                back = on(pose, inverse(two.placement))
-                yield on(one.placement, back)
+                back = apply_placement(pose, inverse(two.placement))
+                yield apply_placement(one.placement, back)
                 if one.kind not in SCALARS:
                     continue
                 sign = 1.0 if one.axis @ pose.rotation @ two.axis >= 0.0 else -1.0
                 offsets = list(_list_coordinate_offsets(one, two, sign))
                 if one.kind == "prismatic":
                     for offset in offsets:
-                        yield on(on(one.placement, Placement(offset * one.axis)), back)
+                        yield apply_placement(apply_placement(one.placement, Placement(offset * one.axis)), back)
                     continue
                 down = one.placement.rotation.T @ ours
                 turn = _turn_between(one.axis, back.rotation @ theirs, down) if ours.any() and theirs.any() else None
                 offsets += [] if turn is None else [turn]
                 for offset in offsets:
-                    yield on(on(one.placement, Placement(rotation=turned(one.axis, offset))), back)
+                    yield apply_placement(
+                        apply_placement(one.placement, Placement(rotation=turned(one.axis, offset))), back
+                    )
 
 
 def _list_coordinate_offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
@@ -255,12 +257,12 @@ def _list_coordinate_offsets(one: Member, two: Member, sign: float) -> Iterator[
 def _compute_least_rotation(start: Array, end: Array) -> Array:
     """The rotation by the least angle from one unit vector to another."""
     normal = cross(start, end)
-    sine = size_of(normal)
+    sine = compute_norm(normal)
     if sine < 1e-12:
         if start @ end > 0.0:
             return np.eye(3)
         across = cross(start, np.eye(3)[int(np.argmin(np.abs(start)))])
-        return turned(across / size_of(across), np.pi)
+        return turned(across / compute_norm(across), np.pi)
     return turned(normal / sine, float(np.arctan2(sine, start @ end)))
 
 
@@ -268,7 +270,7 @@ def _turn_between(axis: Array, start: Array, end: Array) -> float | None:
     """The angle [rad] about an axis from one vector to another; None where one of them lies along it."""
     u = start - (start @ axis) * axis
     v = end - (end @ axis) * axis
-    if min(size_of(u), size_of(v)) <= SEEN:
+    if min(compute_norm(u), compute_norm(v)) <= SEEN:
         return None
     return float(np.arctan2(axis @ cross(u, v), u @ v))
 

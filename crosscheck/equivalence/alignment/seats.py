@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.equivalence.tree import SCALARS, Member
-from crosscheck.lifting.rigid import angle, angle_about, between, inverse, on, size_of, turned
+from crosscheck.lifting.rigid import (
+    apply_placement,
+    compute_angle,
+    compute_angle_about,
+    compute_norm,
+    compute_relative_pose,
+    inverse,
+    turned,
+)
 from flexinv.model.mechanism import Placement
 
 SEEN = 1e-6  # relative: what agrees better than that is the same for the choice of an alignment
@@ -40,7 +48,9 @@ def make_joint_alignment(
     one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement
 ) -> Aligned:
     """Return the seat that follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
-    shift = on(between(one.placement, on(before, two.placement)), inverse(frame))
+    shift = apply_placement(
+        compute_relative_pose(one.placement, apply_placement(before, two.placement)), inverse(frame)
+    )
     sign, offset, rest = _fit_coordinate(one, two, frame, shift)
     return Aligned(*numbers, frame, rest, sign, offset)
 
@@ -58,15 +68,15 @@ def _fit_coordinate(one: Member, two: Member, frame: Placement, shift: Placement
     axis = sign * axis
     if one.kind == "prismatic":
         offset = float(axis @ shift.rotation.T @ shift.position)
-        rest = on(shift, Placement(-offset * axis))
-        left = size_of(rest.position)
+        rest = apply_placement(shift, Placement(-offset * axis))
+        left = compute_norm(rest.position)
     else:
-        offset = angle_about(shift.rotation, axis)
+        offset = compute_angle_about(shift.rotation, axis)
         if one.kind == "helical":
             offset = _by_pitch(one, offset, float(axis @ shift.position))
         way = one.pitch * offset / (2 * np.pi) * axis if one.kind == "helical" else np.zeros(3)
-        rest = on(shift, inverse(Placement(way, turned(axis, offset))))
-        left = angle(rest.rotation)
+        rest = apply_placement(shift, inverse(Placement(way, turned(axis, offset))))
+        left = compute_angle(rest.rotation)
         offset = _add_whole_turns(one, two, sign, offset)
     told = left <= max(ROUGH, APART * abs(offset)) or _has_shifted_numbers(one, two, sign, offset)
     return (sign, offset, rest) if told else (sign, 0.0, shift)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from crosscheck.equivalence.tree import join_bodies
-from crosscheck.lifting.rigid import moved, on
+from crosscheck.lifting.rigid import apply_placement, move_inertia
 from flexinv.kinematics.mesh import compute_section_frame
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 
@@ -39,7 +39,9 @@ def make_rigid_mechanism(mechanism: Mechanism) -> Mechanism:
 
 def evaluate_section_frame(beam: Beam, station: float | None) -> Placement:
     """Return a section's frame [m] in the link frame, at a fraction 0..1 of the length [-]; None : at the end."""
-    return on(beam.placement, compute_section_frame(beam, beam.length * (1.0 if station is None else station)))
+    return apply_placement(
+        beam.placement, compute_section_frame(beam, beam.length * (1.0 if station is None else station))
+    )
 
 
 def _make_rigid_link(link: Link, beam: Beam | None) -> Link:
@@ -48,7 +50,9 @@ def _make_rigid_link(link: Link, beam: Beam | None) -> Link:
     bodies = [
         Body(
             body.name,
-            body.inertia if body.station is None else moved(evaluate_section_frame(beam, body.station), body.inertia),
+            body.inertia
+            if body.station is None
+            else move_inertia(evaluate_section_frame(beam, body.station), body.inertia),
         )
         for body in link.bodies
     ]
@@ -68,7 +72,7 @@ def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
             mass = np.interp(at, section.stations, section.mass_per_length)
             rotary = [np.interp(at, section.stations, column) for column in section.rotary_inertia.T]
             ds = weight * beam.length
-            yield moved(
+            yield move_inertia(
                 evaluate_section_frame(beam, float(at)), Inertia(float(mass) * ds, np.zeros(3), np.diag(rotary) * ds)
             )
 
@@ -76,11 +80,13 @@ def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
 def _make_rigid_joint(joint: Joint, beam: Beam | None) -> Joint:
     if beam is None or joint.parent == WORLD:
         return joint
-    return replace(joint, station=None, placement=on(evaluate_section_frame(beam, joint.station), joint.placement))
+    return replace(
+        joint, station=None, placement=apply_placement(evaluate_section_frame(beam, joint.station), joint.placement)
+    )
 
 
 def _end(end: Attachment, beams: Mapping[str, Beam | None]) -> Attachment:
     beam = beams.get(end.link)
     if beam is None or end.station is None:
         return end
-    return Attachment(end.link, on(evaluate_section_frame(beam, end.station), end.placement))
+    return Attachment(end.link, apply_placement(evaluate_section_frame(beam, end.station), end.placement))

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from crosscheck.equivalence.tree import SCALARS, Tree
-from crosscheck.lifting.rigid import cross, size_of
+from crosscheck.lifting.rigid import compute_norm, cross
 from flexinv.model.mechanism import Limits, Placement
 
 IMPOSSIBLE = 1e6  # cost of a pair of joints of different kinds
@@ -87,10 +87,10 @@ class Costs:
         """Mass, moment of inertia about the axis or in all, distance of the centre of mass from the axis, range, damping."""
         member = (self.first, self.second)[side].members[index]
         turn = float(np.trace(member.tensor))
-        arm = size_of(member.com)
+        arm = compute_norm(member.com)
         if member.kind in SCALARS:
             turn = float(member.axis @ member.tensor @ member.axis)
-            arm = size_of(cross(member.axis, member.com))
+            arm = compute_norm(cross(member.axis, member.com))
         if member.kind in ("prismatic", "free"):  # the frame may be anywhere on the body
             arm = 0.0
         return (
@@ -115,10 +115,10 @@ class Costs:
         along = first.rotation @ one.axis
         other = second.rotation @ two.axis
         if one.kind not in SCALARS:
-            return size_of(first.position - second.position) / self.size
+            return compute_norm(first.position - second.position) / self.size
         gap = second.position - first.position
-        off = 0.0 if one.kind == "prismatic" else size_of(cross(along, gap))
-        return off / self.size + size_of(cross(along, other))
+        off = 0.0 if one.kind == "prismatic" else compute_norm(cross(along, gap))
+        return off / self.size + compute_norm(cross(along, other))
 
 
 @dataclass
@@ -141,11 +141,11 @@ class Axes:
         if members[0].kind == "free":
             return 0.0, 0.0  # its frame may be anywhere on the body
         if any(member.kind not in SCALARS for member in members):
-            return size_of(gap), 0.0
+            return compute_norm(gap), 0.0
         one, two = (self.poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))
         normal = cross(one, two)
-        sine = size_of(normal)
+        sine = compute_norm(normal)
         turn = float(np.arctan2(sine, abs(one @ two)))
         if any(member.kind == "prismatic" for member in members):
             return 0.0, turn
-        return float(abs(gap @ normal)) / sine if sine > PARALLEL else size_of(cross(one, gap)), turn
+        return float(abs(gap @ normal)) / sine if sine > PARALLEL else compute_norm(cross(one, gap)), turn

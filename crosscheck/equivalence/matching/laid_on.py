@@ -17,7 +17,7 @@ from crosscheck.equivalence.alignment.lengths import Lengths
 from crosscheck.equivalence.alignment.poses import Poses
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.tree import SCALARS, Tree, join_into_carriers
-from crosscheck.lifting.rigid import cross, on, size_of
+from crosscheck.lifting.rigid import apply_placement, compute_norm, cross
 from flexinv.model.mechanism import Array, Placement
 
 FAR = 2.0  # cost of a joint that stands nowhere near
@@ -104,17 +104,17 @@ class LaidOn:
         ours = self.plain.first.members[k]
         theirs = self.plain.second.members[m]
         size = self.plain.size
-        there = on(frame, theirs.placement)
+        there = apply_placement(frame, theirs.placement)
         gap = there.position - ours.placement.position
         if ours.kind not in SCALARS:
-            return min(size_of(gap) / size, FAR)
+            return min(compute_norm(gap) / size, FAR)
         along = ours.placement.rotation @ ours.axis
         other = there.rotation @ theirs.axis
-        total = size_of(cross(along, other))
+        total = compute_norm(cross(along, other))
         if ours.kind != "prismatic":
             # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
             way = gap + there.rotation @ theirs.com - ours.placement.rotation @ ours.com
-            total += size_of(cross(along, gap)) / size
+            total += compute_norm(cross(along, gap)) / size
             total += abs(float(along @ way)) / size if ours.mass and theirs.mass else 0.0
         return min(total, FAR)
 

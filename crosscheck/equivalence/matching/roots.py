@@ -15,8 +15,8 @@ from crosscheck.equivalence.matching.costs import Costs
 from crosscheck.equivalence.matching.laid_on import compute_subtree_cost, join_fixed_links
 from crosscheck.equivalence.matching.match import ALMOST, match_by_name
 from crosscheck.equivalence.tree import build_tree
-from crosscheck.lifting.assembly import depth_first
-from crosscheck.lifting.rigid import inverse, moved, on
+from crosscheck.lifting.assembly import list_depth_first
+from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Link, Mechanism, Placement
 
 TURNED = (
@@ -138,16 +138,16 @@ def _move_root(mechanism: Mechanism, base: Joint, way: list[Joint]) -> Mechanism
     back = {joint.parent: inverse(joint.placement) for joint in way}
     pose = base.placement
     for joint in way:
-        pose = on(pose, joint.placement)
+        pose = apply_placement(pose, joint.placement)
     turned = {id(joint): made for joint, made in zip(way, _list_reversed_joints(way, back), strict=True)}
     joints = [replace(base, child=way[-1].child, placement=pose)]
     for joint in mechanism.joints:
         if joint is not base:
-            at = on(back.get(joint.parent, Placement()), joint.placement)
+            at = apply_placement(back.get(joint.parent, Placement()), joint.placement)
             joints.append(turned.get(id(joint)) or replace(joint, placement=at))
     ends = ((one, _end(one.first, back), _end(one.second, back)) for one in mechanism.closures)
     return replace(
-        mechanism, links=tuple(_list_moved_links(mechanism.links, back)), joints=depth_first(joints),
+        mechanism, links=tuple(_list_moved_links(mechanism.links, back)), joints=list_depth_first(joints),
         closures=tuple(replace(one, first=a, second=b) for one, a, b in ends), springs=(), forces=(),
     )  # fmt: skip
 
@@ -161,10 +161,12 @@ def _list_reversed_joints(way: list[Joint], back: Mapping[str, Placement]) -> It
 def _list_moved_links(links: Iterable[Link], back: Mapping[str, Placement]) -> Iterator[Link]:
     for link in links:
         at = back.get(link.name)
-        bodies = link.bodies if at is None else tuple(replace(b, inertia=moved(at, b.inertia)) for b in link.bodies)
+        bodies = (
+            link.bodies if at is None else tuple(replace(b, inertia=move_inertia(at, b.inertia)) for b in link.bodies)
+        )
         yield replace(link, bodies=bodies)
 
 
 def _end(end: Attachment, back: Mapping[str, Placement]) -> Attachment:
     at = back.get(end.link)
-    return end if at is None else replace(end, placement=on(at, end.placement))
+    return end if at is None else replace(end, placement=apply_placement(at, end.placement))

@@ -19,8 +19,8 @@ from crosscheck.equivalence.judge import Judged
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.rigid import inverse, moved, quaternion
-from crosscheck.linting.bodies import Stated, body_findings
+from crosscheck.lifting.rigid import convert_to_quaternion, inverse, move_inertia
+from crosscheck.linting.bodies import Stated, check_bodies
 from flexinv.model.mechanism import WORLD, Placement
 
 SIGN_ALONE = f"{SIGN} alone"  # where the limits of both files are the same numbers
@@ -117,7 +117,7 @@ TENSOR = {
 BEAMS = [cause for cause, words in TOML.items() if words.startswith("[sections")]
 # An entry of a tensor in the format's words: name, number.
 ENTRY = {"urdf": '{}="{}"', "mjcf": "{1}", "sdf": "<{0}>{1}</{0}>", "toml": "{0} = {1}"}
-# By cause what `body_findings` says of it.
+# By cause what `check_bodies` says of it.
 CHECKS = {
     "mass": {"mass", "left and right"},
     "centre of mass": {"com", "left and right"},
@@ -228,7 +228,7 @@ def _collect_odd_numbers(description: Description) -> dict[str, list[tuple[str, 
     }
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
     found: dict[str, list[tuple[str, str]]] = {}
-    for one in body_findings(links, float(sum(lengths[-6:])) or 1.0):
+    for one in check_bodies(links, float(sum(lengths[-6:])) or 1.0):
         for name in one.place.partition(" ")[2].split(", "):
             found.setdefault(name, []).append((one.check, f"{one.given}: {one.why}"))
     return found
@@ -263,7 +263,7 @@ def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -
     members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
     names = _names(difference, members, seat)
     values = difference.second, difference.first
-    wholes = moved(seat.frame, members[1].inertia), moved(inverse(seat.frame), members[0].inertia)
+    wholes = move_inertia(seat.frame, members[1].inertia), move_inertia(inverse(seat.frame), members[0].inertia)
     for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
         head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
         if _has_reframed_link(sides, seat) and n:
@@ -283,7 +283,7 @@ def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -
 def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned) -> tuple[str, str]:
     """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
-    parts = dict(members[0].parts), {own: moved(seat.frame, body) for own, body in members[1].parts}
+    parts = dict(members[0].parts), {own: move_inertia(seat.frame, body) for own, body in members[1].parts}
     # The difference was found of a body of A where it changes that part, and of one of B where it changes the whole.
     mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
     rest = join_bodies(body for own, body in parts[mine].items() if own != name)
@@ -298,7 +298,7 @@ def _describe_base_change(difference: Difference, sides: Sides) -> Iterator[str]
     for description, side, other, frame in zip(sides.descriptions, "AB", "BA", (motion, inverse(motion)), strict=True):
         root = next((joint.child for joint in description.mechanism.joints if joint.parent == WORLD), "")
         if words := STANDS.get(description.format, ""):
-            x, y, z, w = quaternion(frame.rotation)
+            x, y, z, w = convert_to_quaternion(frame.rotation)
             turns = {
                 "rpy": format_vector(np.array(compute_roll_pitch_yaw(frame.rotation))),
                 "quat": format_vector(np.array([w, x, y, z])),
@@ -366,7 +366,7 @@ def _convert_values(difference: Difference, both: tuple[Member, Member, Aligned]
     one, _, seat = both
     cause = difference.cause
     back = inverse(seat.frame)
-    there = moved(back, one.inertia)
+    there = move_inertia(back, one.inertia)
     if cause == "centre of mass":
         return difference.second, format_vector(there.com)
     if cause == "inertia tensor":

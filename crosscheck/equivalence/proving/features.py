@@ -25,7 +25,7 @@ from crosscheck.equivalence.proof import evaluate_reader_efforts, list_feature_n
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
-from crosscheck.lifting.rigid import inverse, on
+from crosscheck.lifting.rigid import apply_placement, inverse
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Placement
 
@@ -137,7 +137,7 @@ def _map_to_first(added: Added, ground: Ground, number: int) -> Added:
 def _apply_start_poses(states: States, starts: Mapping[str, Placement]) -> States:
     """States whose floating joints count from another pose."""
     poses = {
-        joint: [on(starts[joint], one) for one in own] if joint in starts else own
+        joint: [apply_placement(starts[joint], one) for one in own] if joint in starts else own
         for joint, own in states.poses.items()
     }
     return replace(states, poses=poses)
@@ -146,7 +146,7 @@ def _apply_start_poses(states: States, starts: Mapping[str, Placement]) -> State
 def find_start_poses(tree: Tree, changed: Tree) -> dict[str, Placement]:
     """Return by floating joint how its pose at zero in a changed tree stands in that of the tree [m]."""
     return {
-        joint: on(inverse(tree.members[k].placement), changed.members[k].placement)
+        joint: apply_placement(inverse(tree.members[k].placement), changed.members[k].placement)
         for joint, k in tree.moving.items()
         if tree.members[k].kind == "free"
     }

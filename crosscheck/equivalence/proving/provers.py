@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from crosscheck.doors.packages import installed
+from crosscheck.doors.packages import list_installed_engines
 from crosscheck.engines import ENGINES, describe_missing_package, resolve_adapter
 from crosscheck.engines.base import offered
 from crosscheck.lifting.description import Description
@@ -85,7 +85,7 @@ class Joined:
 
 def _list_offering_engines(kind: str) -> Iterator[tuple[str, Any]]:
     """Yield engines that read a format and offer the dynamics of their model of it, those first that most use."""
-    engines = {**ENGINES, **installed()}
+    engines = {**ENGINES, **list_installed_engines()}
     names = [*FIRST, *(name for name in engines if name not in FIRST and "-" not in name)]
     for name in names:
         if (

@@ -45,7 +45,7 @@ def agrees(mechanism: Mechanism, case: Case, tmp_path: Path) -> None:
 
 def same(mechanism: Mechanism, case: Case, file: Path) -> None:
     """The torques of an FMU at a case are those of the reference."""
-    theirs = fmu.opened("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
+    theirs = fmu.open_adapter("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
     ours = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
     size = max(float(np.ptp(s.values)) for s in ours.series.values() if s.quantity == "torque")
     for name, one in theirs.series.items():
@@ -109,7 +109,7 @@ def test_a_loop_that_cannot_close_is_an_error_and_no_number(tmp_path: Path) -> N
     (tmp_path / "kit" / "case.json").write_text(json.dumps(said))
     file = make_fmu.make(tmp_path / "kit", tmp_path / "plant.fmu")
     with pytest.raises(Exception, match="fmi2GetReal"):
-        fmu.opened("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
+        fmu.open_adapter("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
 
 
 @compiled

@@ -17,7 +17,7 @@ from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, choose_causes,
 from crosscheck.causes.pairs import AND, find_pairs
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.measures.record import Record, load, save
+from crosscheck.measures.record import Record, read_record, save
 from crosscheck.run.child import make_certificate
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -42,7 +42,7 @@ def records(folder: Path, mechanism: str, case: str, cause: str, target: str, si
 
 
 def torques_apart(asked: dict[str, str]) -> float:
-    one, other = (load(Path(asked[name])) for name in ("ours", "theirs"))
+    one, other = (read_record(Path(asked[name])) for name in ("ours", "theirs"))
     names = [n for n, s in one.series.items() if s.quantity == "torque"]
     return max(float(np.abs(one.series[n].values - other.series[n].values).max()) for n in names)
 
@@ -68,7 +68,7 @@ def test_tips_that_no_mechanism_has_are_unknown(tmp_path: Path) -> None:
     """A tip that swings at a rhythm of its own; and where nothing differs nothing is asked."""
     asked = records(tmp_path, "rigid_one_link", "cycloid", "joint misplaced", "hub", [0.0, 0.0, 0.0])
     assert diagnose(**asked)["words"].startswith("the difference is inside the error bars")
-    given: Record = load(tmp_path / "pinocchio")
+    given: Record = read_record(tmp_path / "pinocchio")
     swung = {
         n: replace(s, values=s.values + 0.01 * np.sin(40 * given.time)) if s.quantity == "tip" else s
         for n, s in given.series.items()

@@ -105,7 +105,7 @@ def test_a_rung_whose_reference_was_interrupted_is_not_finished_and_a_failure_st
     cut = Results("", message="interrupted", cases=(CaseRow(*here),), runs=(mine, ours), comparisons=(row,))
 
     def said(results: Results) -> str:
-        (rung,) = (one for one in ladder.rungs(results, "mine") if one.name == "loop")
+        (rung,) = (one for one in ladder.list_rungs(results, "mine") if one.name == "loop")
         return rung.message
 
     assert (
@@ -117,9 +117,9 @@ def test_a_rung_whose_reference_was_interrupted_is_not_finished_and_a_failure_st
 
 
 def test_a_seed_changes_every_rung_and_keeps_what_has_to_stay(tmp_path: Path) -> None:
-    blind.written(ladder.FOLDER, tmp_path / "a", 1)
-    blind.written(ladder.FOLDER, tmp_path / "b", 1)
-    blind.written(ladder.FOLDER, tmp_path / "c", 2)
+    blind.write_blind_models(ladder.FOLDER, tmp_path / "a", 1)
+    blind.write_blind_models(ladder.FOLDER, tmp_path / "b", 1)
+    blind.write_blind_models(ladder.FOLDER, tmp_path / "c", 2)
     for name in ladder.RUNGS:
         texts = [(tmp_path / x / name / "mechanism.toml").read_text() for x in "abc"]
         assert texts[0] == texts[1] != texts[2]
@@ -136,4 +136,4 @@ def test_a_seed_changes_every_rung_and_keeps_what_has_to_stay(tmp_path: Path) ->
 
 def test_a_table_reads_the_same_after_it_was_written() -> None:
     plain = {"a b": 1.5, "c": {"d": [1, 2.5, [3.0]], "e": 'x "y" \\ ü\n', "f": True}, "g": [{"h": 1}], "i": {}}
-    assert tomllib.loads(blind.toml(plain)) == plain
+    assert tomllib.loads(blind.format_toml(plain)) == plain

@@ -30,7 +30,7 @@ def climbed(engine: str, message: str, verdict: str) -> Results:
     ],
 )
 def test_who_explains_a_rung(engine: str, message: str, verdict: str, expected: str) -> None:
-    said = study.tables(climbed(engine, message, verdict), (engine,))
+    said = study.make_tables(climbed(engine, message, verdict), (engine,))
     (row,), ((rung,),) = said["rows"], [table["rows"] for table in said["tables"]]
     assert rung["verdict"] == expected
     assert row["verdict"] == expected
@@ -38,4 +38,4 @@ def test_who_explains_a_rung(engine: str, message: str, verdict: str, expected: 
 
 
 def test_without_engines_there_is_no_table() -> None:
-    assert study.tables(climbed("mujoco", "", "within"), ())["status"] == "skipped"
+    assert study.make_tables(climbed("mujoco", "", "within"), ())["status"] == "skipped"

@@ -33,7 +33,7 @@ from crosscheck.corpus.intervals import (
 from crosscheck.corpus.notes import CorpusTable, EngineNote, PublishedValue, check_published, read_notes
 from crosscheck.corpus.published import compare_published
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.measures.budget import UNORDERED, stated
+from crosscheck.measures.budget import UNORDERED, apply_stated_bars
 from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task, discover
@@ -151,7 +151,7 @@ def test_a_bar_that_is_none_takes_no_part(task: Task, bad: Mapping[str, float], 
 
 
 def test_a_bar_that_an_engine_states_by_itself_takes_no_part(task: Task) -> None:
-    case, one = found(task, panel("a", "b"), record(task, "a"), stated(record(task, "b")))
+    case, one = found(task, panel("a", "b"), record(task, "a"), apply_stated_bars(record(task, "b")))
     assert case.status == SINGLE
     assert "no refinement that was asked for shows it" in one.voices[1].reason
 

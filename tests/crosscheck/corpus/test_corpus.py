@@ -16,7 +16,7 @@ from crosscheck.cli import main
 from crosscheck.corpus.audit import Audited, collect_by_class, is_target_met
 from crosscheck.corpus.folder import MANIFEST, compute_digest
 from crosscheck.corpus.judging import judge_answers, read_manifest
-from crosscheck.measures.series_csv import read, table
+from crosscheck.measures.series_csv import read, write_table
 from crosscheck.verdicts.plan import discover
 from flexinv.errors import InputError
 
@@ -68,7 +68,7 @@ def models(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     qdd = task.case.motion.evaluate(task.mechanism, task.time)[2]
     record = folder / "rigid_one_link" / "records" / "formula" / "cycloid"
     record.mkdir(parents=True)
-    table(record / "series.csv", ["time [s]", "torque/hub [N m]"], np.column_stack([task.time, about_hub * qdd]))
+    write_table(record / "series.csv", ["time [s]", "torque/hub [N m]"], np.column_stack([task.time, about_hub * qdd]))
     return folder
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import rogue_program
 
-from crosscheck.doors.command import environment
+from crosscheck.doors.command import make_environment
 from crosscheck.doors.registry import COMMAND, RECORD
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.kit.write import write
@@ -213,10 +213,10 @@ def test_nothing_of_ours_is_in_reach_in_a_blind_round(
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(root))
     monkeypatch.setenv("PROJECT", str(root / "models"))
-    seen = environment(tmp_path)
+    seen = make_environment(tmp_path)
     assert not [name for name, value in seen.items() if str(root) in value and name != "PATH"]
     assert seen["PYTHONPATH"] == str(tmp_path / "hidden")
-    assert str(root) not in environment().get("PYTHONPATH", "")
+    assert str(root) not in make_environment().get("PYTHONPATH", "")
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import flexinv
 from crosscheck.commands.shared.options import Asked
 from crosscheck.doors import fmu, registry
-from crosscheck.doors.fmu_replay import ForwardFmu, tips_of
+from crosscheck.doors.fmu_replay import ForwardFmu, compute_tips
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.shared.replay import Drive
 from crosscheck.studies import STUDIES, feedforward
@@ -33,7 +33,7 @@ def arm(root: Path) -> Task:
 
 
 def opened(file: Path, **settings: Any) -> ForwardFmu:
-    found = fmu.opened("plant", "models/rigid_3r", {"fmu": str(file), "cases": ["*"], **settings})
+    found = fmu.open_adapter("plant", "models/rigid_3r", {"fmu": str(file), "cases": ["*"], **settings})
     assert isinstance(found, ForwardFmu)
     return found
 
@@ -43,7 +43,7 @@ def drive(task: Task, spacing: float) -> tuple[Drive, dict[str, Array]]:
     time = np.arange(round(task.case.end / spacing) + 1) * spacing
     q, qd, qdd = task.case.motion.evaluate(task.mechanism, time)
     torque = flexinv.joint_torques(task.mechanism, q, qd, qdd)
-    tips = [tips_of(task.mechanism, row) for row in q]
+    tips = [compute_tips(task.mechanism, row) for row in q]
     wanted = {link.name: np.array([at[link.name] for at in tips]) for link in task.mechanism.links}
     return Drive(q[0], spacing, np.asarray(torque)[:, task.mechanism.actuated]), wanted
 
@@ -55,7 +55,7 @@ def test_tips_are_those_of_the_reference(root: Path, case: str) -> None:
     record = adapter(ENGINES["flexinv"]).run(task.mechanism, task.case, "flexinv", {"error": False})
     q = task.case.motion.evaluate(task.mechanism, record.time)[0]
     for k in range(0, len(q), 20):
-        for name, place in tips_of(task.mechanism, q[k]).items():
+        for name, place in compute_tips(task.mechanism, q[k]).items():
             theirs = [record.series[f"tip/{name}/{axis}"].values[k] for axis in "xyz"]
             np.testing.assert_allclose(place, theirs, rtol=0, atol=1e-13)
 
@@ -192,7 +192,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
 def config(folder: Path, stated: str) -> registry.Doors:
     (folder / "models").mkdir(exist_ok=True)
     (folder / "crosscheck.toml").write_text(f'[engines.plants]\nfmu = "{stated}"\n')
-    return registry.doors(folder / "models")
+    return registry.collect_doors(folder / "models")
 
 
 def test_the_fmus_of_many_mechanisms_are_one_engine(tmp_path: Path) -> None:
@@ -205,9 +205,12 @@ def test_the_fmus_of_many_mechanisms_are_one_engine(tmp_path: Path) -> None:
     assert (
         first.programs[0].trusted_parts != second.programs[0].trusted_parts
     )  # another program: trust is asked for again
-    stamps = {registry.stamp(second.engines["plants"], tmp_path / "models" / name) for name in ("arm", "leg", "none")}
+    stamps = {
+        registry.compute_answer_digest(second.engines["plants"], tmp_path / "models" / name)
+        for name in ("arm", "leg", "none")
+    }
     assert len(stamps) == 3
-    none = fmu.opened("plants", str(tmp_path / "models" / "none"), second.engines["plants"].settings or {})
+    none = fmu.open_adapter("plants", str(tmp_path / "models" / "none"), second.engines["plants"].settings or {})
     assert isinstance(none, fmu.Fmu)
     assert none.version() == ""
 
@@ -221,5 +224,5 @@ def test_files_elsewhere_are_refused(tmp_path: Path, stated: str) -> None:
 
 
 def test_a_mechanism_without_an_fmu_is_skipped(arm: Task, tmp_path: Path) -> None:
-    none = fmu.opened("plants", "models/rigid_3r", {"fmu": str(tmp_path / "{mechanism}.fmu"), "cases": ["*"]})
+    none = fmu.open_adapter("plants", "models/rigid_3r", {"fmu": str(tmp_path / "{mechanism}.fmu"), "cases": ["*"]})
     assert none.unsupported(arm.mechanism, arm.case, "plants") == "there is no FMU rigid_3r.fmu"

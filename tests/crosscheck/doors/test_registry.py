@@ -18,7 +18,7 @@ from crosscheck_examples import write_models
 from crosscheck.causes.dictionary import DICTIONARY, collect_causes
 from crosscheck.cli import main
 from crosscheck.doors import config, packages, trust
-from crosscheck.doors.registry import Doors, doors, stamp
+from crosscheck.doors.registry import Doors, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import MEMBERS, offered
 from crosscheck.verdicts.results import Results, read
@@ -64,14 +64,16 @@ def test_a_file_is_found_above_the_models_up_to_the_repository(tmp_path: Path) -
     models = tmp_path / "a" / "b" / "models"
     models.mkdir(parents=True)
     (tmp_path / "crosscheck.toml").touch()
-    assert config.found(models) is None  # neither a repository nor the home folder: the folder above the models alone
+    assert (
+        config.find_config(models) is None
+    )  # neither a repository nor the home folder: the folder above the models alone
     (tmp_path / ".git").mkdir()
-    assert config.found(models) == tmp_path / "crosscheck.toml"
+    assert config.find_config(models) == tmp_path / "crosscheck.toml"
     (tmp_path / "a" / ".git").mkdir()
-    assert config.found(models) is None
+    assert config.find_config(models) is None
     (tmp_path / "a" / "b" / "crosscheck.toml").touch()
-    assert config.found(models) == tmp_path / "a" / "b" / "crosscheck.toml"
-    assert config.found(models, tmp_path / "crosscheck.toml") == tmp_path / "crosscheck.toml"
+    assert config.find_config(models) == tmp_path / "a" / "b" / "crosscheck.toml"
+    assert config.find_config(models, tmp_path / "crosscheck.toml") == tmp_path / "crosscheck.toml"
 
 
 @pytest.mark.parametrize("place", ["crosscheck.toml", "arm/crosscheck.toml", "arm/records/mine/crosscheck.toml"])
@@ -80,9 +82,9 @@ def test_a_command_in_models_is_refused(tmp_path: Path, place: str) -> None:
     file.parent.mkdir(parents=True)
     file.write_text(PROGRAM)
     with pytest.raises(InputError, match="a folder of models is data and names no programs"):
-        config.found(tmp_path / "models")
+        config.find_config(tmp_path / "models")
     with pytest.raises(InputError, match="a folder of models is data"):
-        config.found(tmp_path / "models", file)
+        config.find_config(tmp_path / "models", file)
 
 
 def test_a_file_of_somebody_else_is_refused(tmp_path: Path) -> None:
@@ -91,13 +93,13 @@ def test_a_file_of_somebody_else_is_refused(tmp_path: Path) -> None:
     file.write_text(PROGRAM)
     file.chmod(0o666)
     with pytest.raises(InputError, match="everybody may write it"):
-        config.found(tmp_path / "models")
+        config.find_config(tmp_path / "models")
     file.chmod(0o644)
     if os.getuid() != 0:
         pytest.skip("only root can give a file to another user")
     os.chown(file, 12345, -1)
     with pytest.raises(InputError, match="belongs to another user"):
-        config.found(tmp_path / "models")
+        config.find_config(tmp_path / "models")
 
 
 @pytest.mark.parametrize(
@@ -135,14 +137,14 @@ def test_a_new_or_changed_program_is_run_only_when_it_is_trusted(project: Path) 
     assert not (project / "reports").exists()
     assert call("run", "--engines", "flexinv,pinocchio", "--studies", "").exit_code == 0  # it is not asked
     assert call("trust", "--yes").exit_code == 0
-    known = doors(project / "models")
+    known = collect_doors(project / "models")
     lines: list[str] = []
-    known.admit(["mine"], False, lines.append)
+    known.check_trust(["mine"], False, lines.append)
     assert "rigid.py" in lines[0]
     file.write_text(PROGRAM.replace("rigid.py", "./rigid.py"))
     with pytest.raises(InputError, match="new or has changed"):
-        doors(project / "models").admit(["mine"], False, lines.append)
-    doors(project / "models").admit(["mine"], True, lines.append)  # in CI
+        collect_doors(project / "models").check_trust(["mine"], False, lines.append)
+    collect_doors(project / "models").check_trust(["mine"], True, lines.append)  # in CI
 
 
 @pytest.mark.parametrize("command", ["python scripts/mine.py {kit} {out}", "python -m scripts.mine {kit} {out}"])
@@ -153,25 +155,25 @@ def test_a_changed_file_of_a_program_is_named_and_not_run(project: Path, command
     (project / "scripts" / "parts" / "torque.py").write_text("factor = 1.0\n")
     (project / "crosscheck.toml").write_text(f"[engines.mine]\ncommand = {command.split()}\n")
     assert call("trust", "--yes").exit_code == 0
-    trusting = doors(project / "models")
-    trusting.admit(["mine"], False, lambda line: None)
+    trusting = collect_doors(project / "models")
+    trusting.check_trust(["mine"], False, lambda line: None)
     (project / "scripts" / "__pycache__").mkdir()
     (project / "scripts" / "__pycache__" / "mine.pyc").write_text("compiled")
     (project / "scripts" / "history.sqlite").write_text("a night")
-    doors(project / "models").admit(["mine"], False, lambda line: None)
+    collect_doors(project / "models").check_trust(["mine"], False, lambda line: None)
     (project / "scripts" / "parts" / "torque.py").write_text("factor = 2.0\n")
     (project / "scripts" / "new.py").write_text("")
     words = r"mine, which has changed \(scripts/new.py is new, scripts/parts/torque.py has changed\): it runs"
     with pytest.raises(InputError, match=words):
-        doors(project / "models").admit(["mine"], False, lambda line: None)
-    doors(project / "models").admit(["mine"], True, lambda line: None)  # in CI
+        collect_doors(project / "models").check_trust(["mine"], False, lambda line: None)
+    collect_doors(project / "models").check_trust(["mine"], True, lambda line: None)  # in CI
 
 
 def test_a_program_beside_the_settings_is_trusted_with_its_folder_but_not_with_models(project: Path) -> None:
     (project / "crosscheck.toml").write_text(PROGRAM)
     assert "with 1 files of this project: rigid.py" in call("trust", "--yes").output
     (project / "models" / "double_pendulum" / "cases.toml").write_text("")
-    doors(project / "models").admit(["mine"], False, lambda line: None)
+    collect_doors(project / "models").check_trust(["mine"], False, lambda line: None)
 
 
 def test_a_program_among_too_many_files_has_to_have_its_own_folder(
@@ -181,18 +183,18 @@ def test_a_program_among_too_many_files_has_to_have_its_own_folder(
     (project / "crosscheck.toml").write_text(PROGRAM)
     (project / "other.py").write_text("")
     with pytest.raises(InputError, match="move the program into a folder of its own"):
-        doors(project / "models")
+        collect_doors(project / "models")
 
 
 def test_trust_is_asked_for_and_remembered_beside_others(project: Path) -> None:
     (project / "crosscheck.toml").write_text(PROGRAM)
     assert CliRunner().invoke(main, ["trust"], input="n\n").exit_code == 2
-    assert not trust.store().exists()
-    trust.trust(project / "other.toml", {"x": {"": "1"}})
+    assert not trust.find_store().exists()
+    trust.write_trusted_parts(project / "other.toml", {"x": {"": "1"}})
     assert CliRunner().invoke(main, ["trust"], input="y\n").exit_code == 0
-    assert set(trust.known()) == {str(project / "other.toml"), str(project / "crosscheck.toml")}
-    trust.store().write_text("[")
-    assert trust.known() == {}
+    assert set(trust.read_store()) == {str(project / "other.toml"), str(project / "crosscheck.toml")}
+    trust.find_store().write_text("[")
+    assert trust.read_store() == {}
 
 
 def test_there_may_be_nothing_to_trust(project: Path) -> None:
@@ -250,15 +252,15 @@ def test_a_record_is_judged_and_diagnosed_from_its_csv_alone(project: Path) -> N
     assert found.repaired is not None
     assert found.repaired < 1e-9
     assert any("inertia" in str(one["cause"]) for one in found.named)
-    before = stamp(doors(project / "models").engines["simscape"], out.parents[2])
+    before = compute_answer_digest(collect_doors(project / "models").engines["simscape"], out.parents[2])
     (out / "meta.json").write_text("{}")
-    assert stamp(doors(project / "models").engines["simscape"], out.parents[2]) != before
+    assert compute_answer_digest(collect_doors(project / "models").engines["simscape"], out.parents[2]) != before
 
 
 def test_records_are_found_by_case_and_by_what_they_say(project: Path) -> None:
     folder = project / "models" / "double_pendulum"
     (folder / "records" / "adams").mkdir(parents=True)
-    job = {**doors(project / "models").engines["adams"].door, "engine": "adams", "mechanism": str(folder)}
+    job = {**collect_doors(project / "models").engines["adams"].door, "engine": "adams", "mechanism": str(folder)}
     from crosscheck.verdicts.plan import discover
 
     task = discover(project / "models").tasks[0]
@@ -273,7 +275,7 @@ def test_records_are_found_by_case_and_by_what_they_say(project: Path) -> None:
         asked()
     (folder / "records" / "a b").mkdir()
     with pytest.raises(InputError, match="an engine called 'a b'"):
-        doors(project / "models")
+        collect_doors(project / "models")
 
 
 @pytest.mark.slow
@@ -320,7 +322,7 @@ def test_an_installed_package_brings_engines_and_causes(tmp_path: Path, monkeypa
         "from crosscheck.causes.dictionary import DICTIONARY\n"
         "ROWS = [replace(DICTIONARY['viscous damping'], name='a guest of a cause')]\nBAD = [3]\n"
     )
-    found = packages.installed()
+    found = packages.list_installed_engines()
     assert found["guest"].module == "rogue_engines"
     assert adapter(found["guest"]).version() == "0.rogue"
     with pytest.warns(UserWarning, match="package guest: no causes at guest_causes:BAD"):
@@ -331,7 +333,7 @@ def test_an_installed_package_brings_engines_and_causes(tmp_path: Path, monkeypa
 def test_a_package_takes_no_name_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Points(tmp_path, monkeypatch, "[crosscheck.engines]\nmujoco = rogue_engines\n")
     with pytest.raises(InputError, match="package guest: an engine is called 'mujoco', which is taken"):
-        packages.installed()
+        packages.list_installed_engines()
 
 
 def test_our_engines_come_through_the_same_door(root: Path) -> None:
@@ -353,7 +355,7 @@ def test_our_adapters_name_what_they_offer(name: str) -> None:
 
 
 def test_without_doors_nothing_changes(root: Path) -> None:
-    known = doors(root / "models")
+    known = collect_doors(root / "models")
     assert isinstance(known, Doors)
-    assert dict(known.engines) == {**ENGINES, **packages.installed()}
-    assert stamp(ENGINES["pinocchio"], root / "models" / "ur5") == ""
+    assert dict(known.engines) == {**ENGINES, **packages.list_installed_engines()}
+    assert compute_answer_digest(ENGINES["pinocchio"], root / "models" / "ur5") == ""

@@ -13,7 +13,7 @@ from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED
 from crosscheck.equivalence.sources import describe
 from crosscheck.equivalence.tree import join_bodies
-from crosscheck.lifting.rigid import moved
+from crosscheck.lifting.rigid import move_inertia
 from flexinv.model.mechanism import Inertia, Placement
 
 # A finger at the end of two links; its tensor is round about its joint's axis, and nothing hangs on it.
@@ -116,7 +116,7 @@ def capped(folder: Path, name: str, com: tuple[float, float, float], merged: boo
     tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
     lower = Inertia(2.0, np.array(com), tensor)
     seat = Placement(np.array([float(x) for x in PLACE.split()]))
-    parts = [text_of("lower", join_bodies([lower, moved(seat, cap)]) if merged else lower)]
+    parts = [text_of("lower", join_bodies([lower, move_inertia(seat, cap)]) if merged else lower)]
     if not merged:
         parts += [text_of("cap", cap), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
         parts += [f'<origin xyz="{PLACE}"/></joint>']

@@ -139,7 +139,7 @@ def both(folder: Path, before: str = "", after: str = "") -> tuple[Path, Path]:
 
 
 def test_without_a_reader_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "reads_usd", lambda: False)
+    monkeypatch.setattr(sources, "can_read_usd", lambda: False)
     with pytest.raises(InputError, match="python -m pip install usd-core"):
         describe(both(tmp_path)[1])
     (tmp_path / "arm.sdf").write_text("<sdf version='1.9'/>")

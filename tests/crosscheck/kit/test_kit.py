@@ -17,8 +17,8 @@ from packaging.version import Version
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.kit import schemas
-from crosscheck.kit.answer import answered
-from crosscheck.kit.resolved import case_file
+from crosscheck.kit.answer import read_answer
+from crosscheck.kit.resolved import build_case_file
 from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
 from crosscheck.kit.write import write
 from crosscheck.measures.certificate import certificate, checks
@@ -69,7 +69,7 @@ def test_a_kit_is_enough_for_numpy_alone(
 ) -> None:
     folder, task = kit(root, tmp_path, name, case), one(root, name, case)
     ask(program, folder, tmp_path / "out")
-    theirs = answered(tmp_path / "out", task.mechanism, task.case, "numpy")
+    theirs = read_answer(tmp_path / "out", task.mechanism, task.case, "numpy")
     ours = read(folder / "expected" / "series.csv")[1]
     torques = [n for n in ours if n.startswith("torque/")]
     size = max(float(np.ptp(ours[n].values)) for n in torques)
@@ -86,7 +86,7 @@ def test_a_kit_is_enough_for_numpy_alone(
 def test_the_sign_of_an_axial_force_is_the_one_that_the_kit_states(root: Path) -> None:
     """A beam that spins fast is pulled outward: its joint pulls it inward, against x."""
     task = one(root, "flex_one_link", "cycloid")
-    (asked,) = [one for one in case_file(task.mechanism, task.case).case.asked if one.quantity == "axial"]
+    (asked,) = [one for one in build_case_file(task.mechanism, task.case).case.asked if one.quantity == "axial"]
     assert asked.meaning.endswith("below 0 where the beam is pulled outward")
     record = adapter(ENGINES["flexinv"]).run(task.mechanism, task.case, "flexinv", {"error": False})
     fastest = int(np.argmin(np.abs(record.time - 0.1)))
@@ -117,14 +117,14 @@ def test_every_case_of_every_mechanism_has_a_kit(root: Path) -> None:
     for folder in sorted(f.parent for f in (root / "models").glob("*/mechanism.toml")):
         mechanism = load_mechanism(folder)
         for case in load_cases(folder, mechanism).values():
-            file = case_file(mechanism, case)
+            file = build_case_file(mechanism, case)
             assert CaseFile.model_validate_json(file.model_dump_json()) == file
             assert sum(len(j.q) for j in file.mechanism.joints) == mechanism.nq == len(file.case.coordinates)
-            assert case_file(mechanism, case, 2).digest != file.digest
+            assert build_case_file(mechanism, case, 2).digest != file.digest
 
 
 def test_a_mechanism_says_the_same_in_its_kit(root: Path) -> None:
-    data = case_file(*_pair(root, "ur5_flexible_forearm")).mechanism
+    data = build_case_file(*_pair(root, "ur5_flexible_forearm")).mechanism
     mechanism = load_mechanism(root / "models" / "ur5_flexible_forearm")
     for link, said in zip(mechanism.links, data.links, strict=True):
         assert [b.mass for b in said.bodies] == [b.inertia.mass for b in link.bodies]
@@ -145,9 +145,9 @@ def _pair(root: Path, name: str) -> tuple[Any, Any]:
 )
 @pytest.mark.parametrize("name", schemas.NAMES)
 def test_the_shipped_schemas_are_those_of_the_tables(name: str) -> None:
-    assert schemas.shipped(name) == schemas.text(name)  # else: crosscheck/kit/schema/ is to be written anew
+    assert schemas.read_schema(name) == schemas.write_schema(name)  # else: crosscheck/kit/schema/ is to be written anew
     done = CliRunner().invoke(main, ["schema", name])
-    assert (done.exit_code, done.output) == (0, schemas.text(name))
+    assert (done.exit_code, done.output) == (0, schemas.write_schema(name))
 
 
 def test_schemas_are_written_and_know_the_keys(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_wrong_answer_is_refused_in_words(root: Path, tmp_path: Path, complain
             content = "\n".join([header, *rows])
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError) as caught:
-        answered(tmp_path, task.mechanism, task.case, "they")
+        read_answer(tmp_path, task.mechanism, task.case, "they")
     assert complaint in str(caught.value)
 
 
@@ -218,7 +218,7 @@ def _answer(task: Task, folder: Path, change: Any = None) -> Path:
 def test_wrong_rows_are_refused_in_words(root: Path, tmp_path: Path, change: Any, complaint: str) -> None:
     task = one(root, "double_pendulum", "swing")
     with pytest.raises(InputError) as caught:
-        answered(_answer(task, tmp_path / "out", change), task.mechanism, task.case, "they")
+        read_answer(_answer(task, tmp_path / "out", change), task.mechanism, task.case, "they")
     assert complaint in str(caught.value)
 
 
@@ -228,7 +228,7 @@ def test_an_answer_is_not_followed_out_of_its_folder(root: Path, tmp_path: Path)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "series.csv").symlink_to(real / "series.csv")
     with pytest.raises(InputError, match="leads out of its folder"):
-        answered(tmp_path / "out", task.mechanism, task.case, "they")
+        read_answer(tmp_path / "out", task.mechanism, task.case, "they")
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_a_certificate_that_cannot_be_read_is_a_problem_in_words(
 ) -> None:
     task = one(root, "double_pendulum", "swing")
     (_answer(task, tmp_path / "out") / "certificate.json").write_text(text)
-    record = answered(tmp_path / "out", task.mechanism, task.case, "they")
+    record = read_answer(tmp_path / "out", task.mechanism, task.case, "they")
     assert record.status == "ok"
     if problem:
         assert problem in record.certificate["broken"]
@@ -257,7 +257,7 @@ def test_a_certificate_that_cannot_be_read_is_a_problem_in_words(
 def test_a_program_may_say_that_it_cannot(root: Path, tmp_path: Path) -> None:
     task = one(root, "double_pendulum", "swing")
     (tmp_path / "meta.json").write_text('{"skipped": "no pendulums", "tool": "they"}')
-    record = answered(tmp_path, task.mechanism, task.case, "they")
+    record = read_answer(tmp_path, task.mechanism, task.case, "they")
     assert (record.status, record.message) == ("skipped", "no pendulums")
 
 

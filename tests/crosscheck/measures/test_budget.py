@@ -10,8 +10,17 @@ import pytest
 
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.shared import rounding as rounding_bars
-from crosscheck.measures.budget import FORMAL, UNORDERED, Family, estimate, extrapolated, limit_of, no_order, with_bars
-from crosscheck.measures.metrics import sprague_geers
+from crosscheck.measures.budget import (
+    FORMAL,
+    UNORDERED,
+    Family,
+    add_error_bars,
+    compute_error_bar,
+    compute_extrapolated_bar,
+    compute_richardson_limit,
+    has_no_order,
+)
+from crosscheck.measures.metrics import compute_sprague_geers
 from crosscheck.measures.record import Record, series
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -31,7 +40,7 @@ def levels(order: float, size: float = 1e-2, count: int = 3) -> list[np.ndarray]
 def test_the_order_is_found_and_the_bar_is_the_error(order: float, value: int) -> None:
     """Up to order 2; of a higher one the bar believes 2 all the same: it is longer, by the extrapolation's own error."""
     runs = levels(order)
-    found = estimate(runs, value)
+    found = compute_error_bar(runs, value)
     assert found.how == "Richardson"
     assert found.order == pytest.approx(order, abs=1e-9)  # the error has one power of h, so only rounding is left
     error = np.abs(runs[value] - EXACT)
@@ -43,7 +52,7 @@ def test_the_order_is_found_and_the_bar_is_the_error(order: float, value: int) -
 def test_an_order_that_is_too_high_makes_no_short_bar() -> None:
     """A mesh error of order 5 covers a step error of order 2 in the first runs; the next run stays inside the bar."""
     runs = [EXACT + SHAPE * (1e-2 * h**5 + 1e-5 * h**2) for h in (1.0, 0.5, 0.25, 0.125)]
-    found = estimate(runs[:3])
+    found = compute_error_bar(runs[:3])
     assert found.order == pytest.approx(5.0, abs=0.2)
     assert found.order is not None
     assert (np.abs(runs[3] - runs[2]) <= found.bar).all()
@@ -57,42 +66,42 @@ def test_runs_that_do_not_converge_get_the_largest_difference() -> None:
     growing = levels(2.0)[::-1]
     noise = list(EXACT + 0.016 * np.random.default_rng(2).standard_normal((3, TIME.size)))
     for runs, how in ((swinging, "largest difference"), (slow, UNORDERED), (growing, UNORDERED), (noise, UNORDERED)):
-        found = estimate(runs)
+        found = compute_error_bar(runs)
         assert (found.how, found.order) == (how, None)
-        assert no_order({"how": {"step": found.how}}) == (how == UNORDERED)
+        assert has_no_order({"how": {"step": found.how}}) == (how == UNORDERED)
         assert found.bar.max() == pytest.approx(max(np.abs(runs[-1] - one).max() for one in runs))
 
 
 def test_rounding_has_no_order() -> None:
     noise = np.random.default_rng(0).standard_normal((3, TIME.size)) * 1e-15
-    assert estimate(list(EXACT + noise)).how == "rounding"
-    two = estimate(levels(2.0)[:2])
+    assert compute_error_bar(list(EXACT + noise)).how == "rounding"
+    two = compute_error_bar(levels(2.0)[:2])
     assert (two.order, two.how) == (None, "difference of two runs")
 
 
 def test_the_bar_of_an_extrapolated_result_covers_its_error_and_is_shorter_than_that_of_the_runs() -> None:
     runs = [EXACT + 1e-2 * SHAPE * (h**2 + 0.3 * h**4) for h in (1.0, 0.5, 0.25)]
-    found = extrapolated(runs)
+    found = compute_extrapolated_bar(runs)
     error = np.abs((4.0 * runs[2] - runs[1]) / 3.0 - EXACT)
     assert (found.bar >= error).all()
     assert found.bar.max() < np.abs(runs[1] - EXACT).max()
     coarse, fine = (a * 3 / 4 + 0.3 * b * 15 / 16 for a, b in ((1.0, 1.0), (1 / 4, 1 / 16)))  # |L1 - L0|, |L2 - L1|
     assert found.order == pytest.approx(np.log2(coarse / fine))
-    wild = extrapolated([EXACT + 1e-2 * SHAPE * s for s in (1.0, -0.5, 0.25)])
+    wild = compute_extrapolated_bar([EXACT + 1e-2 * SHAPE * s for s in (1.0, -0.5, 0.25)])
     assert wild.how == "largest difference"
 
 
 def test_families_add_up_and_a_family_that_is_missing_leaves_no_bar() -> None:
     made = [series("torque/j", "N m", run) for run in levels(2.0)]
-    both, lines = with_bars(made[0], [Family("step", made, 0), Family("mesh", made, 0)])
-    once, _ = with_bars(made[0], [Family("step", made, 0)])
+    both, lines = add_error_bars(made[0], [Family("step", made, 0), Family("mesh", made, 0)])
+    once, _ = add_error_bars(made[0], [Family("step", made, 0)])
     assert np.allclose(both["torque/j"].error, 2.0 * once["torque/j"].error)
     assert set(lines["torque/j"]["order"]) == {"step", "mesh"}
     assert lines["torque/j"]["peak_bar"] > 0.0
-    none, lines = with_bars(made[0], [Family("step", made, 0), Family("mesh", (made[0], {}, {}), 0)])
+    none, lines = add_error_bars(made[0], [Family("step", made, 0), Family("mesh", (made[0], {}, {}), 0)])
     assert none["torque/j"].error is None
     assert not lines
-    limit = limit_of(made)["torque/j"].values
+    limit = compute_richardson_limit(made)["torque/j"].values
     assert np.abs(limit - EXACT).max() < 1e-15  # the error is h^2 alone
 
 
@@ -160,17 +169,17 @@ def test_marches_have_bars_from_three_runs(root: Path, engine: str) -> None:
 def test_sprague_and_geers_tell_scale_from_shift() -> None:
     angle = 2.0 * np.pi * np.arange(1000) / 1000.0
     wave, shifted = np.sin(angle), np.sin(angle + 0.2)
-    scaled = sprague_geers(1.1 * wave, wave)
+    scaled = compute_sprague_geers(1.1 * wave, wave)
     assert scaled["magnitude"] == pytest.approx(0.1)
     assert scaled["phase"] == pytest.approx(0.0, abs=1e-12)
-    moved = sprague_geers(shifted, wave)
+    moved = compute_sprague_geers(shifted, wave)
     assert moved["magnitude"] == pytest.approx(0.0, abs=1e-12)
     assert moved["phase"] == pytest.approx(0.2 / np.pi)
-    assert sprague_geers(-wave, wave)["phase"] == pytest.approx(1.0)
-    both = sprague_geers(1.1 * shifted, wave)
+    assert compute_sprague_geers(-wave, wave)["phase"] == pytest.approx(1.0)
+    both = compute_sprague_geers(1.1 * shifted, wave)
     assert both["comprehensive"] == pytest.approx(np.hypot(0.1, 0.2 / np.pi))
-    assert sprague_geers(wave, 0.0 * wave) == {}
-    assert sprague_geers(np.full(3, np.nan), wave[:3]) == {}
+    assert compute_sprague_geers(wave, 0.0 * wave) == {}
+    assert compute_sprague_geers(np.full(3, np.nan), wave[:3]) == {}
 
 
 def test_a_record_with_bars_keeps_them(root: Path) -> None:

@@ -20,7 +20,7 @@ from crosscheck.causes.selftest import make_loose_closure
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
-from crosscheck.measures.certificate import Certificate, Check, certificate, checks, holds
+from crosscheck.measures.certificate import Certificate, Check, certificate, checks, is_certified
 from crosscheck.measures.record import Record
 from crosscheck.run.child import describe_supplied_data
 from crosscheck.verdicts.certificates import list_certificate_lines
@@ -57,7 +57,7 @@ def lines(place: str, engine: str, harmed: Subject | None = None) -> tuple[Check
 @pytest.mark.parametrize("place", ["double_pendulum/swing", "rigid_one_link/cycloid", "panda/pick", "talos_arm/wave"])
 def test_rigid_engines_have_the_same_mechanism(place: str, engine: str) -> None:
     found = lines(place, engine)
-    assert holds(found), [line for line in found if not line.holds]
+    assert is_certified(found), [line for line in found if not line.holds]
     assert {line.what for line in found} >= {
         "total mass",
         "joint-space mass matrix",
@@ -72,7 +72,7 @@ def test_rigid_engines_have_the_same_mechanism(place: str, engine: str) -> None:
 @pytest.mark.parametrize("place", ["four_bar/turn", "bricard/fold"])
 def test_closed_mechanisms_have_the_same_closures(place: str, engine: str) -> None:
     found = lines(place, engine)
-    assert holds(found), [line for line in found if not line.holds]
+    assert is_certified(found), [line for line in found if not line.holds]
     assert {line.what for line in found} >= {"closure residual", "rank of the closures"}
 
 
@@ -90,7 +90,7 @@ def test_a_second_bearing_of_a_shaft_has_no_rank(kind: str, engine: str) -> None
     theirs = says(mechanism, case, engine)
     assert theirs.rank == 0
     found = checks("shaft", "turn", engine, theirs, says(mechanism, case, "flexinv"))
-    assert holds(found), [line for line in found if not line.holds]
+    assert is_certified(found), [line for line in found if not line.holds]
 
 
 BEAMS = {"total mass", "masses of beams", "first moments of beams", "section stiffness"}
@@ -108,7 +108,7 @@ def test_static_probes_and_weights_find_every_beam(place: str, engine: str) -> N
     found = {line.what: line for line in lines(place, engine)}
     space = {"masses by joint", "first moments by joint", "inertias by joint"} if place.startswith("spatial") else set()
     assert set(found) - JOINTS == BEAMS | space
-    assert holds(tuple(found.values()))
+    assert is_certified(tuple(found.values()))
     assert (found["section stiffness"].error or 0.0) <= STATIC * (found["section stiffness"].scale or 0.0)
 
 
@@ -123,7 +123,7 @@ def test_the_probe_says_all_that_a_beam_in_space_has() -> None:
 @pytest.mark.parametrize("place", ["double_pendulum/swing", "panda/pick", "stewart_platform/swoop"])
 def test_redundant_coordinates_weigh_the_same(place: str) -> None:
     found = lines(place, "exudyn-dae")
-    assert holds(found), [line for line in found if not line.holds]
+    assert is_certified(found), [line for line in found if not line.holds]
     assert {"total mass", "masses by joint"} <= {line.what for line in found}
 
 
@@ -194,7 +194,7 @@ def test_what_no_cause_does_is_found(harm: dict[str, Any], what: str, words: str
     """A joint that is lost, a loop that stays open, matrices of another size."""
     mechanism, case = load("four_bar/turn")
     theirs, ours = says(mechanism, case, "pinocchio"), says(mechanism, case, "flexinv")
-    assert holds(checks("four_bar", "turn", "pinocchio", theirs, ours))
+    assert is_certified(checks("four_bar", "turn", "pinocchio", theirs, ours))
     wrong = [line for line in checks("four_bar", "turn", "pinocchio", replace(theirs, **harm), ours) if not line.holds]
     assert [line.what for line in wrong] == [what]
     assert wrong[0].words.startswith(words)

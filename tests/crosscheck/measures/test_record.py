@@ -27,8 +27,8 @@ def example() -> r.Record:
 def test_a_record_comes_back_from_disk_as_it_was(tmp_path: Path) -> None:
     given = example()
     r.save(given, tmp_path / "a.b")
-    back = r.load(tmp_path / "a.b")
-    assert r.fingerprint(back) == r.fingerprint(given)
+    back = r.read_record(tmp_path / "a.b")
+    assert r.compute_fingerprint(back) == r.compute_fingerprint(given)
     assert (back.settings, back.engine, back.wall_time) == (given.settings, given.engine, given.wall_time)
     for name, one in given.series.items():
         np.testing.assert_array_equal(back.series[name].values, one.values)
@@ -51,7 +51,7 @@ def test_no_pickle_is_read(tmp_path: Path) -> None:
     r.save(example(), tmp_path / "a")
     np.savez(tmp_path / "a.npz", time=np.array([object()]), s0=np.zeros(1))
     with pytest.raises(r.RecordError, match="no record at"):
-        r.load(tmp_path / "a")
+        r.read_record(tmp_path / "a")
 
 
 @pytest.mark.parametrize("damage", ["absent", "cut off", "words missing", "not JSON"])
@@ -67,7 +67,7 @@ def test_a_damaged_record_is_named(tmp_path: Path, damage: str) -> None:
     else:
         stem.with_suffix(".json").write_text("{")
     with pytest.raises(r.RecordError, match="no record at"):
-        r.load(stem)
+        r.read_record(stem)
 
 
 def test_a_whole_record_passes_the_check_and_a_damaged_one_does_not() -> None:
@@ -96,11 +96,11 @@ def test_values_that_are_not_finite_are_refused(value: float, where: str) -> Non
 
 def test_columns_have_to_fit() -> None:
     with pytest.raises(r.RecordError, match="2 names and 2 units"):
-        r.columns(["a", "b"], ["m", "m"], np.zeros((5, 3)))
+        r.make_column_series(["a", "b"], ["m", "m"], np.zeros((5, 3)))
     with pytest.raises(r.RecordError, match="error bars of shape"):
-        r.columns(["a"], ["m"], np.zeros((5, 1)), np.zeros(5))
-    assert list(r.wrench_series("j", np.zeros((2, 6)))) == [f"wrench/j/{c}" for c in r.WRENCH]
-    assert r.internal_series("b", "0.5", np.zeros((2, 6)))["internal/b/0.5/twist"].unit == "N m"
+        r.make_column_series(["a"], ["m"], np.zeros((5, 1)), np.zeros(5))
+    assert list(r.make_wrench_series("j", np.zeros((2, 6)))) == [f"wrench/j/{c}" for c in r.WRENCH]
+    assert r.make_internal_series("b", "0.5", np.zeros((2, 6)))["internal/b/0.5/twist"].unit == "N m"
 
 
 def test_efforts_have_the_units_of_their_joints() -> None:
@@ -108,7 +108,7 @@ def test_efforts_have_the_units_of_their_joints() -> None:
     joints = tuple(Joint(k, k, "world", f"link {k}") for k in kinds)
     mechanism = Mechanism("m", tuple(Link(j.child) for j in joints), joints)
     expected = ["N"] * 3 + ["N m"] * 3 + ["N"] + ["N m"] * (1 + 2 + 3 + 1)
-    assert list(r.effort_units(mechanism)) == expected
+    assert list(r.list_effort_units(mechanism)) == expected
     torque = r.torque_series(mechanism, np.zeros((2, mechanism.nv)))
     assert torque["torque/prismatic"].unit == "N"
 
@@ -117,9 +117,9 @@ def test_a_fingerprint_changes_with_the_data_only() -> None:
     mechanism = Mechanism("m", (Link("a"),), (Joint("j", "revolute", "world", "a"),))
     same = Mechanism("m", (Link("a"),), (Joint("j", "revolute", "world", "a"),))
     other = Mechanism("m", (Link("a", tip=np.array([0.0, 0.0, 1e-12])),), mechanism.joints)
-    assert r.fingerprint(mechanism) == r.fingerprint(same)
-    assert r.fingerprint(mechanism) != r.fingerprint(other)
-    assert r.fingerprint([1.0, "1.0"]) != r.fingerprint(["1.0", 1.0])
+    assert r.compute_fingerprint(mechanism) == r.compute_fingerprint(same)
+    assert r.compute_fingerprint(mechanism) != r.compute_fingerprint(other)
+    assert r.compute_fingerprint([1.0, "1.0"]) != r.compute_fingerprint(["1.0", 1.0])
 
 
 @pytest.mark.parametrize(
@@ -128,4 +128,4 @@ def test_a_fingerprint_changes_with_the_data_only() -> None:
 def test_a_record_says_how_it_went_in_the_known_words(what: str, words: str, tmp_path: Path) -> None:
     r.save(r.Record(engine="e", **{what: "great" if what == "status" else 3}), tmp_path / "r")
     with pytest.raises(r.RecordError, match=f"e gives the .*{words}"):
-        r.load(tmp_path / "r")
+        r.read_record(tmp_path / "r")

@@ -15,7 +15,7 @@ import pytest
 from crosscheck_examples import WICKED, Night, night_run
 from report_page import Page
 
-from crosscheck.measures.record import load
+from crosscheck.measures.record import read_record
 from crosscheck.report import html, junit, markdown, render, words
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow, read, write
@@ -118,7 +118,7 @@ def test_the_data_of_the_plots_are_the_series(night: Night) -> None:
     assert [q["name"] for q in manifest["quantities"]] == ["torque", "tip", "wrench"]
     text = (night.out / "data" / manifest["slug"] / "torque.js").read_text()
     data = json.loads(text.removeprefix(f'crosscheckData("{manifest["slug"]}/torque", ').removesuffix(");\n"))
-    runs = {r.engine: load(night.out / r.series) for r in night.results.runs if r.series}
+    runs = {r.engine: read_record(night.out / r.series) for r in night.results.runs if r.series}
     one = data["series"]["torque/knee"]
     exact, other = (runs[e].series["torque/knee"].values for e in ("flexinv", "fine"))
     np.testing.assert_array_equal(decode(data["time"]), runs["flexinv"].time.astype("f4"))

@@ -19,7 +19,7 @@ from crosscheck_examples import write_models
 
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES
-from crosscheck.measures.record import load
+from crosscheck.measures.record import read_record
 from crosscheck.run.cluster import open_workers, read_task_files
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.run_cache import Attempts
@@ -124,7 +124,7 @@ def test_a_run_that_was_cut_short_is_resumed(root: Path, tmp_path: Path) -> None
     kept = Attempts(out / KEPT)
     done = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), tmp_path / "other")
     first = plan.tasks[0]
-    record = load(tmp_path / "other" / done.runs[0].series)
+    record = read_record(tmp_path / "other" / done.runs[0].series)
     kept.add_answer(first, "pinocchio", Attempt(record, "printed before", 7.0))
     again = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0, resume=True)), out)
     assert again.finished

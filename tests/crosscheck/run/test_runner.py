@@ -17,7 +17,7 @@ from crosscheck_examples import WICKED, Night, night_run, stopping, write_models
 from crosscheck import output_folder as owned
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.certificate import Check
-from crosscheck.measures.record import load
+from crosscheck.measures.record import read_record
 from crosscheck.report import ReportError, render
 from crosscheck.run.isolation import Children
 from crosscheck.run.runner import run
@@ -90,7 +90,7 @@ def test_results_come_back_from_disk_as_they_were(night: Night) -> None:
 def test_series_are_on_disk(night: Night) -> None:
     for row in night.results.runs:
         if row.status == "ok":
-            record = load(night.out / row.series)
+            record = read_record(night.out / row.series)
             assert record.engine == row.engine
             assert record.series
         else:

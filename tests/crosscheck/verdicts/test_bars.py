@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from crosscheck.conform import ladder
-from crosscheck.doors.outside_bars import of_door, of_package
+from crosscheck.doors.outside_bars import convert_door_bars, of_package
 from crosscheck.engines.base import Adapter
-from crosscheck.measures.budget import STATED, Family, estimate, is_checked, with_bars
-from crosscheck.measures.record import Record, RecordError, Series, check, load, save, series
+from crosscheck.measures.budget import STATED, Family, add_error_bars, compute_error_bar, is_checked
+from crosscheck.measures.record import Record, RecordError, Series, check, read_record, save, series
 from crosscheck.report import junit, markdown, words
 from crosscheck.verdicts.bars import COARSE, PART
 from crosscheck.verdicts.baseline import choose_blessable
@@ -40,14 +40,14 @@ def runs(exact: np.ndarray, size: float, orders: float = 2.0) -> list[dict[str, 
 def record(engine: str, size: float, factor: float = 1.0, value: int = -1) -> Record:
     """A record with bars of three runs; factor : a mistake in all of them [-]; value : which one is reported."""
     levels = runs(factor * EXACT, size)
-    made, budget = with_bars(levels[value], [Family("step", levels, value)])
+    made, budget = add_error_bars(levels[value], [Family("step", levels, value)])
     return Record(engine, time=TIME, series=made, budget=budget)
 
 
 def bare(values: np.ndarray, bar: float | None = None) -> Record:
     """A record from outside, perhaps with a bar that it states [-]; as its door hands it on."""
     error = None if bar is None else np.full(TIME.size, bar * RANGE)
-    return of_door(Record("mine", time=TIME, series=series(NAME, "N m", values, error)))
+    return convert_door_bars(Record("mine", time=TIME, series=series(NAME, "N m", values, error)))
 
 
 def case(maximum: float = LIMIT) -> Case:
@@ -119,7 +119,7 @@ def test_bars_of_both_that_runs_show_explain() -> None:
 def test_a_mistake_that_stays_when_runs_are_refined_is_not_explained_by_their_bars() -> None:
     """Torques times 1.05 in a run that is 6 % coarse: its bars cover that, what the runs tend to does not."""
     levels = [series(NAME, "N m", (1.05 - 0.96 * 4.0**-k) * EXACT) for k in range(3)]
-    made, budget = with_bars(levels[-1], [Family("step and mesh", levels)])
+    made, budget = add_error_bars(levels[-1], [Family("step and mesh", levels)])
     found = row(Record("mine", time=TIME, series=made, budget=budget), record("flexinv", 1e-6))
     assert found.maximum is not None
     assert found.error_bar is not None
@@ -131,7 +131,7 @@ def test_a_mistake_that_stays_when_runs_are_refined_is_not_explained_by_their_ba
 def test_a_program_that_refines_once_and_then_no_more_shows_no_bar() -> None:
     """A first run far away, then twice the same wrong one: the largest difference is a wide bar, but the last two agree."""
     levels = [series(NAME, "N m", 1.05 * EXACT + off * RANGE * SHAPE) for off in (0.09, 0.0, 0.0)]
-    made, budget = with_bars(levels[-1], [Family("step and mesh", levels)])
+    made, budget = add_error_bars(levels[-1], [Family("step and mesh", levels)])
     program = Record("mine", time=TIME, series=made, budget=budget)
     found = row(program, record("flexinv", 1e-6))
     assert found.verdict == "deviation"
@@ -142,7 +142,7 @@ def test_what_runs_tend_to_is_covered_by_its_bar() -> None:
     """Of errors of two powers, in which no single order fits: what is left of the error is inside the bar that is left."""
     for size in (1e-1, 1e-3):
         levels = [EXACT + size * SHAPE * (h**2 + 0.4 * h**3) for h in (1.0, 0.5, 0.25)]
-        found = estimate(levels, 0)
+        found = compute_error_bar(levels, 0)
         assert found.tends_to is not None
         assert found.left is not None
         assert (np.abs(found.tends_to - EXACT) <= found.left).all()
@@ -152,7 +152,7 @@ def test_what_runs_tend_to_is_covered_by_its_bar() -> None:
 def test_families_that_do_not_all_say_what_they_tend_to_say_nothing() -> None:
     good, wild = runs(EXACT, 1e-2), runs(EXACT, 1e-2, orders=-1.0)
     wild[0] = good[0]
-    made, _ = with_bars(good[0], [Family("step", good, 0), Family("mesh", wild, 0)])
+    made, _ = add_error_bars(good[0], [Family("step", good, 0), Family("mesh", wild, 0)])
     assert made[NAME].error is not None
     assert made[NAME].refined is None
 
@@ -194,10 +194,10 @@ def test_a_package_that_refines_is_asked_for_three_runs(factor: float, verdict: 
 
 def test_a_door_keeps_the_bars_that_it_made() -> None:
     ours = record("mine", 0.1)
-    assert of_door(ours).series[NAME].refined is not None
-    assert is_checked(of_door(ours).budget, NAME)
+    assert convert_door_bars(ours).series[NAME].refined is not None
+    assert is_checked(convert_door_bars(ours).budget, NAME)
     other = series("tip/arm/x", "m", EXACT, np.ones(TIME.size))
-    mixed = of_door(replace(ours, series={**ours.series, **other}))
+    mixed = convert_door_bars(replace(ours, series={**ours.series, **other}))
     assert (is_checked(mixed.budget, NAME), is_checked(mixed.budget, "tip/arm/x")) == (True, False)
 
 
@@ -226,7 +226,7 @@ def test_masked_entries_are_no_numbers(tmp_path: Any) -> None:
 def test_what_refinements_tend_to_is_kept_with_a_record(tmp_path: Any) -> None:
     one = record("mine", 0.1)
     save(one, tmp_path / "r")
-    again = load(tmp_path / "r").series[NAME]
+    again = read_record(tmp_path / "r").series[NAME]
     for part in ("error", "refined", "left"):
         np.testing.assert_array_equal(getattr(again, part), getattr(one.series[NAME], part))
 
@@ -293,7 +293,7 @@ def test_a_rung_has_a_largest_bar_and_says_how_wide_bars_were() -> None:
 
     def rung(comparison: Comparison) -> ladder.Rung:
         climbed = Results("", cases=(CaseRow(*here),), runs=(RunRow(*here, "mine", "ok"),), comparisons=(comparison,))
-        return next(each for each in ladder.rungs(climbed, "mine") if each.name == "beam_moving")
+        return next(each for each in ladder.list_rungs(climbed, "mine") if each.name == "beam_moving")
 
     assert rung(one).verdict == "explained"
     assert "error bars: mine 0.0" in rung(one).message

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from crosscheck.measures import limits
-from crosscheck.measures.record import Record, series, torque_series, wrench_series
+from crosscheck.measures.record import Record, make_wrench_series, series, torque_series
 from crosscheck.verdicts.compare import Comparison, Pair, compare, compute_fraction, compute_signal_range
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.mechanism import Joint, Link, Mechanism
@@ -120,7 +120,7 @@ def test_a_quantity_that_an_engine_does_not_give_is_skipped_and_one_in_part_is_a
 
 
 def test_of_wrenches_an_engine_may_give_a_part_and_the_row_says_so() -> None:
-    whole = Record("flexinv", time=TIME, series=wrench_series("j1", np.ones((TIME.size, 6))))
+    whole = Record("flexinv", time=TIME, series=make_wrench_series("j1", np.ones((TIME.size, 6))))
     part = replace(whole, engine="e", series={"wrench/j1/fx": whole.series["wrench/j1/fx"]})
     force, moment = rows(part, whole, case(("wrench",), limit("wrench", 1e-9)))
     assert (force.verdict, force.message) == ("within", "1 of 3 series; wrench/j1/fy is missing")
@@ -137,7 +137,8 @@ def test_what_is_rounding_of_the_other_unit_is_measured_by_that() -> None:
 
     def verdicts(ours: float, theirs: float) -> list[str]:
         pair = (
-            Record(n, time=TIME, series=wrench_series("j1", wrench(m))) for n, m in (("e", ours), ("flexinv", theirs))
+            Record(n, time=TIME, series=make_wrench_series("j1", wrench(m)))
+            for n, m in (("e", ours), ("flexinv", theirs))
         )
         return [r.verdict for r in rows(*pair, one)]
 
@@ -227,24 +228,24 @@ def test_a_limit_may_hold_for_some_versions(version: str, found: int) -> None:
 
 def test_references_are_those_that_limits_name_and_flexinv() -> None:
     stated = (limit("torque", 1.0, "exudyn-ge", reference="exudyn-ancf"), limit("tip", 1.0, "*"))
-    assert limits.references(stated, "exudyn-ge") == ("exudyn-ancf", "flexinv")
-    assert limits.references(stated, "pinocchio") == ("flexinv",)
-    assert limits.references(stated, "flexinv") == ()
+    assert limits.list_references(stated, "exudyn-ge") == ("exudyn-ancf", "flexinv")
+    assert limits.list_references(stated, "pinocchio") == ("flexinv",)
+    assert limits.list_references(stated, "flexinv") == ()
 
 
 def test_without_a_limit_or_with_an_expired_one_nothing_is_within() -> None:
-    assert limits.by_limit(0.0, None, TODAY)[0] == "unjudged"
+    assert limits.judge_by_limit(0.0, None, TODAY)[0] == "unjudged"
     until = limit("torque", 1.0, expires=TODAY)
-    assert limits.by_limit(0.5, until, TODAY)[0] == "within"
-    verdict, message = limits.by_limit(0.0, until, TODAY + datetime.timedelta(days=1))
+    assert limits.judge_by_limit(0.5, until, TODAY)[0] == "within"
+    verdict, message = limits.judge_by_limit(0.0, until, TODAY + datetime.timedelta(days=1))
     assert verdict == "unjudged"
     assert "expired on 2026-03-01" in message
-    assert limits.by_limit(float("nan"), limit("torque", 1.0), TODAY)[0] == "deviation"
+    assert limits.judge_by_limit(float("nan"), limit("torque", 1.0), TODAY)[0] == "deviation"
 
 
 def test_limits_that_nobody_asked_for_are_found() -> None:
     stated = (limit("torque", 1.0), limit("torque", 1.0), limit("twist", 1.0))
-    assert limits.unused(stated, stated[:1]) == list(stated[1:])
+    assert limits.list_unused_limits(stated, stated[:1]) == list(stated[1:])
 
 
 @pytest.mark.parametrize(
@@ -258,15 +259,15 @@ def test_limits_that_nobody_asked_for_are_found() -> None:
     ],
 )
 def test_the_worst_verdict_gives_the_exit_code(verdicts: list[limits.Verdict], worst: str, code: int) -> None:
-    assert limits.worst(verdicts) == worst
-    assert limits.exit_code(verdicts) == code
+    assert limits.find_worst_verdict(verdicts) == worst
+    assert limits.compute_exit_code(verdicts) == code
 
 
 def test_nothing_is_claimed_of_a_native_result_that_says_why_and_only_without_a_limit() -> None:
     today = datetime.date(2026, 1, 1)
-    verdict, message = limits.by_limit(0.9, None, today, "soft")
+    verdict, message = limits.judge_by_limit(0.9, None, today, "soft")
     assert verdict == "skipped"
     assert message == "not judged: no limit is stated, and the engine itself says why: 0.9 of the range: soft"
-    assert limits.by_limit(0.9, None, today)[0] == "unjudged"
+    assert limits.judge_by_limit(0.9, None, today)[0] == "unjudged"
     strict = Limit("torque", ("*",), 0.1, "a reason")
-    assert limits.by_limit(0.9, strict, today, "soft")[0] == "deviation"
+    assert limits.judge_by_limit(0.9, strict, today, "soft")[0] == "deviation"
