@@ -24,7 +24,7 @@ class Part:
 
     title: str
     module: str
-    function: str = "study"
+    function: str = "run_study"
     options: Mapping[str, Any] = field(default_factory=dict)
     quick: Mapping[str, Any] = field(default_factory=dict)
 
@@ -34,10 +34,12 @@ PARTS: Mapping[str, Part] = {
     "single": Part("One sample, and the first call", "single", quick={"seconds": 0.2}),
     "first": Part("The first torque of a process", "first", quick={"names": ["rigid_3r"]}),
     "latency": Part("Cycles of a controller", "latency", quick={"steps": 5_000}),
-    "chains": Part("Longer chains", "single", "chains", quick={"joints": [1, 8, 64], "seconds": 0.2}),
+    "chains": Part("Longer chains", "single", "run_chain_study", quick={"joints": [1, 8, 64], "seconds": 0.2}),
     "loops": Part("Chains of closed loops", "loop_chains", quick={"loops": [5, 20], "seconds": 0.2}),
     **{
-        name: Part(f"Time and error of an arm that bends, {name}", "flexible", "study", {"arms": [model]}, _QUICK_ARM)
+        name: Part(
+            f"Time and error of an arm that bends, {name}", "flexible", "run_study", {"arms": [model]}, _QUICK_ARM
+        )
         for name, model in _ARMS.items()
     },
     "accuracy": Part(
@@ -48,8 +50,10 @@ PARTS: Mapping[str, Part] = {
         "torque_errors",
         quick={"arms": ["flex_one_link"], "errors": [1e-4], "seconds": 0.5, "longest": 2.0},
     ),
-    "elements": Part("More elements", "marches", "elements", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}),
-    "others": Part("Closed loops and threads", "marches", "others", quick={"seconds": 0.5}),
+    "elements": Part(
+        "More elements", "marches", "run_element_study", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}
+    ),
+    "others": Part("Closed loops and threads", "marches", "run_loop_study", quick={"seconds": 0.5}),
     "runs": Part("Whole runs", "runs", quick={"whole": False}),
 }
 

@@ -1,7 +1,7 @@
 """Speed targets of flexinv by machine, and the measured values: the table on top, and the ratios for the history.
 
-A row of a part carries ``make_metric``: name, value, unit, lower, upper, note.  A limit is a limit like that of a torque: beyond it
-the row is a deviation.  The ratios are those of runs side by side in one process; no time by itself has a limit, except those
+A row of a part carries ``make_metric``: name, value, unit, lower, upper, note.  A limit is a limit like that of a torque: beyond
+it the row is a deviation.  The ratios are those of runs side by side in one process; no time by itself has a limit, except those
 that somebody waits for (one sample, the first call).
 """
 

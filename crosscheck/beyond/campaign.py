@@ -255,7 +255,7 @@ def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path
         lines = (here / "rows.jsonl").resolve()
         options: dict[str, Any] = {"place": asdict(place), "drawn": [asdict(d) for d in left]}
         options |= {"lines": str(lines), "scratch": str(here.resolve())}
-        job = {"kind": "study", "module": MODULE, "function": "trials", "options": options}
+        job = {"kind": "study", "module": MODULE, "function": "run_trials", "options": options}
         with Followed(lines, work):
             _, ending = ask(job, PATIENCE * len(left), work.children)
         done = {row["number"] for row in _read_rows(lines)}

@@ -22,9 +22,9 @@ BUILDERS = {
     "mujoco": ("crosscheck.engines.mujoco.adapter", "crosscheck.engines.mujoco.certificate"),
 }
 RUNS = (
-    ("crosscheck.engines.exudyn.run_in_time", "_series"),
-    ("crosscheck.engines.exudyn.loops", "flexible_series"),
-    ("crosscheck.engines.exudyn.loops", "_rigid_series"),
+    ("crosscheck.engines.exudyn.run_in_time", "_collect_series"),
+    ("crosscheck.engines.exudyn.loops", "collect_flexible_series"),
+    ("crosscheck.engines.exudyn.loops", "_collect_rigid_series"),
 )
 
 

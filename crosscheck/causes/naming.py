@@ -4,8 +4,8 @@ A cause is named when three things are true.  It explains the efforts down to th
 mechanism is what is wrong in the engine's own certificate, line by line.  It explains every other quantity that both engines
 gave.  Causes of which only the amplitude is known (a long step) may leave UNEXPLAINED where the bars are less.  Every cause
 of which all that is true stands beside it, at most MOST names, or MOST pairs: of more, none is printed.  Where no cause alone
-will do, pairs are tried (`find_pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where
-the difference of the efforts is inside the error bars, what other quantities show is named alone (`beside`).
+will do, pairs are tried (`find_pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.
+Where the difference of the efforts is inside the error bars, what other quantities show is named alone (`beside`).
 """
 
 from __future__ import annotations

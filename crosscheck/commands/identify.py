@@ -146,7 +146,8 @@ def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
 def _write_parameters(console: Console, found: Identified) -> None:
     told = [row for row in found.parameters if row.identifiable]
     console.print(
-        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow {count_narrowed_directions(found.fit)} "
+        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow "
+        f"{count_narrowed_directions(found.fit)} "
         "independent combinations of them; intervals hold 90 %",
         highlight=False,
         soft_wrap=True,

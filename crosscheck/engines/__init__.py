@@ -113,4 +113,4 @@ def open_adapter(job: Mapping[str, Any]) -> Adapter:
     if "settings" not in job:
         return resolve_adapter(job["module"])
     door: Any = importlib.import_module(job["module"])
-    return cast(Adapter, door.opened(job["engine"], job.get("mechanism", ""), job["settings"]))
+    return cast(Adapter, door.open_adapter(job["engine"], job.get("mechanism", ""), job["settings"]))

@@ -49,7 +49,8 @@ class Together:
         """The same in a sentence [-]."""
         others = " and ".join(_describe_parameter(key) for key in self.others)
         return (
-            f"{_describe_parameter(self.key)} cannot be told apart from {others}: all but {self.left:.1g} of what it changes in these logs "
+            f"{_describe_parameter(self.key)} cannot be told apart from {others}: all but {self.left:.1g} of what it changes "
+            f"in these logs "
             f"could be theirs; were they known, it would be known to ±{self.alone:.2g} {self.unit}"
         )
 

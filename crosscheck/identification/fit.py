@@ -3,8 +3,8 @@
     z^ = argmin  sum_c sum_t (r_ct / s_c)^2 / n_c + |z|^2,   cov z = kappa (J^T J + 1)^-1
 
 z : coordinates that are standard normal before the log; r_ct : residual of channel c; s_c, n_c : standard deviation and samples
-that agree of its noise, `compute_noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when one
-block of time after the other is left out than the formula says (median of what is told).
+that agree of its noise, `compute_noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when
+one block of time after the other is left out than the formula says (median of what is told).
 """
 
 from __future__ import annotations

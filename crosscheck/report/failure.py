@@ -48,13 +48,15 @@ def _collect_measured(row: Comparison) -> dict[str, str]:
     unit = f" {row.unit}" if row.unit else ""
     where = f", at t = {row.time:.6g} s" if row.time is not None else ""
     lines = {
-        "difference": f"{format_short(row.maximum)}{unit}, {format_short(row.fraction)} of the range of {format_short(row.scale)}{unit}",
+        "difference": f"{format_short(row.maximum)}{unit}, {format_short(row.fraction)} of the range of "
+        "{format_short(row.scale)}{unit}",
         "where": f"{row.series}{where}",
         "limit": "none" if row.limit is None else f"{format_short(row.limit)} of the range: {row.reason}",
     }
     if row.blessed is not None:
         lines["blessed"] = (
-            f"{format_short(row.blessed)} of the range; {format_short(compute_allowed_excess(row.blessed, row.limit))} more is noise"
+            f"{format_short(row.blessed)} of the range; {format_short(compute_allowed_excess(row.blessed, row.limit))} more is "
+            f"noise"
         )
     if _resolve_kind(row) not in ("deviation", "worse", "unblessed") and row.message:
         lines["why"] = row.message

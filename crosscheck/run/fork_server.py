@@ -67,7 +67,8 @@ def run_server(number: int, refusal: str) -> NoReturn:
 def prepare(door: Mapping[str, Any]) -> str:
     """Import what jobs of a door need and return "", or why none may be forked from here.
 
-    door : module, perhaps path (`crosscheck.engines.open_adapter`); settings, where it is a door's module, which is imported alone
+    door : module, perhaps path (`crosscheck.engines.open_adapter`); settings, where it is a door's module, which is imported
+    alone
     """
     try:
         if (path := door.get("path", "")) and path not in sys.path:

@@ -53,7 +53,7 @@ class CaseQuestions:
         return {
             "kind": "study",
             "module": "crosscheck.causes.diagnosis",
-            "function": "diagnose_together",
+            "function": "make_diagnoses",
             "options": {"asked": [dict(one.options) for one in self.questions]},
         }
 

@@ -23,7 +23,7 @@ class Study:
     name: str
     title: str
     module: str
-    function: str = "study"
+    function: str = "run_study"
     options: Mapping[str, Any] = field(default_factory=dict)
     asks: bool = False
 

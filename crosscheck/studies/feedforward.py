@@ -165,7 +165,7 @@ def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, found: Following, 
     with open_scratch_folder() as folder:
         given = folder / "given.pickle"
         given.write_bytes(pickle.dumps((dict(job), m, drive)))
-        module = {"kind": "study", "module": __name__, "function": "replay_given"}
+        module = {"kind": "study", "module": __name__, "function": "run_replay_file"}
         answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, Children())
     if ending.status != "ok":
         raise ReplayError(ending.message)

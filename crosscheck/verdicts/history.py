@@ -355,7 +355,8 @@ def _add_rows(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Tabl
                     connection.execute(sql.insert(table), [{**row, "night": number[0]} for row in rows])
     except sql.exc.SQLAlchemyError as error:
         raise HistoryError(
-            f"the night could not be added to the history {_format_address(database.url)}: {_describe_error(error, database.url)}; it is as it was "
+            f"the night could not be added to the history {_format_address(database.url)}: "
+            f"{_describe_error(error, database.url)}; it is as it was "
             "before, and the next night adds what is missing"
         ) from None
     # Somebody else may write the number at this moment; a history without it is one of format 1.

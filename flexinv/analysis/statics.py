@@ -52,9 +52,13 @@ class Load(Frozen):
     follower: bool = False
 
     RULES: ClassVar[rules.Rules] = {
-        "link": rules.check_text, "force": rules.make_array_rule((3,), "N"), "moment": rules.make_array_rule((3,), "N m"),
-        "station": rules.make_real_rule("-, of the length", 0.0, most=1.0), "point": rules.make_array_rule((3,), "m"), "follower": rules.check_truth,
-    }  # fmt: skip
+        "link": rules.check_text,
+        "force": rules.make_array_rule((3,), "N"),
+        "moment": rules.make_array_rule((3,), "N m"),
+        "station": rules.make_real_rule("-, of the length", 0.0, most=1.0),
+        "point": rules.make_array_rule((3,), "m"),
+        "follower": rules.check_truth,
+    }
 
     def _name(self) -> str:
         return f"load on {shown(self.link)}: "

@@ -193,7 +193,8 @@ class _March:
         """Return the call that marches from the sample ``first`` to before ``last``, or less far [-]: kernel and arguments.
 
         With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do after it.
-        Last what takes the result of the call and returns the first sample that is not done, or raises the error of `make_march_error`.
+        Last what takes the result of the call and returns the first sample that is not done, or raises the error of
+        `make_march_error`.
         """
         mesh = self.task.mesh
         scheme = self.scheme

@@ -201,7 +201,8 @@ class GivenLoops:
                 )
 
     def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
-        """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): `split_efforts`.
+        """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): "
+        "`split_efforts`.
 
         q : (samples, nq), qd, qdd : (samples, nv) of all joints [rad or m, s]
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.

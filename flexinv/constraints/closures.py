@@ -130,7 +130,8 @@ def _take_row_frames(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Arr
 
 
 def evaluate_closures(mesh: Mesh, motion: NodalMotion, rows: Rows) -> tuple[Array, Array]:
-    """Return phi [m], [-] and its two time derivatives, (samples, rows, 3), for given nodal motion, and `compute_constraint_jacobian`.
+    """Return phi [m], [-] and its two time derivatives, (samples, rows, 3), for given nodal motion, and "
+    "`compute_constraint_jacobian`.
 
     phi'' = u''.w + 2 u'.w' + u.w''; those of couplings are zero (`compute_coupling_residuals`).
     """

@@ -186,10 +186,21 @@ class Follower:
         count = len(self.rows.closure)
         free = len(places)
         problem = Continuation(
-            unknown=places, owner=self.owned, scale=self.rows.scale, sizes=list_coordinate_scales(self.mesh), g=np.zeros((count, m.nv)),
-            fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
-            step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=list_velocity_scales(self.mesh)[places],
-        )  # fmt: skip
+            unknown=places,
+            owner=self.owned,
+            scale=self.rows.scale,
+            sizes=list_coordinate_scales(self.mesh),
+            g=np.zeros((count, m.nv)),
+            fronts=fronts,
+            qr=FrontFactors.of(fronts),
+            y=np.zeros((count, 1)),
+            x=np.zeros((free, 1)),
+            sign=np.zeros((free, 1)),
+            step=np.zeros(m.nv),
+            guess=np.zeros(m.nq),
+            rest=np.zeros(m.nv),
+            measure=list_velocity_scales(self.mesh)[places],
+        )
         return self._chain, problem
 
     def closed(self, q: Array, qd: Array, qdd: Array) -> Triple | None:
@@ -358,8 +369,8 @@ class Follower:
             more = "more" if asked > free else "fewer"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: the motion gives {asked} of the coordinates, {more} than the mobility "
-                f"of {free} ({m.nv} joint coordinates, {_compute_rank(g)} independent constraints); give a motion to exactly {free} of "
-                + ", ".join(m.velocity_names)
+                f"of {free} ({m.nv} joint coordinates, {_compute_rank(g)} independent constraints); give a motion to exactly "
+                f"{free} of " + ", ".join(m.velocity_names)
             )
 
     def advance(self, history: JointHistory, q: Array, before: float, after: float) -> Array:

@@ -252,7 +252,8 @@ def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> 
     worst = int(np.argmax(off / most)) if off.size else 0
     if off.size and not off[worst] <= most[worst]:
         raise ConvergenceError(
-            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_describe_distance(find_owner(m, worst), m, guess, q)}; "
+            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: "
+            f"{_describe_distance(find_owner(m, worst), m, guess, q)}; "
             "give starts of the passive joints that belong together, start = {...}; nearest is "
             + write_start(m, [j.name for j in m.joints if j.name in names], q, places=True)
         )

@@ -76,7 +76,8 @@ def make_open_loops_error(follower: Follower, time: float, guess: Array) -> Open
     """Return the error for loops that do not close from a guess (nq,) [rad], [m]: which stays open, why, and what to write."""
     m = follower.mesh.mechanism
     unknown = follower.unknown
-    said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({_describe_largest_gap(follower, guess)})"
+    gap = _describe_largest_gap(follower, guess)
+    said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({gap})"
     own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
     closed, nearest = _find_closed(follower, guess)
     if closed is not None:
@@ -96,7 +97,8 @@ def make_open_loops_error(follower: Follower, time: float, guess: Array) -> Open
     bend = " unless links bend; a march begins with links unbent" if m.beams else ""
     return OpenLoops(
         said,
-        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {_describe_largest_gap(every, nearest)}; change lengths or "
+        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {_describe_largest_gap(every, nearest)}; "
+        f"change lengths or "
         "placements of links by that much, or tie the two ends by a spring instead of a closure",
     )
 

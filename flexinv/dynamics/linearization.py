@@ -142,7 +142,8 @@ def _list(block, rows, columns, at, values, n):
 
 @jit
 def fill(system, which, out):
-    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `make_weighted_scheme`.
+    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by "
+    "`make_weighted_scheme`.
 
     Forces of springs between points are in it by -C A of their rows in the border.
     """

@@ -109,7 +109,7 @@ class Solver:
         return int(status), int(count), float(size)
 
     def solve_instant(self, scheme: Scheme, joints: Joints, when: str) -> int:
-        """Solve one instant under the present loads; return the iterations [-], or raise a ConvergenceError (`make_solve_error`)."""
+        """Solve one instant under the present loads; return the iterations [-].  Raises ConvergenceError (`make_solve_error`)."""
         status, count, size = self.newton(scheme, joints)
         if status != CONVERGED:
             raise self.make_step_error(status, count, size, when)

@@ -60,10 +60,15 @@ class Limit(Frozen):
     versions: str = ""
 
     RULES: ClassVar[rules.Rules] = {
-        "quantity": rules.check_text, "engines": rules.make_list_rule(rules.check_text), "maximum": rules.make_real_rule("-", 0.0), "reason": rules.check_text,
-        "reference": rules.check_text, "source": rules.check_text, "expires": rules.make_optional_rule(rules.make_kind_rule(datetime.date)),
+        "quantity": rules.check_text,
+        "engines": rules.make_list_rule(rules.check_text),
+        "maximum": rules.make_real_rule("-", 0.0),
+        "reason": rules.check_text,
+        "reference": rules.check_text,
+        "source": rules.check_text,
+        "expires": rules.make_optional_rule(rules.make_kind_rule(datetime.date)),
         "versions": rules.check_text,
-    }  # fmt: skip
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,7 +99,7 @@ class Instant(NamedTuple):
 
 @jit
 def evaluate_guarded_torques(nodes, drives, masses, frames, motion, instant, tau):
-    """Set the efforts of one instant by `fill_instant_torques`, add its step; return whether to judge it, and its energies [J]."""
+    """Set the efforts of one instant by `fill_instant_torques`, add its step; return if it is judged, and its energies [J]."""
     fill_instant_torques(nodes, drives, masses, frames, instant.line, motion, tau)
     holds, potential, power = compute_instant_energies(masses, frames, instant.stored, instant.driven, tau, motion[1])
     return add_step(instant.account, holds, potential, power), holds, potential

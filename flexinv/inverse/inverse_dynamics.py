@@ -38,7 +38,7 @@ class NodalForces:
 
 @dataclass(frozen=True)
 class SecondStep:
-    """Result of the second step: torque (samples, nv) [N m], [N]; P of all nodes; wrenches of joints' nodes (`compute_local_wrenches`)."""
+    """Result of the second step: torque (samples, nv) [N m], [N]; P of all nodes; joints' wrenches (`compute_local_wrenches`)."""
 
     torque: Array
     forces: NodalForces
@@ -86,7 +86,7 @@ def compute_joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces)
 
 
 def compute_local_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[int, Array]:
-    """Return the wrenches of `compute_joint_wrenches` of the joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
+    """Return wrenches of `compute_joint_wrenches` of joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
     moves = np.flatnonzero(mesh.v_index >= 0)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
     own = np.empty((len(nodes), len(motion.x), 6))
@@ -133,7 +133,7 @@ def compute_drive_efforts(
 def compute_internal_efforts(
     mechanism: Mechanism, q: Array, qd: Array, qdd: Array, direction: Array | None = None
 ) -> Array:
-    """Return the efforts of `compute_drive_efforts` and of springs in joints, which follow whole turns, (samples, nv) [N m] or [N]."""
+    """Return the efforts of `compute_drive_efforts` and of joints' springs, over whole turns, (samples, nv) [N m] or [N]."""
     return compute_drive_efforts(mechanism, qd, qdd, direction=direction) + compute_spring_efforts(mechanism, q)
 
 

@@ -81,7 +81,7 @@ def add_outboard_forces(parent, x, line):
 
 @jit
 def fill_sums_in_frames(parent, nodes, x, rotation, force, moment, line, out):
-    """Set sums of `fill_outboard_sums` of some ``nodes`` in their frames, (nodes, samples, 6) [N], [N m]; line : scratch, all nodes."""
+    """Set sums of `fill_outboard_sums` of some ``nodes``, in their frames, (nodes, samples, 6) [N], [N m]; line : scratch."""
     for s in range(x.shape[0]):
         fill_sample_sums(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):

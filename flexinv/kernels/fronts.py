@@ -84,10 +84,18 @@ def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts
         for c in np.flatnonzero(pattern[r])
     ]
     return Fronts(
-        columns=count, first=_compute_offsets(wide), own=np.array([len(own) for own, _ in groups], dtype=np.int64),
-        column=_join_parts([list(columns) for columns in local]), place=_join_parts(place), begin=_compute_offsets(tall), source=_join_parts(source),
-        start=start, parent=parent, base=base, entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
-    )  # fmt: skip
+        columns=count,
+        first=_compute_offsets(wide),
+        own=np.array([len(own) for own, _ in groups], dtype=np.int64),
+        column=_join_parts([list(columns) for columns in local]),
+        place=_join_parts(place),
+        begin=_compute_offsets(tall),
+        source=_join_parts(source),
+        start=start,
+        parent=parent,
+        base=base,
+        entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
+    )
 
 
 def find_least_degree_order(

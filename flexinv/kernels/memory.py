@@ -1,7 +1,8 @@
 """Memory for many arrays at once: a fresh page costs more time than the computation that fills it.
 
 Arrays of one piece are one allocation, which the system's allocator keeps for the next call where it would give many small ones
-back.  Within `begin_shared_memory` the calls of a thread take their pieces of larger ones: they last as long as any of their arrays.
+back.  Within `begin_shared_memory` the calls of a thread take their pieces of larger ones: they last as long as any of their
+arrays.
 """
 
 from __future__ import annotations

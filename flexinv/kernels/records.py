@@ -1,9 +1,9 @@
 """Records of many arrays, which kernels hand to one another as one address.
 
 Numba hands a named tuple over by value: a record of fifty arrays is 400 numbers in every call, in the text that is compiled and
-on the stack of the machine.  A kind of record that is declared with `send_by_address` is laid out in memory once, where Python calls a
-kernel or where a kernel makes one, and every kernel below gets its address.  Nobody writes there, so that the machine's compiler
-may keep what it has read (`noalias`).
+on the stack of the machine.  A kind of record that is declared with `send_by_address` is laid out in memory once, where Python
+calls a kernel or where a kernel makes one, and every kernel below gets its address.  Nobody writes there, so that the machine's
+compiler may keep what it has read (`noalias`).
 """
 
 from __future__ import annotations

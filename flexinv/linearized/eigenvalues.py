@@ -1,7 +1,7 @@
 """Eigenvalues of M y'' + K y = 0 where some freedoms have no inertia and some motions no stiffness.
 
-Freedoms without inertia follow the others: what they do is eliminated, exactly (`build_massless_elimination`).  Of the rest slow motions
-are found exactly where K is positive definite; what moves without stiffness is taken out of K before.
+Freedoms without inertia follow the others: what they do is eliminated, exactly (`build_massless_elimination`).  Of the rest slow
+motions are found exactly where K is positive definite; what moves without stiffness is taken out of K before.
 """
 
 from __future__ import annotations

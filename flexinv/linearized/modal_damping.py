@@ -21,7 +21,8 @@ NAMED = 4
 def apply_stated_ratio(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
 
-    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `apply_damping_ratio`.
+    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as
+    `apply_damping_ratio`.
     """
     stated = mechanism.modal_damping
     if stated is None or stated.seconds is not None:

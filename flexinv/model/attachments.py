@@ -32,8 +32,10 @@ class GasLaw(Frozen):
     exponent: float = 1.0
 
     RULES: ClassVar[rules.Rules] = {
-        "force": rules.make_real_rule("N"), "travel": rules.make_real_rule("m"), "exponent": rules.make_real_rule("-", 0.0, above=True),
-    }  # fmt: skip
+        "force": rules.make_real_rule("N"),
+        "travel": rules.make_real_rule("m"),
+        "exponent": rules.make_real_rule("-", 0.0, above=True),
+    }
 
     def _check(self, where: str) -> None:
         if self.travel == 0.0:
@@ -152,11 +154,18 @@ class Closure(Frozen):
     offset: float = 0.0
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.check_text, "kind": rules.make_option_rule(CLOSURES), "first": rules.make_kind_rule(Attachment), "second": rules.make_kind_rule(Attachment),
-        "axis": rules.check_unit_vector, "second_axis": rules.check_unit_vector, "active": rules.make_list_rule(rules.make_pair_rule(_INSTANT, _INSTANT)),
-        "capture": rules.check_truth, "impact": rules.make_option_rule(IMPACTS),
-        "factors": rules.make_list_rule(rules.make_pair_rule(rules.check_text, rules.make_real_rule("-"))), "offset": rules.make_real_rule("rad or m"),
-    }  # fmt: skip
+        "name": rules.check_text,
+        "kind": rules.make_option_rule(CLOSURES),
+        "first": rules.make_kind_rule(Attachment),
+        "second": rules.make_kind_rule(Attachment),
+        "axis": rules.check_unit_vector,
+        "second_axis": rules.check_unit_vector,
+        "active": rules.make_list_rule(rules.make_pair_rule(_INSTANT, _INSTANT)),
+        "capture": rules.check_truth,
+        "impact": rules.make_option_rule(IMPACTS),
+        "factors": rules.make_list_rule(rules.make_pair_rule(rules.check_text, rules.make_real_rule("-"))),
+        "offset": rules.make_real_rule("rad or m"),
+    }
 
     def _check(self, where: str) -> None:
         for start, end in self.active:
@@ -181,10 +190,14 @@ class Spring(Frozen):
     law: SpringLaw | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.check_text, "first": rules.make_kind_rule(Attachment), "second": rules.make_kind_rule(Attachment),
-        "stiffness": rules.make_real_rule("N/m", 0.0), "rest": rules.make_real_rule("m"), "damping": rules.make_real_rule("N s/m", 0.0),
+        "name": rules.check_text,
+        "first": rules.make_kind_rule(Attachment),
+        "second": rules.make_kind_rule(Attachment),
+        "stiffness": rules.make_real_rule("N/m", 0.0),
+        "rest": rules.make_real_rule("m"),
+        "damping": rules.make_real_rule("N s/m", 0.0),
         "law": rules.make_optional_rule(rules.make_kind_rule(GasLaw, TableLaw)),
-    }  # fmt: skip
+    }
 
     def evaluate_pull(self, length: Array) -> Array:
         """Return the pull without its damping [N] at lengths [m] (any shape)."""

@@ -26,9 +26,11 @@ class Limits(Frozen):
     upper: float = np.inf
 
     RULES: ClassVar[rules.Rules] = {
-        "effort": rules.make_real_rule("N m or N", 0.0, infinite=True), "velocity": rules.make_real_rule("rad/s or m/s", 0.0, infinite=True),
-        "lower": rules.make_real_rule("rad or m", infinite=True), "upper": rules.make_real_rule("rad or m", infinite=True),
-    }  # fmt: skip
+        "effort": rules.make_real_rule("N m or N", 0.0, infinite=True),
+        "velocity": rules.make_real_rule("rad/s or m/s", 0.0, infinite=True),
+        "lower": rules.make_real_rule("rad or m", infinite=True),
+        "upper": rules.make_real_rule("rad or m", infinite=True),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +99,25 @@ class Joint(Frozen):
     pitch: float = 0.0
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.check_text, "kind": rules.make_option_rule(KINDS), "parent": rules.check_text, "child": rules.check_text,
-        "placement": rules.make_kind_rule(Placement), "station": STATION, "axis": rules.check_unit_vector, "second_axis": rules.check_unit_vector,
-        "rotor_inertia": rules.make_real_rule("kg m^2 or kg", 0.0), "damping": rules.make_real_rule("N m s/rad or N s/m", 0.0),
-        "friction": rules.make_real_rule("N m or N", 0.0), "stiffness": rules.make_real_rule("N m/rad or N/m", 0.0),
-        "rest": rules.make_real_rule("rad or m"), "actuated": rules.check_truth, "weight": rules.make_real_rule("-", 0.0, above=True),
-        "limits": rules.make_kind_rule(Limits), "drive": rules.make_optional_rule(rules.make_kind_rule(Drive)), "pitch": rules.make_real_rule("m"),
-    }  # fmt: skip
+        "name": rules.check_text,
+        "kind": rules.make_option_rule(KINDS),
+        "parent": rules.check_text,
+        "child": rules.check_text,
+        "placement": rules.make_kind_rule(Placement),
+        "station": STATION,
+        "axis": rules.check_unit_vector,
+        "second_axis": rules.check_unit_vector,
+        "rotor_inertia": rules.make_real_rule("kg m^2 or kg", 0.0),
+        "damping": rules.make_real_rule("N m s/rad or N s/m", 0.0),
+        "friction": rules.make_real_rule("N m or N", 0.0),
+        "stiffness": rules.make_real_rule("N m/rad or N/m", 0.0),
+        "rest": rules.make_real_rule("rad or m"),
+        "actuated": rules.check_truth,
+        "weight": rules.make_real_rule("-", 0.0, above=True),
+        "limits": rules.make_kind_rule(Limits),
+        "drive": rules.make_optional_rule(rules.make_kind_rule(Drive)),
+        "pitch": rules.make_real_rule("m"),
+    }
 
     @property
     def nq(self) -> int:

@@ -243,9 +243,13 @@ class Beam(Frozen):
     placement: Placement = field(default_factory=Placement)
 
     RULES: ClassVar[rules.Rules] = {
-        "length": rules.make_real_rule("m", 0.0, above=True), "section": rules.make_kind_rule(Section), "elements": rules.count(1),
-        "order": rules.count(1), "curvature": rules.make_array_rule((3,), "1/m"), "placement": rules.make_kind_rule(Placement),
-    }  # fmt: skip
+        "length": rules.make_real_rule("m", 0.0, above=True),
+        "section": rules.make_kind_rule(Section),
+        "elements": rules.count(1),
+        "order": rules.count(1),
+        "curvature": rules.make_array_rule((3,), "1/m"),
+        "placement": rules.make_kind_rule(Placement),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,9 +265,11 @@ class Link(Frozen):
     tip: Array = field(default_factory=lambda: np.zeros(3))
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.check_text, "bodies": rules.make_list_rule(rules.make_kind_rule(Body)), "beam": rules.make_optional_rule(rules.make_kind_rule(Beam)),
+        "name": rules.check_text,
+        "bodies": rules.make_list_rule(rules.make_kind_rule(Body)),
+        "beam": rules.make_optional_rule(rules.make_kind_rule(Beam)),
         "tip": rules.make_array_rule((3,), "m"),
-    }  # fmt: skip
+    }
 
     def _check(self, where: str) -> None:
         for body in self.bodies:

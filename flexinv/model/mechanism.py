@@ -64,8 +64,10 @@ class ModalDamping(Frozen):
     seconds: float | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "ratio": rules.make_real_rule("-", 0.0), "mode": rules.count(1), "seconds": rules.make_optional_rule(rules.make_real_rule("s", 0.0)),
-    }  # fmt: skip
+        "ratio": rules.make_real_rule("-", 0.0),
+        "mode": rules.count(1),
+        "seconds": rules.make_optional_rule(rules.make_real_rule("s", 0.0)),
+    }
 
     def __str__(self) -> str:
         """Return the stated ratio, and the time that follows from it [-], [s]."""
@@ -100,13 +102,20 @@ class Mechanism(Frozen):
     modal_damping: ModalDamping | None = None
 
     RULES: ClassVar[rules.Rules] = {
-        "name": rules.check_text, "links": rules.make_list_rule(rules.make_kind_rule(Link)), "joints": rules.make_list_rule(rules.make_kind_rule(Joint)),
-        "gravity": rules.make_array_rule((3,), "m/s^2"), "closures": rules.make_list_rule(rules.make_kind_rule(Closure)),
-        "springs": rules.make_list_rule(rules.make_kind_rule(Spring)), "forces": rules.make_list_rule(rules.make_kind_rule(Force)),
-        "title": rules.check_text, "source": rules.check_text, "urdf": rules.make_optional_rule(rules.make_kind_rule(Path)),
-        "packages": rules.make_list_rule(rules.make_kind_rule(Path)), "notes": rules.make_list_rule(rules.check_text),
+        "name": rules.check_text,
+        "links": rules.make_list_rule(rules.make_kind_rule(Link)),
+        "joints": rules.make_list_rule(rules.make_kind_rule(Joint)),
+        "gravity": rules.make_array_rule((3,), "m/s^2"),
+        "closures": rules.make_list_rule(rules.make_kind_rule(Closure)),
+        "springs": rules.make_list_rule(rules.make_kind_rule(Spring)),
+        "forces": rules.make_list_rule(rules.make_kind_rule(Force)),
+        "title": rules.check_text,
+        "source": rules.check_text,
+        "urdf": rules.make_optional_rule(rules.make_kind_rule(Path)),
+        "packages": rules.make_list_rule(rules.make_kind_rule(Path)),
+        "notes": rules.make_list_rule(rules.check_text),
         "modal_damping": rules.make_optional_rule(rules.make_kind_rule(ModalDamping)),
-    }  # fmt: skip
+    }
 
     def _check(self, where: str) -> None:
         """Raise InputError unless links and joints are a tree, named once each, parents first, and attachments are on them."""

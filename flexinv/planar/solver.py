@@ -50,18 +50,28 @@ class PlanarMarch:
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
             points=make_aligned_zeros(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
-            rates=make_aligned_zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)), u=make_aligned_zeros(max(count, 1), 3),
-            felt=make_aligned_zeros(*mesh.elements.nodes.shape, 3), residual=make_aligned_zeros(sides, unknowns), y=make_aligned_zeros(sides, unknowns),
-        )  # fmt: skip
+            rates=make_aligned_zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)),
+            u=make_aligned_zeros(max(count, 1), 3),
+            felt=make_aligned_zeros(*mesh.elements.nodes.shape, 3),
+            residual=make_aligned_zeros(sides, unknowns),
+            y=make_aligned_zeros(sides, unknowns),
+        )
         frames = PlanarFrames(*(make_aligned_zeros(*shape) for shape in shapes))
         rows, row, own = m.place
         elements, most, columns = len(own), *(-(-n // ROWS_AT_ONCE) * ROWS_AT_ONCE for n in (own.shape[1], widest))
         factors = PlanarFactors(
-            rows=rows, row=row, own=own, inverse=make_aligned_zeros(elements, most, most), to_root=make_aligned_zeros(elements, 3, most),
-            b=make_aligned_zeros(elements, widest, most), x=make_aligned_zeros(elements, widest, most),
-            root=make_aligned_zeros(len(m.tree.span) - 1, columns, columns), diagonal=make_aligned_zeros(len(m.tree.size), widest, widest),
-            line=make_aligned_zeros(2, max(most, columns)), found=make_aligned_zeros(elements, most),
-        )  # fmt: skip
+            rows=rows,
+            row=row,
+            own=own,
+            inverse=make_aligned_zeros(elements, most, most),
+            to_root=make_aligned_zeros(elements, 3, most),
+            b=make_aligned_zeros(elements, widest, most),
+            x=make_aligned_zeros(elements, widest, most),
+            root=make_aligned_zeros(len(m.tree.span) - 1, columns, columns),
+            diagonal=make_aligned_zeros(len(m.tree.size), widest, widest),
+            line=make_aligned_zeros(2, max(most, columns)),
+            found=make_aligned_zeros(elements, most),
+        )
         ties = _copy_arrays(m.ties)
         masses = _copy_arrays(m.masses)
         state = State.of(0, unknowns)
@@ -158,7 +168,8 @@ class PlanarMarch:
     def arguments(
         self, scheme: Scheme, start: GivenMotion | None, steps: GivenMotion, row: Indices, out: Trajectory
     ) -> tuple[Any, ...]:
-        """Return the arguments of `integrate_planar_motion` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
+        """Return the arguments of `integrate_planar_motion` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) "
+        "[m, rad, s].
 
         start : the same at one instant at which the march begins undeformed, all closures acting, with the accelerations that
             belong to it; None where it goes on

@@ -197,7 +197,7 @@ def fill_variations(tree, frames, cv, ca):
 
 @jit_inner
 def fill_pose_variations(tree, frames):
-    """Set how the poses of dependent nodes move with the unknowns of their blocks [m], [rad]: the first part of `fill_variations`."""
+    """Set how poses of dependent nodes move with unknowns of their blocks [m], [rad]: the first part of `fill_variations`."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
         for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):

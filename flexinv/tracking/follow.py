@@ -252,7 +252,8 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
         if given >= fades and swings and name == "after":
             warnings.warn(
                 f"mechanism '{horizon.way.mesh.mechanism.name}': when the path has ended something swings on inside at "
-                f"{rest:.1%} of the largest speed, and its drives with it ({describe_zeros(rates)}): the frame stays on its path; "
+                f"{rest:.1%} of the largest speed, and its drives with it ({describe_zeros(rates)}): the frame stays on its "
+                f"path; "
                 "give the path more time, the swinging joint or beam damping, or follow a point further out on the tool",
                 ModelWarning,
                 stacklevel=3,
@@ -293,7 +294,8 @@ def solve_stable_inversion(horizon: Horizon) -> Trajectory:
     stiffness = min(stiffness, softest)
     raise ConvergenceError(
         f"mechanism '{horizon.way.mesh.mechanism.name}': no bounded motion found whose frame on '{horizon.way.frame.name}' "
-        f"follows the path, only with beams {stiffness:.3g} times as stiff ({describe_zeros(find_internal_rates(horizon, 0))}); give the "
+        f"follows the path, only with beams {stiffness:.3g} times as stiff "
+        f"({describe_zeros(find_internal_rates(horizon, 0))}); give the "
         "path more time, a smaller step, or check the stiffness"
     )
 

@@ -249,8 +249,16 @@ def _read_joint(model: Any, index: int, parent: str, child: str, at: Placement) 
     stiffness = 0.0 if is_disabled(model, SPRING_OFF) else float(model.jnt_stiffness[index])
     spring: dict[str, Any] = {"stiffness": stiffness, "rest": float(model.qpos_spring[start])} if stiffness else {}
     return Joint(
-        name, kind, parent, child, Placement(place, back), axis=axis, limits=limits, **spring, **_read_passive_values(model, index)
-    )  # fmt: skip
+        name,
+        kind,
+        parent,
+        child,
+        Placement(place, back),
+        axis=axis,
+        limits=limits,
+        **spring,
+        **_read_passive_values(model, index),
+    )
 
 
 def _read_passive_values(model: Any, index: int) -> dict[str, Any]:

@@ -45,7 +45,7 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 __all__ = [
-    "Built", "abilities", "bench", "build", "certify", "export", "inverse_dynamics", "passive_effort", "replay",
+    "Built", "abilities", "bench", "build", "certify", "compute_inverse_dynamics", "export", "passive_effort", "replay",
     "run", "unsupported", "version",
 ]  # fmt: skip
 

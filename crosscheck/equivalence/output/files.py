@@ -29,10 +29,15 @@ def write(found: Comparison, out: Path) -> None:
     now = datetime.datetime.now().isoformat(timespec="seconds")
     stamp = {"started": now, "versions": list_versions()}
     view: dict[str, Any] = {
-        "found": found, "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS], "words": WORDS,
-        "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told], "repaired": describe_repair(found), "rounding": describe_rounding(found),
-        "results": stamp, "root": "",
-    }  # fmt: skip
+        "found": found,
+        "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS],
+        "words": WORDS,
+        "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told],
+        "repaired": describe_repair(found),
+        "rounding": describe_rounding(found),
+        "results": stamp,
+        "root": "",
+    }
     write_page(prepare_templates(), "compare.html.j2", out / "index.html", **view)
     owned.write(out / "results.json", json.dumps(found.plain | stamp, indent=1, ensure_ascii=False))
     owned.write(out / "summary.md", render_markdown(found))

@@ -58,7 +58,8 @@ def describe_repair(found: Comparison) -> str:
         whose = "efforts of the mechanisms" if added else "efforts"
         return f"{whose} agree to {format_short(judged.before)} of their ranges"
     where = f" at joint {judged.worst_joint}" if judged.worst_joint else ""
-    before = f"efforts differ by up to {format_short(judged.before_effort)} N m or N{where}, {format_short(judged.before)} times its range"
+    difference = f"{format_short(judged.before_effort)} N m or N{where}"
+    before = f"efforts differ by up to {difference}, {format_short(judged.before)} times its range"
     return f"{before}; with the differences put right, {format_short(judged.after)} of it is left"
 
 

@@ -324,7 +324,7 @@ def test_not_comparable_is_said_in_every_output(tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.usefixtures("read_here")
 def test_not_proven_is_said_in_every_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("crosscheck.equivalence.proving.provers.installed", dict)
+    monkeypatch.setattr("crosscheck.equivalence.proving.provers.list_installed_provers", dict)
     monkeypatch.setattr("crosscheck.equivalence.proving.provers.ENGINES", {})
     file = str(arm(tmp_path))
     code, said = outputs(tmp_path / "out", file, file)

@@ -16,14 +16,14 @@ LANES = types.uint64
 SIGNS = types.UniTuple(types.float64, 4)
 # kernel -> its arguments
 LOOPS: dict[str, tuple[Any, ...]] = {
-    "_angles": (ROWS, types.uint64),
+    "_compute_angles": (ROWS, types.uint64),
     "_turn_outboard": (ROWS, ROWS, types.uint64, ROWS),
     "_turn_inboard": (ROWS, types.uint64, ROWS),
     "_turn_on_inboard": (ROWS, ROWS, types.uint64, ROWS),
-    "_slide_outboard": (ROWS, ROWS, types.uint64, ROWS),
-    "_float_outboard": (ROWS, ROWS, types.uint64, ROWS),
-    "_float_inboard": (ROWS, types.uint64),
-    "_branch_inboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_compute_slide_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_compute_float_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_compute_float_inboard": (ROWS, types.uint64),
+    "_add_wrench_to_parent": (ROWS, ROWS, types.uint64, ROWS),
 }
 CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_bodies._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),

@@ -259,8 +259,16 @@ KINDS = (
     Kind("gravcomp", _find_gravcomp, _make_array_setter(body_gravcomp=0.0)),
     Kind("fluid", _find_fluid, _remove_fluid),
     Kind("spring-law", _find_springs("spring-law", SCALAR, True), _make_spring_remover(SCALAR, True)),
-    Kind("ball-spring", _find_springs("ball-spring", (JOINT.mjJNT_BALL,), False), _make_spring_remover((JOINT.mjJNT_BALL,), False)),
-    Kind("free-spring", _find_springs("free-spring", (JOINT.mjJNT_FREE,), False), _make_spring_remover((JOINT.mjJNT_FREE,), False)),
+    Kind(
+        "ball-spring",
+        _find_springs("ball-spring", (JOINT.mjJNT_BALL,), False),
+        _make_spring_remover((JOINT.mjJNT_BALL,), False),
+    ),
+    Kind(
+        "free-spring",
+        _find_springs("free-spring", (JOINT.mjJNT_FREE,), False),
+        _make_spring_remover((JOINT.mjJNT_FREE,), False),
+    ),
     Kind("damper-law", _find_damper_laws, _make_array_setter(dof_dampingpoly=0.0, actuator_dampingpoly=0.0)),
     Kind("plastic", _find_plastic, _make_array_setter(jnt_plasticadr=-1, tendon_plasticadr=-1)),
     Kind("free-armature", _find_of_free("free-armature", "armature", "dof_armature", 0), _make_free_remover("dof_armature")),

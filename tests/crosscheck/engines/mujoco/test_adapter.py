@@ -148,10 +148,10 @@ def no_dual(mechanism: Mechanism, built: Any, q: Any, force: Any) -> Any:
 
 ORIGINAL_POSITION, ORIGINAL_MAP = mujoco_joints._convert_position, mujoco_joints.convert_to_engine
 MAP_FAULTS: dict[str, tuple[str, Callable[..., Any]]] = {
-    "quaternion order": ("_position", quaternion_not_rolled),
-    "base placement": ("_absolute", placement_forgotten),
-    "bias w x v": ("to_engine", no_bias),
-    "dual of the base": ("effort_from_engine", no_dual),
+    "quaternion order": ("_convert_position", quaternion_not_rolled),
+    "base placement": ("_compute_world_rotation", placement_forgotten),
+    "bias w x v": ("convert_to_engine", no_bias),
+    "dual of the base": ("convert_effort_from_engine", no_dual),
 }
 
 
