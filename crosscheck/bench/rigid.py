@@ -150,10 +150,10 @@ def prepare_methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, in
         for order in ORDERS:
             found[f"flexinv by {order[:-1]}", threads] = _make_flexinv_method(mechanism, state, order, threads)
         found["rneaInParallel", threads] = _make_method(
-            pinocchio.parallel(mechanism, *state, threads), len(state[0]), threads
+            pinocchio.prepare_parallel(mechanism, *state, threads), len(state[0]), threads
         )
-    found["pin.rnea in a loop", 1] = _make_method(pinocchio.run_loop(mechanism, *few), len(few[0]))
-    found["mj_inverse in a loop", 1] = _make_method(mujoco.run_loop(mechanism, *few), len(few[0]))
+    found["pin.rnea in a loop", 1] = _make_method(pinocchio.prepare_loop(mechanism, *few), len(few[0]))
+    found["mj_inverse in a loop", 1] = _make_method(mujoco.prepare_loop(mechanism, *few), len(few[0]))
     return found
 
 

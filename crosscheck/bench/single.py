@@ -78,8 +78,8 @@ def _list_single_sample_rows(robot: str, mechanism: Mechanism, seconds: float) -
     out = np.empty(mechanism.nv)
     calls = {
         "flexinv, prepared": Call(lambda: function.sample(q, qd, qdd, out)),
-        "pin.rnea": Call(pinocchio.run_loop(mechanism, *state)[0]),
-        "mj_inverse": Call(mujoco.run_loop(mechanism, *state)[0]),
+        "pin.rnea": Call(pinocchio.prepare_loop(mechanism, *state)[0]),
+        "mj_inverse": Call(mujoco.prepare_loop(mechanism, *state)[0]),
     }
     rows = []
     for method, times in run_calls_in_turns(calls, seconds).items():
@@ -144,7 +144,7 @@ def run_chain_study(models: str = "", joints: list[int] | None = None, seconds: 
         out = np.empty((mechanism.nv, CHAIN_SAMPLES))
         calls = {
             "flexinv": Call(lambda f=function, g=given, o=out: f.torques(*g, out=o, order="coordinates")),  # type: ignore[misc]
-            "rneaInParallel": Call(pinocchio.parallel(mechanism, *state, 1)[0]),
+            "rneaInParallel": Call(pinocchio.prepare_parallel(mechanism, *state, 1)[0]),
         }
         times = run_calls_in_turns(calls, seconds)
         for method, own in times.items():

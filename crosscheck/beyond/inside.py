@@ -53,7 +53,7 @@ def make_body_mass_fault(scene: Scene, rng: np.random.Generator, size: float) ->
     link, body = draw_one(rng, edits.list_moving_bodies(scene.mechanism))
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().body_mass(built, f"{link.name}/{body.name}", size)
+        _open_mujoco_faults().scale_body_mass(built, f"{link.name}/{body.name}", size)
 
     at = edits.list_body_names(scene.mechanism, link.name, body.name)
     return _make_model_fault(
@@ -70,7 +70,7 @@ def make_body_ipos_fault(scene: Scene, rng: np.random.Generator, size: float) ->
     by = size * rng.normal(size=3)
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().body_ipos(built, f"{link.name}/{body.name}", by)
+        _open_mujoco_faults().move_body_centre(built, f"{link.name}/{body.name}", by)
 
     at = edits.list_body_names(scene.mechanism, link.name, body.name)
     return _make_model_fault(
@@ -85,7 +85,7 @@ def make_boundinertia_fault(scene: Scene, rng: np.random.Generator, size: float)
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().bound_inertia(built, LEAST)
+        _open_mujoco_faults().apply_inertia_bound(built, LEAST)
 
     names = tuple(link.name for link in scene.mechanism.links)
     only = names if len(edits.list_moving_bodies(scene.mechanism)) == 1 else ()
@@ -100,7 +100,7 @@ def make_settotalmass_fault(scene: Scene, rng: np.random.Generator, size: float)
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().total_mass(built, lambda total: 1.001 * max(float(np.round(total, 1)), 0.1))
+        _open_mujoco_faults().scale_total_mass(built, lambda total: 1.001 * max(float(np.round(total, 1)), 0.1))
 
     only = scene.mechanism.links[0].name
     at = (ALL, only) if len(edits.list_moving_bodies(scene.mechanism)) == 1 else (ALL,)
@@ -115,7 +115,7 @@ def make_invdiscrete_fault(scene: Scene, rng: np.random.Generator, size: float) 
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().discretely(built)
+        _open_mujoco_faults().apply_discrete_inverse(built)
 
     return _make_model_fault("invdiscrete is on", ("implicit damping",), (), update_model, ("viscous", "rotor"))
 
@@ -142,7 +142,7 @@ def make_disabled_damper_fault(scene: Scene, rng: np.random.Generator, size: flo
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().without_dampers(built)
+        _open_mujoco_faults().remove_dampers(built)
 
     alone = (damped[0].name,) if len(damped) == 1 else ()
     return _make_model_fault("dampers are disabled", ("viscous",), (ALL, *alone), update_model)
@@ -155,7 +155,7 @@ def make_inertia_order_fault(scene: Scene, rng: np.random.Generator, size: float
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_pinocchio_faults().other_order(built, joint.name)
+        _open_pinocchio_faults().replace_inertia_order(built, joint.name)
 
     at = edits.list_body_names(scene.mechanism, joint.child)
     return _make_model_fault(
@@ -170,7 +170,7 @@ def make_lever_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fau
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_pinocchio_faults().longer_lever(built, joint.name, 1.0 + size)
+        _open_pinocchio_faults().scale_mass_lever(built, joint.name, 1.0 + size)
 
     at = edits.list_body_names(scene.mechanism, joint.child)
     return _make_model_fault(
@@ -186,7 +186,7 @@ def make_missing_armature_fault(scene: Scene, rng: np.random.Generator, size: fl
         return None
 
     def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_pinocchio_faults().without_armature(built)
+        _open_pinocchio_faults().remove_armature(built)
 
     alone = (have[0].name,) if len(have) == 1 else ()
     return _make_model_fault("armature is zero", ("rotor",), (ALL, *alone), update_model)
