@@ -14,16 +14,19 @@ from flexinv import _HOME
 ROOT = Path(__file__).resolve().parent.parent
 NUMERICAL = sorted((ROOT / "flexinv").rglob("*.py"))
 PACKAGES = NUMERICAL + sorted((ROOT / "crosscheck").rglob("*.py"))
+# Developers' tools, which are not installed: the rules of a single file hold for them, too.
+TOOLS = sorted((ROOT / "benchmarks").rglob("*.py")) + sorted((ROOT / "campaigns" / "beyond").rglob("*.py"))
 # What the build of the site writes below docs/.
 BUILT = {ROOT / "docs" / name for name in ("_build", "_static", "examples", "mechanisms", "reference/generated")}
 ALL = (
     PACKAGES
+    + TOOLS
     + sorted((ROOT / "tests").rglob("*.py"))
     + sorted(path for path in (ROOT / "docs").rglob("*.py") if not BUILT & set(path.parents))
 )
 TEXTS = [
     path
-    for folder in ("flexinv", "crosscheck", "tests", "models", "docs", ".")
+    for folder in ("flexinv", "crosscheck", "benchmarks", "campaigns", "tests", "models", "docs", ".")
     for path in sorted((ROOT / folder).glob("*" if folder == "." else "**/*"))
     if not BUILT & set(path.parents)
     if path.suffix in (".py", ".toml", ".md", ".txt", ".csv", ".html", ".j2", ".js", ".urdf") or path.name == "Makefile"
@@ -51,7 +54,6 @@ SAME = (
 )  # fmt: skip
 KERNEL = "compiled code apart from the code that calls it: a change of the caller compiles nothing anew"
 EQUATIONS = "equations of their own, at the head of the file"
-FAULTS = "planted mistakes by subject, in one catalogue"
 COMPARED = "a step of the comparison, in a file of its own name"
 ASKED = "what an engine's own model answers, apart from what is lifted from it"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
@@ -70,13 +72,6 @@ ALONE = {
     "crosscheck.engines.pinocchio.own_dynamics": ASKED,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.regressor_kernel": KERNEL,
-    "crosscheck.bench.cores": "pins threads to processors, apart from the clock",
-    "crosscheck.bench.rigid": "a table of the bench, beside others",
-    "crosscheck.beyond.drives": FAULTS,
-    "crosscheck.beyond.inside": FAULTS,
-    "crosscheck.beyond.kinematics": FAULTS,
-    "crosscheck.beyond.loops": FAULTS,
-    "crosscheck.beyond.planting": "how a mistake gets into an engine, apart from what is then looked at",
     "crosscheck.causes.apply": "changes of an engine's efforts, apart from the model that is fitted",
     "crosscheck.commands": "the commands, of which the program is made",
     "crosscheck.doors.record": "what a door makes of answers on disk, beside the programs and packages of the others",
@@ -123,7 +118,7 @@ def test_public_functions_give_units() -> None:
 
 
 def test_functions_are_annotated() -> None:
-    check(PACKAGES, lambda path: rules.unannotated(path.read_text()))
+    check(PACKAGES + TOOLS, lambda path: rules.unannotated(path.read_text()))
 
 
 def test_modules_and_functions_are_short() -> None:
@@ -131,7 +126,7 @@ def test_modules_and_functions_are_short() -> None:
 
 
 def test_one_thought_is_one_statement() -> None:
-    check(PACKAGES, lambda path: rules.packed(path.read_text()))
+    check(PACKAGES + TOOLS, lambda path: rules.packed(path.read_text()))
 
 
 def test_swaps_and_unpacking_are_no_packing() -> None:
@@ -159,7 +154,7 @@ def test_tests_lie_in_the_folders_of_what_they_test() -> None:
 
 
 def test_records_have_names() -> None:
-    check(PACKAGES, lambda path: names.letter_records(path.read_text()))
+    check(PACKAGES + TOOLS, lambda path: names.letter_records(path.read_text()))
 
 
 def test_functions_have_few_parameters() -> None:
@@ -167,7 +162,7 @@ def test_functions_have_few_parameters() -> None:
         here = str(path.relative_to(ROOT))
         return [line for line in names.many_parameters(path.read_text()) if f"{here}: {line.split()[2]}" not in FLAT]
 
-    check(PACKAGES, rule)
+    check(PACKAGES + TOOLS, rule)
 
 
 def test_words_have_one_meaning() -> None:
@@ -181,7 +176,7 @@ def test_modules_that_one_other_imports_have_a_reason() -> None:
 
 
 def test_docstrings_do_not_ask() -> None:
-    check(PACKAGES, lambda path: names.questions(path.read_text()))
+    check(PACKAGES + TOOLS, lambda path: names.questions(path.read_text()))
 
 
 def test_public_functions_live_in_modules_of_their_names() -> None:

@@ -11,8 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
-from crosscheck.bench import parts as known
-from crosscheck.bench.targets import describe_measurement, list_metrics
+from crosscheck.checkout import import_from_checkout
 from crosscheck.commands.shared.terminal import (
     COLOURS,
     MODELS,
@@ -70,6 +69,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
       crosscheck bench rigid one-link      these parts only
       python docs/figures/make_figures.py reports/bench/results.json     the plot of time and error as a picture
 
+    It needs a checkout: its parts stand in the folder benchmarks/, which an installed package does not have.
     The engines take turns in one process, results are compared before anything is timed, and what is judged are
     ratios of medians.  `crosscheck nightly --bench` does the same at the end of a night.
 
@@ -78,6 +78,10 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
                 1  one is missed
                 2  a part failed, or the report or the history could not be written
     """
+    try:
+        known = import_from_checkout("benchmarks.parts", "crosscheck bench")
+    except InputError as error:
+        raise Failure(str(error)) from error
     if unknown := [name for name in parts if name not in known.PARTS]:
         raise Failure(f"no part is called {unknown[0]!r}; known: {', '.join(known.PARTS)}")
     try:
@@ -100,7 +104,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
 def _write_targets(results: Results) -> None:
     """Print the table of targets, and what failed."""
     console = Console()
-    console.print(describe_measurement().split("\n\n")[0], highlight=False)
+    console.print(results.studies[0].text.split("\n\n")[0], highlight=False)
     table = Table("", "what", "measured", "asked", "", box=None, header_style="dim")
     for row in results.studies[0].rows:
         sign = f"[{COLOURS[row['verdict']]}]{SIGNS[row['verdict']]}[/]"
@@ -114,6 +118,6 @@ def _write_targets(results: Results) -> None:
 
 def _add_to_history(results: Results, url: str) -> None:
     try:
-        history.add_metrics(history.open_database(url), list_metrics(results.studies), elapsed=results.elapsed)
+        history.add_metrics(history.open_database(url), history.list_metrics(results.studies), elapsed=results.elapsed)
     except history.HistoryError as error:
         raise Failure(str(error)) from error

@@ -9,7 +9,7 @@ from typing import NoReturn
 import click
 from rich.markup import escape
 
-from crosscheck.bench.parts import list_night_studies as bench_studies
+from crosscheck.checkout import import_from_checkout
 from crosscheck.commands.shared.options import Asked, add_run_options
 from crosscheck.commands.shared.terminal import (
     FOLDER,
@@ -21,6 +21,7 @@ from crosscheck.commands.shared.terminal import (
 )
 from crosscheck.report.words import describe_run
 from crosscheck.secrets import format_command_line
+from crosscheck.studies import Study
 from crosscheck.verdicts.baseline import BaselineError
 from crosscheck.verdicts.history import HistoryError
 from crosscheck.workflows import latest_engines as fresh
@@ -42,7 +43,9 @@ from flexinv.errors import InputError
 )
 @click.option("--latest-engines", is_flag=True, help="In a fresh environment with the newest release of every engine.")
 @click.option(
-    "--bench", is_flag=True, help="At the end the speed comparison of `crosscheck bench`, its ratios in the history."
+    "--bench",
+    is_flag=True,
+    help="At the end the speed comparison of `crosscheck bench`, its ratios in the history (in a checkout).",
 )
 @click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
 def command(
@@ -87,7 +90,7 @@ def command(
         label=label,
         command=format_command_line(sys.argv[1:]),
         whole=not asked.names and every,
-        bench=bench_studies(asked.models) if bench else (),
+        bench=_list_speed_studies(asked.models) if bench else (),
     )
     try:
         with convert_sigterm(), open_progress(console) as notify:
@@ -101,3 +104,13 @@ def command(
     also = "" if label else f", also {reports / 'latest' / 'index.html'}"
     console.print(f"report: {folder / 'index.html'}{also}", highlight=False)
     sys.exit(results.exit_code)
+
+
+def _list_speed_studies(models: Path) -> tuple[Study, ...]:
+    """Return the parts of the speed comparison that a night makes.  Raises Failure where this is no checkout."""
+    try:
+        parts = import_from_checkout("benchmarks.parts", "crosscheck nightly --bench")
+    except InputError as error:
+        raise Failure(str(error)) from error
+    studies: tuple[Study, ...] = parts.list_night_studies(models)
+    return studies

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 import sysconfig
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,15 +15,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
-from crosscheck.beyond import campaign as beyond
-from crosscheck.beyond.judge import BAD
-from crosscheck.beyond.shown import describe_campaign as beyond_text
-from crosscheck.beyond.shown import describe_fault as beyond_line
-from crosscheck.beyond.shown import describe_verdict as beyond_verdict
-from crosscheck.beyond.shown import make_outcome_table
 from crosscheck.causes.fault_benches import BENCHES
+from crosscheck.checkout import import_from_checkout
 from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, convert_sigterm, open_progress
 from crosscheck.commands.shared.terminal import make_out_option as out_option
+from crosscheck.measures.limits import Verdict
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS
 from crosscheck.run.run_state import RESULTS
@@ -54,10 +51,12 @@ INSTALLED = Path(sysconfig.get_path("data")) / "share" / "flexinv" / "models"  #
     show_default=True,
     help="Seconds that one bench may take: some hundred runs of an engine.",
 )
-@click.option("--beyond", "outside", is_flag=True, help="Plant mistakes of users that no cause was written for.")
+@click.option(
+    "--beyond", "outside", is_flag=True, help="In a checkout: plant mistakes of users that no cause was written for."
+)
 @click.option(
     "--campaign",
-    type=click.Choice(list(beyond.CAMPAIGNS)),
+    type=click.Choice(["first", "second"]),
     default="first",
     show_default=True,
     help="With --beyond: which mechanisms and seed.",
@@ -74,7 +73,7 @@ def command(
     NAMES are mechanisms of the benches; without names all of them.  The unharmed mechanisms demand silence.  The
     matrix planted x named is printed and stands in the report, with a table of every fault per bench.
 
-    With --beyond mistakes that users make with real engines are planted instead, drawn from a seed: beyond.json and
+    With --beyond, in a checkout, mistakes that users make with real engines are planted instead, from a seed: beyond.json and
     beyond.txt in the folder of the report say what became of each.
 
     \b
@@ -131,6 +130,12 @@ def _run_campaign_and_end(
     names: tuple[str, ...], said: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]
 ) -> NoReturn:
     """Run a campaign of faults beyond the dictionary, print its sums, and leave with its exit code."""
+    try:
+        beyond = import_from_checkout("campaigns.beyond.campaign", "crosscheck selftest --beyond")
+    except InputError as error:
+        raise Failure(str(error)) from error
+    shown = importlib.import_module("campaigns.beyond.shown")
+    bad = importlib.import_module("campaigns.beyond.judge").BAD
     chosen = beyond.CAMPAIGNS[asked["campaign"]]
     chosen = replace(chosen, seed=asked["seed"] if asked["seed"] is not None else chosen.seed)
     chosen = replace(chosen, count=asked["count"] or chosen.count)
@@ -147,17 +152,17 @@ def _run_campaign_and_end(
     with convert_sigterm(), open_progress(console) as notify:
 
         def write_progress(done: int, total: int, row: Mapping[str, Any]) -> None:
-            verdict = "deviation" if row["outcome"] in BAD else "within"
-            notify(Event(beyond_line(row), verdict, "", done, total))
+            verdict: Verdict = "deviation" if row["outcome"] in bad else "within"
+            notify(Event(shown.describe_fault(row), verdict, "", done, total))
 
         try:
             results = beyond.run(beyond.Wanted(chosen, models, out, jobs, mechanisms, only), write_progress)
         except RuntimeError as error:
             raise Failure(str(error)) from error
-    (out / "beyond.txt").write_text("\n".join(beyond_text(results)) + "\n", encoding="utf-8")
+    (out / "beyond.txt").write_text("\n".join(shown.describe_campaign(results)) + "\n", encoding="utf-8")
     for key in ("by topic", "by mechanism", "by engine", "by newness"):
-        Console().print(make_outcome_table(results, key))
-    console.print(beyond_verdict(results), highlight=False)
+        Console().print(shown.make_outcome_table(results, key))
+    console.print(shown.describe_verdict(results), highlight=False)
     console.print(f"every fault: {out / 'beyond.json'}, {out / 'beyond.txt'}", highlight=False)
     sys.exit(int(not results["met"]))
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, cast
 
-from crosscheck.engines.base import Adapter, offered
+from crosscheck.engines.base import Adapter
 from flexinv.files.load_cases import Limit
 
 
@@ -88,13 +88,6 @@ def adapter(engine: Engine) -> Adapter:
     return resolve_adapter(engine.module)
 
 
-def open_bench_calls(engine: str) -> Any:
-    """Return the calls of one of our engines whose time `crosscheck bench` takes.  Raises ImportError."""
-    bench = offered(adapter(ENGINES[engine]), "bench")
-    assert bench is not None
-    return bench()
-
-
 def resolve_adapter(name: str) -> Adapter:
     """Import an adapter: a module, ``module:object``, or ``module:class``, of which one is made.  Raises ImportError."""
     module, _, attribute = name.partition(":")
@@ -106,10 +99,15 @@ def resolve_adapter(name: str) -> Adapter:
     return cast(Adapter, found() if isinstance(found, type) else found)
 
 
-def open_adapter(job: Mapping[str, Any]) -> Adapter:
-    """Return the adapter of a job: ``module``, perhaps ``path``; of a door ``settings``, ``engine``, ``mechanism`` (folder)."""
+def add_import_path(job: Mapping[str, Any]) -> None:
+    """Let modules of a job be imported from the folder that it names as ``path``, if it names one."""
     if (path := job.get("path", "")) and path not in sys.path:
         sys.path.insert(0, path)
+
+
+def open_adapter(job: Mapping[str, Any]) -> Adapter:
+    """Return the adapter of a job: ``module``, perhaps ``path``; of a door ``settings``, ``engine``, ``mechanism`` (folder)."""
+    add_import_path(job)
     if "settings" not in job:
         return resolve_adapter(job["module"])
     door: Any = importlib.import_module(job["module"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -71,9 +70,6 @@ class FullAdapter(Adapter, Protocol):
     def replay(self, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
         """Let torques drive the free arm; tips (samples, 3) [m] by link."""
 
-    def bench(self) -> Any:
-        """Return the module, or object, with the calls whose time `crosscheck bench` takes."""
-
     def lift(self, source: Any) -> Description:
         """Return the description of a file as the engine's own reader has it, or of a model in memory.  Raises InputError.
 
@@ -91,7 +87,7 @@ class FullAdapter(Adapter, Protocol):
         """
 
 
-MEMBERS = ("certify", "export", "replay", "bench", "lift", "lifts", "dynamics")
+MEMBERS = ("certify", "export", "replay", "lift", "lifts", "dynamics")
 
 
 def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:
@@ -132,8 +128,3 @@ class _Late:
 
     def __call__(self, *words: Any, **named: Any) -> Any:
         return getattr(importlib.import_module(self.module), self.member)(*words, **named)
-
-
-def make_lazy_module(module: str) -> Callable[[], Any]:
-    """Return the member ``bench`` of an adapter whose calls are functions of a module, imported when it is asked for."""
-    return functools.partial(importlib.import_module, module)

@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from crosscheck.doors.outside_bars import convert_door_bars, of_package
-from crosscheck.engines import ENGINES, open_adapter
+from crosscheck.engines import ENGINES, add_import_path, open_adapter
 from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.rounding import add_rounding_bars, build_perturbed_case
@@ -161,7 +161,8 @@ def _find_refusal(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str 
 
 
 def write_study(job: dict[str, Any]) -> None:
-    """Write the table that the function ``job["function"]`` of the module gives."""
+    """Write the table that the function ``job["function"]`` of a module gives, which may be imported from ``job["path"]``."""
+    add_import_path(job)
     function = getattr(importlib.import_module(job["module"]), job["function"])
     _write(job, function(**job["options"]))
 

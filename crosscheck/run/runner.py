@@ -210,7 +210,8 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
     if kind == "abilities":
         return abilities(what, engine, children)
     if kind == "study":
-        question = {"kind": "study", "module": what.module, "function": what.function, "options": dict(what.options)}
+        question = {"kind": "study", "module": what.module, "function": what.function, "path": what.path}
+        question |= {"options": dict(what.options)}
         return ask(question, options.timeout, children)
     if kind == "why":
         return ask(what.job, options.timeout, children)

@@ -18,6 +18,7 @@ class Study:
     """A named study: the function of a module, and what it is called with (JSON values).
 
     asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.open_adapter`)
+    path : folder that its module is imported from, where that is not installed
     """
 
     name: str
@@ -26,6 +27,7 @@ class Study:
     function: str = "run_study"
     options: Mapping[str, Any] = field(default_factory=dict)
     asks: bool = False
+    path: str = ""
 
 
 STUDIES: dict[str, Study] = {

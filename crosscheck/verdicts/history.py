@@ -26,7 +26,7 @@ import sqlalchemy as sql
 from crosscheck.measures.limits import Verdict
 from crosscheck.secrets import remove_password, remove_passwords
 from crosscheck.verdicts import results as store
-from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.results import Results, StudyRow
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Signal
 
@@ -236,6 +236,11 @@ def add_night(
     ]
     tables = {**_collect_rows(results), METRIC: [dict(vars(m)) for m in metrics], SIGNAL: kept}
     return _add_rows(database, row, tables)
+
+
+def list_metrics(tables: Iterable[StudyRow]) -> list[Metric]:
+    """Return the numbers that rows of tables carry for the history [unit of each]."""
+    return [Metric(**row["metric"]) for table in tables for row in table.rows if row.get("metric")]
 
 
 def add_metrics(database: sql.Engine, metrics: Sequence[Metric], label: str = "bench", elapsed: float = 0.0) -> int:

@@ -17,8 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from crosscheck import output_folder as owned
-from crosscheck.bench.parts import run_parts
-from crosscheck.bench.targets import list_metrics
+from crosscheck.checkout import import_from_checkout
 from crosscheck.measures.record import RecordError
 from crosscheck.report import changed, render, trends
 from crosscheck.run.run_state import RESULTS
@@ -93,7 +92,8 @@ def run_night(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tu
 def add_speed_tables(results: Results, night: Nightly, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
-        speed = run_parts(night.bench, night.work.options.timeout, Path(folder), notify)
+        parts = import_from_checkout("benchmarks.parts", "crosscheck nightly --bench")
+        speed = parts.run_parts(night.bench, night.work.options.timeout, Path(folder), notify)
     tables = (*results.studies, *speed.studies)
     whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
     return whole if speed.finished else replace(add_failure(whole, speed.message), finished=False)
@@ -179,7 +179,9 @@ def add_missing_nights(database: Any, reports: Path, tell: Callable[[str], None]
             if results.settings.get("night") and not history.has_night(database, results):
                 label = str(results.settings["night"]["label"])
                 signals = baseline.collect_signals(results, file.parent)
-                history.add_night(database, results, file.parent.name, label, list_metrics(results.studies), signals)
+                history.add_night(
+                    database, results, file.parent.name, label, history.list_metrics(results.studies), signals
+                )
                 tell(f"added {file.parent.name} to the history, which was missing there")
         except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
             tell(f"{file.parent.name} could not be added to the history: {error}")
@@ -195,7 +197,9 @@ def add_to_history(
         return results
     try:
         signals = baseline.collect_signals(results, folder)
-        number = history.add_night(database, results, folder.name, night.label, list_metrics(results.studies), signals)
+        number = history.add_night(
+            database, results, folder.name, night.label, history.list_metrics(results.studies), signals
+        )
         before = changes.find_previous_night(database, number, night.against)
         if before is None:
             return results

@@ -19,7 +19,7 @@ import time as clock
 
 import exudyn as exu
 
-from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
+from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn import phases as exudyn_phases
 from crosscheck.engines.exudyn import rigid as exudyn_rigid
@@ -38,7 +38,6 @@ from flexinv.model.mechanism import Mechanism
 certify = beside("crosscheck.engines.exudyn.certificate", "certify")
 export = beside("crosscheck.engines.exudyn.export", "export")
 replay = beside("crosscheck.engines.exudyn.replay", "replay")
-bench = make_lazy_module("crosscheck.engines.exudyn.bench")
 lift = beside("crosscheck.engines.exudyn.lift", "lift")
 lifts = beside("crosscheck.engines.exudyn.lift", "lifts")
 READS = ()  # formats of files; models come in memory

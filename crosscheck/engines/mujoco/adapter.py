@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
+from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.mujoco.joints import (
     Built,
@@ -61,7 +61,6 @@ SOFT = (
 certify = beside("crosscheck.engines.mujoco.certificate", "certify")
 export = beside("crosscheck.engines.mujoco.export", "export")
 replay = beside("crosscheck.engines.mujoco.replay", "replay")
-bench = make_lazy_module("crosscheck.engines.mujoco.bench")
 lift = beside("crosscheck.engines.mujoco.lift", "lift")
 lifts = beside("crosscheck.engines.mujoco.lift", "lifts")
 dynamics = beside("crosscheck.engines.mujoco.own_dynamics", "dynamics")

@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
+from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
 from crosscheck.engines.pinocchio import phases as pinocchio_phases
 from crosscheck.engines.pinocchio.model import Built, build, compute_inverse_dynamics
@@ -45,7 +45,7 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 __all__ = [
-    "Built", "abilities", "bench", "build", "certify", "compute_inverse_dynamics", "export", "passive_effort", "replay",
+    "Built", "abilities", "build", "certify", "compute_inverse_dynamics", "export", "passive_effort", "replay",
     "run", "unsupported", "version",
 ]  # fmt: skip
 
@@ -56,7 +56,6 @@ Array = NDArray[np.float64]
 certify = beside("crosscheck.engines.pinocchio.certificate", "certify")
 export = beside("crosscheck.engines.pinocchio.export", "export")
 replay = beside("crosscheck.engines.pinocchio.replay", "replay")
-bench = make_lazy_module("crosscheck.engines.pinocchio.bench")
 lift = beside("crosscheck.engines.pinocchio.lift", "lift")
 lifts = beside("crosscheck.engines.pinocchio.lift", "lifts")
 dynamics = beside("crosscheck.engines.pinocchio.own_dynamics", "dynamics")

@@ -1,0 +1,1 @@
+"""Randomised runs that are too long for every test run; `campaigns/README.md` lists them."""

@@ -1,0 +1,1 @@
+"""Built models of other engines with a mistake in them."""
