@@ -213,10 +213,10 @@ def list_changes() -> list[Change]:
     rods, strip = "models/double_pendulum/", "models/flex_one_link/"
     model = [
         (rods + "mechanism.toml", r"mass_kg = "),
-        (rods + "mechanism.toml", r"com_m = \["),
+        (rods + "mechanism.toml", r"rod = \{ length_m = "),
         (rods + "mechanism.toml", r"gravity_m_per_s2 = \[0, 0, "),
         (rods + "cases.toml", r"to_deg = "),
-        (rods + "cases.toml", r"duration_s = "),
+        (rods + "cases.toml", r"joints.knee = \{ from_deg = 0, to_deg = "),
         (strip + "mechanism.toml", r"y = 13.7, z = "),
         (strip + "mechanism.toml", r"mass_per_length_kg_per_m = "),
         (strip + "cases.toml", r"to_deg = "),

@@ -267,10 +267,10 @@ def remove_tree(folder: Path) -> None:
         try:
             shutil.rmtree(folder, ignore_errors=True)
         except RecursionError:
-            _flatten(folder)
+            _move_folders_up(folder)
 
 
-def _flatten(folder: Path) -> None:
+def _move_folders_up(folder: Path) -> None:
     """Move every folder below another one up into it."""
     ahead = [str(folder)]
     count = 0

@@ -26,25 +26,25 @@ GARBAGE = 50_000
 def main() -> None:
     """Run the command line, or say what it needs; Ctrl-C and a polite kill (SIGTERM) are words at any moment."""
     gc.set_threshold(GARBAGE)
-    signal.signal(signal.SIGTERM, interrupt)
+    signal.signal(signal.SIGTERM, convert_to_interrupt)
     try:
         run_commands()
     except KeyboardInterrupt:  # before the commands are there to hear it
-        say("Error: interrupted")
+        write_message("Error: interrupted")
         os._exit(2)
     finally:  # what comes now comes too late: everything is done, and Python leaves
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
 
-def say(words: str) -> None:
+def write_message(words: str) -> None:
     """Write a line for whoever sits at the terminal."""
     import click  # when it is needed: until then an interrupt is heard
 
     click.echo(words, err=True)
 
 
-def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+def convert_to_interrupt(number: int, frame: FrameType | None) -> NoReturn:
     """Treat a signal like Ctrl-C."""
     raise KeyboardInterrupt
 
@@ -59,13 +59,13 @@ def run_commands() -> None:
 
         command = importlib.import_module("crosscheck.cli").main
     except ModuleNotFoundError as error:
-        say(f"Error: {describe_missing_package(error)}")
+        write_message(f"Error: {describe_missing_package(error)}")
         sys.exit(2)
     try:
-        with add_compile_listener(lambda: say(f"crosscheck: {NOTE}")):
+        with add_compile_listener(lambda: write_message(f"crosscheck: {NOTE}")):
             command()
     except OSError as error:  # of the terminal itself: what it was sent to is full
-        say(f"Error: what crosscheck says cannot be written: {error}")
+        write_message(f"Error: what crosscheck says cannot be written: {error}")
         os._exit(2)  # nothing that is left in a buffer could be written either
 
 

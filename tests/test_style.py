@@ -35,7 +35,7 @@ TEXTS = [
 
 # Functions with more than eight parameters, and why they stay so.
 FLAT = {
-    "flexinv/rigid/blocks.py: torque_blocks": "one sample takes 2.3 us; records as arguments of the call from Python add 1.4 us",
+    "flexinv/rigid/blocks.py: compute_torque_blocks": "one sample takes 2.3 us; records as arguments of the call from Python add 1.4 us",
 }
 # Words that had several meanings; each has one now.
 # What does the same in two forms has the same names: time integration and beams in space and in a plane, vectors and lanes.
@@ -59,6 +59,7 @@ ASKED = "what an engine's own model answers, apart from what is lifted from it"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.beside": "what no effort shows, a question of its own",
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
@@ -90,7 +91,6 @@ ALONE = {
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
-    "crosscheck.equivalence.couplings": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.report.plots": DRAWING,

@@ -185,14 +185,14 @@ def make_joint_order_fault(scene: Scene, rng: np.random.Generator, size: float) 
     at = (a.name, b.name)
 
     def update_case(mechanism: Mechanism, case: Case) -> Case:
-        def exchange_coordinates(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+        def apply_exchange(mechanism: Mechanism, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
             out = q.copy(), qd.copy(), qdd.copy()
             for new, old, where in zip(out, (q, qd, qdd), ("q_slices", "v_slices", "v_slices"), strict=True):
                 one, two = (getattr(mechanism, where)[n].start for n in at)
                 new[:, [one, two]] = old[:, [two, one]]
             return out
 
-        return replace_motion(case, exchange_coordinates)
+        return replace_motion(case, apply_exchange)
 
     return Fault(
         f"{a.name} and {b.name} get each other's motion",

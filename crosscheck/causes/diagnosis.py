@@ -22,7 +22,7 @@ from crosscheck.causes.separate import find_separating_motion
 from crosscheck.causes.subject import Array, Subject
 from crosscheck.engines import open_adapter
 from crosscheck.engines.base import Adapter
-from crosscheck.measures.certificate import certificate
+from crosscheck.measures.certificate import build_certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, read_record
@@ -139,8 +139,8 @@ def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: 
     evidence = Evidence(
         model,
         residual,
-        certificate(record.certificate),
-        certificate(reference.certificate),
+        build_certificate(record.certificate),
+        build_certificate(reference.certificate),
         collect_quantities(model, record, reference),
     )
     bars = compute_noise(model, record, reference)

@@ -222,14 +222,14 @@ class Evidence:
         measured = self._assemble_column(self.theirs) - zero
         for _ in range(ROUNDS):
             here = self._assemble_column(self._compute_harmed_certificate(fit, size))
-            slope = self._slope(fit, size)
+            slope = self._compute_derivatives(fit, size)
             step_of = np.linalg.lstsq(slope, measured - (here - zero), rcond=SMALL)[0]
             size = size + step_of
             if np.abs(step_of).max() <= SURE_PART * np.abs(size).max():
                 break
         return np.asarray(size)
 
-    def _slope(self, fit: Fit, size: Array) -> Array:
+    def _compute_derivatives(self, fit: Fit, size: Array) -> Array:
         """Return the derivatives of the certificate's column by a size, (lines, parameters) [1 over its unit].
 
         They are central differences: a turn about an axis of symmetry changes nothing to the accuracy of ``SMALL``.
@@ -249,7 +249,7 @@ class Evidence:
         if self.failing:
             return False
         if fit.key not in self._seen_whole:
-            slope = self._slope(fit, 0.0 * fit.size) * fit.cause.scale(self.model, fit.target)
+            slope = self._compute_derivatives(fit, 0.0 * fit.size) * fit.cause.scale(self.model, fit.target)
             least = float(np.linalg.svd(slope, compute_uv=False)[-1]) if len(slope) >= len(fit.size) else 0.0
             self._seen_whole[fit.key] = least > SHOWN
         return self._seen_whole[fit.key]

@@ -20,7 +20,7 @@ from crosscheck.equivalence.output.readers import describe_agreement, render_rea
 from crosscheck.equivalence.output.text import GROUPS, describe_repair, describe_rounding, render_markdown
 from crosscheck.equivalence.readers import Loaded, Measure, compare_readers
 from crosscheck.equivalence.result import JUDGED, Comparison
-from crosscheck.equivalence.sources import try_reading
+from crosscheck.equivalence.sources import check_readable
 from crosscheck.report.words import format_short
 from crosscheck.run.guarded import Guard, Unread
 from flexinv.errors import InputError
@@ -90,7 +90,7 @@ def command(
             sys.exit(_find_worst_code(rows))
         if b is None:
             raise Failure("one description is given: write a second one, or --readers all")
-        found = _found(guard, a, b, (tolerance, _parse_matches(stated), families, strict, ignored, unproven))
+        found = _run_comparison(guard, a, b, (tolerance, _parse_matches(stated), families, strict, ignored, unproven))
         if out is not None:
             write(found, out)
     except InputError as error:
@@ -105,13 +105,13 @@ def command(
     sys.exit(found.code)
 
 
-def _found(guard: Guard, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
+def _run_comparison(guard: Guard, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
     """The comparison, made in a process of its own; where that comes to no end, the words say which file it is."""
     try:
         return guard.call(compare, a, b, *rest)
     except Unread:
         for source in (a, b):
-            guard.call(try_reading, source)
+            guard.call(check_readable, source)
         raise
 
 

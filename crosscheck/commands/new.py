@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from crosscheck.commands.shared.terminal import Failure
-from crosscheck.workflows.scaffold import TEMPLATES, from_urdf, write_from_template
+from crosscheck.workflows.scaffold import TEMPLATES, write_from_template, write_from_urdf
 from flexinv.errors import InputError
 
 
@@ -41,7 +41,7 @@ def command(name: str, template: str, urdf: Path | None, free_base: bool, models
         if urdf is None:
             folder = write_from_template(models, name, template)
         else:
-            folder = from_urdf(models, name, urdf, "free" if free_base else "fixed")
+            folder = write_from_urdf(models, name, urdf, "free" if free_base else "fixed")
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
     for file in sorted(folder.iterdir()):

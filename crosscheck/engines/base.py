@@ -102,7 +102,7 @@ def is_repeatable(adapter: Adapter) -> bool:
     return bool(getattr(adapter, "repeatable", True))
 
 
-def forkable(adapter: Adapter) -> bool:
+def can_fork_jobs(adapter: Adapter) -> bool:
     """Return True if jobs may be forked from a process that has imported an adapter (`crosscheck.run.fork_server`)."""
     return bool(getattr(adapter, "forkable", True))
 

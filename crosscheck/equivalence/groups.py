@@ -55,11 +55,11 @@ def find_differing_body(pair: Pair) -> list[Difference]:
         # What is no more than rounding of turned frames is put right with it.
         off = [own for own in found.values() if _list_with_cause(own)]
         return [d for own in found.values() for d in own] if len(off) == 1 else []
-    tried = [own for own in (_one_of_ours(pair, ours), _find_body_of_second(pair, theirs)) if own]
+    tried = [own for own in (_list_single_body_differences(pair, ours), _find_body_of_second(pair, theirs)) if own]
     return min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
 
 
-def counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str:
+def find_counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str:
     """Return the name of the body beside which the others are, together, a rest [kg, m, kg m^2]; "" where none is."""
     for name in parts:
         if _is_same_body(join_bodies(body for own, body in parts.items() if own != name), rest, size):
@@ -67,7 +67,7 @@ def counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str
     return ""
 
 
-def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
+def _list_single_body_differences(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
     """The differences of one body of A, where those are fewer than those of the whole."""
     if len(ours) < max(2, len(pair.one.parts)):
         return []

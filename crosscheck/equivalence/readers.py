@@ -63,13 +63,13 @@ class Measure:
     unproven: bool = False
 
 
-def call_here(function: Callable[..., T], file: str, *arguments: Any) -> T:
+def run_function_here(function: Callable[..., T], file: str, *arguments: Any) -> T:
     """Return the answer of a function to a file, called in this process."""
     return function(file, *arguments)
 
 
 def compare_readers(
-    file: str, wanted: str = "all", measure: Measure | None = None, way: Callable[..., Any] = call_here
+    file: str, wanted: str = "all", measure: Measure | None = None, way: Callable[..., Any] = run_function_here
 ) -> list[Loaded]:
     """Return a row for every reader of a file, first that which the others are held against; what one refuses is in its row.
 
@@ -78,17 +78,19 @@ def compare_readers(
     """
     measure = measure or Measure()
     check_comparison_options(measure.tolerance, measure.families)
-    kind, known = way(_kind_and_readers, file)
+    kind, known = way(_find_format_and_readers, file)
     names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
     if not names and wanted != "all":
         raise InputError(
             f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
         )
     first = _find_reference_reader(file, list(dict.fromkeys([*_list_preferred_readers(kind, known), *known])), way)
-    return [_guarded_row(file, first, name, measure, way) for name in (first, *(n for n in names if n != first))]
+    return [
+        _compare_reader_safely(file, first, name, measure, way) for name in (first, *(n for n in names if n != first))
+    ]
 
 
-def _kind_and_readers(file: str) -> tuple[str, list[str]]:
+def _find_format_and_readers(file: str) -> tuple[str, list[str]]:
     """The format of a file, and the engines that have a reader of their own for it.  Raises InputError where there is none."""
     path = Path(file)
     if not path.is_file():
@@ -122,7 +124,7 @@ def _find_reference_reader(file: str, names: list[str], way: Callable[..., Any])
     return names[0]
 
 
-def _guarded_row(file: str, first: str, name: str, measure: Measure, way: Callable[..., Any]) -> Loaded:
+def _compare_reader_safely(file: str, first: str, name: str, measure: Measure, way: Callable[..., Any]) -> Loaded:
     """The row of a reader; one that dies or comes to no end is its row alone."""
     try:
         row: Loaded = way(_compare_reader, file, first, name, measure)

@@ -65,7 +65,7 @@ def describe(source: Any, base: str = "fixed") -> Description:
     return found
 
 
-def try_reading(source: str) -> None:
+def check_readable(source: str) -> None:
     """Read a description and forget it.  Raises InputError."""
     describe(source)
 

@@ -45,7 +45,7 @@ class MeshFile:
     unread: str = ""
 
 
-def mesh_path(name: str, path: Path) -> Path | None:
+def find_mesh_file(name: str, path: Path) -> Path | None:
     """Return the place of a mesh: beside the URDF, or in the package whose folder is above it; None where nothing is there."""
     plain = name.removeprefix("file://")
     if "://" not in plain:
@@ -69,11 +69,11 @@ def _is_there(path: Path) -> bool:
 def read_meshes(robot: Element, path: Path) -> dict[str, MeshFile]:
     """Return the mesh files of a URDF by their names there, those that are there [-]."""
     names = dict.fromkeys(mesh.get("filename", "") for mesh in robot.iter("mesh"))
-    found = {name: mesh_path(name, path) for name in names if name}
+    found = {name: find_mesh_file(name, path) for name in names if name}
     return {name: read_mesh(file) for name, file in found.items() if file is not None}
 
 
-def file_findings(meshes: Mapping[str, MeshFile]) -> Iterator[Finding]:
+def list_mesh_findings(meshes: Mapping[str, MeshFile]) -> Iterator[Finding]:
     """Yield what is wrong with files of meshes [-]."""
     for name, file in meshes.items():
         place = f"mesh {name[:100]}"
@@ -85,7 +85,7 @@ def file_findings(meshes: Mapping[str, MeshFile]) -> Iterator[Finding]:
             yield make_warning("mesh", place, file.unread, "it is not looked into", "a mesh with fewer triangles")
 
 
-def reads_meshes() -> bool:
+def can_read_meshes() -> bool:
     """Return True if trimesh is installed."""
     return importlib.util.find_spec("trimesh") is not None
 
@@ -101,12 +101,12 @@ def read_mesh(file: Path) -> MeshFile:
         return MeshFile(problem="an empty file")
     suffix = file.suffix.lower()
     found = CHECKS[suffix](file, size) if suffix in CHECKS else MeshFile()
-    if found != MeshFile() or suffix not in READ or not reads_meshes():
+    if found != MeshFile() or suffix not in READ or not can_read_meshes():
         return found
-    return _loaded(file)
+    return _read_mesh(file)
 
 
-def _loaded(file: Path) -> MeshFile:
+def _read_mesh(file: Path) -> MeshFile:
     import trimesh
 
     options: dict[str, Any] = {"skip_materials": True} if file.suffix.lower() == ".obj" else {}
@@ -148,17 +148,17 @@ def _check_stl(file: Path, size: int) -> MeshFile:
 def _check_ply(file: Path, size: int) -> MeshFile:
     with file.open("rb") as stream:
         head = stream.read(1 << 16).partition(b"end_header")[0]
-    return _beyond(sum(map(int, COUNTED.findall(head)[:20])), size)
+    return _check_declared_size(sum(map(int, COUNTED.findall(head)[:20])), size)
 
 
 def _check_off(file: Path, size: int) -> MeshFile:
     with file.open("rb") as stream:
         words = stream.read(4096).split()
     numbers = [int(word) for word in words[:4] if word.isdigit() and len(word) < 20]
-    return _beyond(sum(numbers[:2]), size)
+    return _check_declared_size(sum(numbers[:2]), size)
 
 
-def _beyond(count: int, size: int) -> MeshFile:
+def _check_declared_size(count: int, size: int) -> MeshFile:
     return MeshFile(problem=f"{size} bytes, where the header says {count} corners and faces" if count > size else "")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from crosscheck.linting.bodies import Stated, check_bodies
 from crosscheck.linting.finding import Finding, make_error, make_warning
-from crosscheck.linting.mesh_files import file_findings, mesh_path, read_meshes
+from crosscheck.linting.mesh_files import find_mesh_file, list_mesh_findings, read_meshes
 from crosscheck.linting.meshes import check_meshes
 from crosscheck.linting.shapes import check_shapes
 from flexinv.files.joints import compute_rpy_rotation
@@ -44,7 +44,7 @@ def check_urdf(robot: Element, path: Path, meshes: bool = True) -> Iterator[Find
     yield from _check_mesh_files(robot, path)
     if meshes:
         read = read_meshes(robot, path)
-        yield from file_findings(read)
+        yield from list_mesh_findings(read)
         yield from check_meshes(robot, read, links, _compute_machine_size(robot))
 
 
@@ -374,7 +374,11 @@ def _check_mesh_files(robot: Element, path: Path) -> Iterator[Finding]:
             place = f"mesh {mesh.get('filename', '')[:100]}"
             yield make_error("number", place, given, "three finite numbers are expected", 'scale="1 1 1"')
     lost = sorted(
-        {name for mesh in robot.iter("mesh") if (name := mesh.get("filename", "")) and mesh_path(name, path) is None}
+        {
+            name
+            for mesh in robot.iter("mesh")
+            if (name := mesh.get("filename", "")) and find_mesh_file(name, path) is None
+        }
     )
     if lost:
         given = f"{len(lost)} meshes, such as {lost[0][:100]}"

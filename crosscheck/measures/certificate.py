@@ -80,7 +80,7 @@ class Certificate:
         return {name: _convert_to_plain(value) for name, value in asdict(self).items()}
 
 
-def certificate(plain: Mapping[str, Any]) -> Certificate:
+def build_certificate(plain: Mapping[str, Any]) -> Certificate:
     """Return the certificate of JSON values; unknown keys are left out."""
     known = {f.name for f in fields(Certificate)}
     return Certificate(**{name: value for name, value in plain.items() if name in known})

@@ -36,16 +36,20 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
     rows = _read_cells(path)
     header = [cell.strip() for cell in rows[0]] if rows else []
     if not header or header[0] != TIME:
-        seen = f"the first column is {_shown(header[0])}" if header else "there is no header"
+        seen = f"the first column is {_format_quoted(header[0])}" if header else "there is no header"
         commas = "; write commas between the columns" if header and re.search(r"[;\t]", header[0]) else ""
         raise InputError(f"{path}: {seen}, expected {TIME!r}{commas}")
     heads = [HEADER.fullmatch(cell) for cell in header]
     if None in heads:
         wrong = header[heads.index(None)]
-        raise InputError(f"{path}: column {_shown(wrong)}: expected a series and its unit; write 'torque/hub [N m]'")
+        raise InputError(
+            f"{path}: column {_format_quoted(wrong)}: expected a series and its unit; write 'torque/hub [N m]'"
+        )
     names = [m.group("name", "bar") for m in heads if m is not None]
     if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise InputError(f"{path}: column {_shown(''.join(filter(None, twice[0])))} is there twice; expected each once")
+        raise InputError(
+            f"{path}: column {_format_quoted(''.join(filter(None, twice[0])))} is there twice; expected each once"
+        )
     table = _read_numbers(path, header, rows[1:])
     columns = {m.group("name", "bar"): (m["unit"], table[:, k]) for k, m in enumerate(heads) if m is not None and k}
     found: dict[str, Series] = {}
@@ -81,7 +85,7 @@ def _read_numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array
     except ValueError:
         pass
     k, one, cell = next(wrong for wrong in _list_text_cells(header, rows))
-    raise InputError(f"{path}: row {k}, column {_shown(one)}: {_shown(cell)} is no number")
+    raise InputError(f"{path}: row {k}, column {_format_quoted(one)}: {_format_quoted(cell)} is no number")
 
 
 def _is_plain(cell: str) -> bool:
@@ -89,7 +93,7 @@ def _is_plain(cell: str) -> bool:
     return cell.isascii() and "_" not in cell
 
 
-def _shown(text: str) -> str:
+def _format_quoted(text: str) -> str:
     """A text in quotes, cut where it is long."""
     return repr(text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
 
@@ -131,7 +135,7 @@ def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -
         if plain not in known:
             near = find_nearest_word(one.name, sorted(known))
             raise InputError(
-                f"{path}: column {_shown(one.name)}: the mechanism has no such series; "
+                f"{path}: column {_format_quoted(one.name)}: the mechanism has no such series; "
                 + (f"write {near!r}" if near else f"it has {', '.join(sorted(known))}")
             )
         if one.unit != known[plain]:

@@ -31,7 +31,7 @@ class Abilities:
     message: str = ""
 
 
-def abilities(engine: Engine, pairs: Sequence[Pair], children: Children) -> Abilities:
+def ask_abilities(engine: Engine, pairs: Sequence[Pair], children: Children) -> Abilities:
     """Ask the adapter of ``engine`` what it is and which of the cases it can do; what it does not answer stays open.
 
     pairs : cases, with the engines of this adapter.  Where its process crashes or hangs, the cases that are left are asked

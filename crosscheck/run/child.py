@@ -65,7 +65,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     known = {"engine": name, "model_hash": compute_fingerprint(mechanism, case.motion)}
     if way := job["options"].pop("shake", 0):
         case = build_perturbed_case(case, way)
-    if (reason := refusal(adapter, mechanism, case, name)) is not None:
+    if (reason := ask_for_refusal(adapter, mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, version=adapter.version(), **known)
     record = replace(_run_adapter(job, adapter, mechanism, case), **known)
     stated = record.version if "settings" in job else ""  # a program or a record says its own
@@ -80,7 +80,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     return add_rounding_bars(adapter, record, mechanism, case, job["options"])
 
 
-def refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> str | None:
+def ask_for_refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why an engine cannot do a case, None where it can.  Raises TypeError where it says neither."""
     reason: object = adapter.unsupported(mechanism, case, engine)
     if reason is not None and not isinstance(reason, str):
@@ -140,7 +140,7 @@ def describe(job: dict[str, Any]) -> None:
     _write(job, {"version": adapter.version(), "abilities": adapter.abilities()})
 
 
-def abilities(job: dict[str, Any]) -> None:
+def write_abilities(job: dict[str, Any]) -> None:
     """Write what the adapter is, then for every case why it cannot do it (null where it can): a line of JSON each."""
     with Path(job["out"]).open("w", encoding="utf-8", buffering=1) as lines:
         adapter = open_adapter(job)
@@ -154,7 +154,7 @@ def abilities(job: dict[str, Any]) -> None:
 def _find_refusal(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why an engine cannot do a case; None also where that cannot be asked: its run will say so."""
     try:
-        return refusal(open_adapter(job), mechanism, case, job["engine"])
+        return ask_for_refusal(open_adapter(job), mechanism, case, job["engine"])
     except Exception:
         traceback.print_exc()
         return None
@@ -195,7 +195,7 @@ def _describe_error(error: BaseException) -> str:
 KINDS_OF_JOBS = {
     "run": run_case,
     "describe": describe,
-    "abilities": abilities,
+    "abilities": write_abilities,
     "study": write_study,
     "read": read,
     "export": write_export,

@@ -33,7 +33,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from crosscheck.engines import resolve_adapter
-from crosscheck.engines.base import forkable, prepare_adapter
+from crosscheck.engines.base import can_fork_jobs, prepare_adapter
 from crosscheck.run import child
 from crosscheck.run.processes import (
     end_process_group,
@@ -60,7 +60,7 @@ def run_server(number: int, refusal: str) -> NoReturn:
     """Serve requests of a socket; refusal : why none is granted, "" where they are."""
     gc.collect()
     gc.freeze()
-    Server(socket.socket(fileno=number), refusal).serve()
+    Server(socket.socket(fileno=number), refusal).run_until_closed()
     os._exit(0)
 
 
@@ -77,7 +77,7 @@ def prepare(door: Mapping[str, Any]) -> str:
             importlib.import_module(door["module"])
         else:
             adapter = resolve_adapter(door["module"])
-            if not forkable(adapter):
+            if not can_fork_jobs(adapter):
                 return "its adapter says that it must not be forked"
             prepare_adapter(adapter)
         if (kernels := sys.modules.get(KERNELS)) is not None:
@@ -115,7 +115,7 @@ class Server:
     answers: dict[int, socket.socket] = field(default_factory=dict)
     helpers: frozenset[int] = field(default_factory=lambda: frozenset(list_children()))
 
-    def serve(self) -> None:
+    def run_until_closed(self) -> None:
         """Fork a job per request and tell how each ended, until the parent closes its side."""
         make_subreaper()
         ear, mouth = socket.socketpair()

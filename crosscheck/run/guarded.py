@@ -76,21 +76,21 @@ class Guard:
             out = folder / "answer.pickle"
             job["out"] = str(out)
             out.with_suffix(GIVEN).write_bytes(pickle.dumps((file, *arguments)))
-            here = may_fork()
+            here = can_fork()
             ending = (
-                _call_forked(job, folder, self.seconds) if here else run_child(job, folder, self.seconds, self.children)
+                _run_forked(job, folder, self.seconds) if here else run_child(job, folder, self.seconds, self.children)
             )
             if ending.status != "ok":
-                raise self._unread(file, ending)
+                raise self._make_unread_error(file, ending)
             kind, found = pickle.loads(out.read_bytes())  # written by our own code, into this folder alone
         if kind == "refused":
             raise InputError(found)
         if kind == "failed":
-            raise self._unread(file, Ending("error", found, f"{ending.printed}\n{found}", ending.elapsed))
+            raise self._make_unread_error(file, Ending("error", found, f"{ending.printed}\n{found}", ending.elapsed))
         result: T = found
         return result
 
-    def _unread(self, file: str, ending: Ending) -> Unread:
+    def _make_unread_error(self, file: str, ending: Ending) -> Unread:
         """Return the words for a reader that came to no end."""
         limits = f"one that is read within {self.seconds:g} s and {self.gigabytes:g} GB of memory"
         if ending.status == "timeout":
@@ -107,7 +107,7 @@ class Guard:
         return Unread(str(make_input_error(str(file)[:LONGEST_PATH], given[:600], limits, write)))
 
 
-def may_fork() -> bool:
+def can_fork() -> bool:
     """Return True where this process may be copied: no other thread of Python's runs, whose locks would stay shut in the copy.
 
     The threads of OpenBLAS end before a fork and begin again on demand.
@@ -115,7 +115,7 @@ def may_fork() -> bool:
     return sys.platform == "linux" and threading.active_count() == 1 and hasattr(os, "pidfd_open")
 
 
-def _call_forked(job: Mapping[str, Any], folder: Path, limit: float) -> Ending:
+def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> Ending:
     """Do a job in a copy of this process, for at most ``limit`` [s]."""
     log_file = folder / "printed.txt"
     log_file.touch()
@@ -147,7 +147,7 @@ class _Copy:
         self.returncode: int | None = None
         self.pid = os.fork()
         if self.pid == 0:
-            _be_copy(dict(job), log, mark, parent)
+            _run_in_copy(dict(job), log, mark, parent)
 
     def wait(self, limit: float) -> None:
         """Wait for its end for at most ``limit`` [s].  Raises TimeoutExpired."""
@@ -173,7 +173,7 @@ class _Copy:
         self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 
-def _be_copy(job: dict[str, Any], log: Path, mark: str, parent: int) -> NoReturn:
+def _run_in_copy(job: dict[str, Any], log: Path, mark: str, parent: int) -> NoReturn:
     """Be the copy: a session of its own without the terminal, nothing to read, and one file for all that is printed."""
     code = 1
     try:

@@ -132,7 +132,7 @@ def apply_file_size_limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
 
 
-def bound_memory(most: int) -> None:
+def apply_memory_limit(most: int) -> None:
     """Bound the memory that this process may ask for [bytes]: beyond it an allocation fails."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource

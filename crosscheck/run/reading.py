@@ -9,7 +9,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from crosscheck.run.processes import bound_memory
+from crosscheck.run.processes import apply_memory_limit
 from flexinv.errors import InputError
 
 GIVEN = ".given"  # suffix of the file with the arguments, beside that of the answer
@@ -24,7 +24,7 @@ def read(job: dict[str, Any]) -> None:
     function = getattr(importlib.import_module(job["module"]), job["function"])
     arguments = pickle.loads(out.with_suffix(GIVEN).read_bytes())
     os.chdir(job["place"])
-    bound_memory(int(job["memory"]))
+    apply_memory_limit(int(job["memory"]))
     try:
         answer = pickle.dumps(("answered", function(*arguments)))
     except InputError as error:

@@ -254,7 +254,7 @@ class State:
         words |= {f"processes of {name}": f"each started afresh: {why}" for name, why in afresh.items()}
         self.results = replace(self.results, settings={**self.results.settings, **words})
 
-    def finish(self) -> Results:
+    def write_results(self) -> Results:
         """Return the complete results, and write them; where that fails they say so."""
         order = list(self.work.engines)
         studies = [study.name for study in self.work.studies]

@@ -16,7 +16,7 @@ from typing import Any
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import Record
-from crosscheck.run.abilities import Abilities, abilities
+from crosscheck.run.abilities import Abilities, ask_abilities
 from crosscheck.run.cluster import open_workers, read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
@@ -67,7 +67,7 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
         finally:
             servers.close()
     state.told(kept.trouble if kept is not None else (), servers.refusals)
-    results = state.finish()
+    results = state.write_results()
     if kept is not None:
         kept.close(state.seconds)
     if results.finished:
@@ -208,7 +208,7 @@ def _make_failure(job: Job, error: Exception) -> Any:
 def _ask(job: Job, options: Options, children: Children) -> Any:
     kind, what, engine = job
     if kind == "abilities":
-        return abilities(what, engine, children)
+        return ask_abilities(what, engine, children)
     if kind == "study":
         question = {"kind": "study", "module": what.module, "function": what.function, "path": what.path}
         question |= {"options": dict(what.options)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from crosscheck.measures.certificate import Check, certificate, checks
+from crosscheck.measures.certificate import Check, build_certificate, checks
 from crosscheck.measures.limits import BY_DISCRETISATION, REFERENCE
 from crosscheck.measures.record import BROKEN, Record
 from crosscheck.verdicts.compare import Comparison
@@ -18,7 +18,7 @@ def list_certificate_lines(task: Task, records: Mapping[str, Record]) -> tuple[C
     reference = records.get(REFERENCE)
     if reference is None or reference.status != "ok":
         return ()
-    ours = certificate(reference.certificate)
+    ours = build_certificate(reference.certificate)
     found: list[Check] = []
     for name, record in records.items():
         if name == REFERENCE or record.status == "skipped" or not record.certificate:
@@ -27,7 +27,7 @@ def list_certificate_lines(task: Task, records: Mapping[str, Record]) -> tuple[C
         if words := record.certificate.get(BROKEN):
             found.append(Check(*here, BROKEN_CERTIFICATE, "-", False, words=str(words)))
             continue
-        lines = checks(*here, certificate(record.certificate), ours)
+        lines = checks(*here, build_certificate(record.certificate), ours)
         missing = str(record.certificate.get("problem", "the engine gives nothing that the reference has"))
         found += lines or (Check(*here, NO_CERTIFICATE, "-", False, words=missing),)
     return tuple(found)

@@ -71,7 +71,7 @@ def write_from_template(models: Path, name: str, template: str) -> Path:
     return folder
 
 
-def from_urdf(models: Path, name: str, file: Path, base: str = "fixed") -> Path:
+def write_from_urdf(models: Path, name: str, file: Path, base: str = "fixed") -> Path:
     """Write a mechanism around a copy of a URDF, with a first motion within the limits of its joints.
 
     Raises InputError where the URDF cannot be read; nothing is left behind then.

@@ -99,6 +99,8 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     A level that is only touched is reached, too.  Raises InputError where the motion is not the one of the solution.
     """
     check_kind("solution", solution, Solution)
+    if motion is not None:
+        check_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
     m = solution.mechanism
     time = solution.time
     asked = [
@@ -111,7 +113,6 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
         return ()
     exact = np.zeros((len(LIMITED), m.nv), dtype=bool)
     if motion is not None:
-        check_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
         exact = _find_prescribed_columns(solution, motion)
     found: dict[_Asked, LimitUse] = {}
     groups = {EXACTLY: list[_Asked](), WITHIN_STEPS: list[_Asked](), AT_STEPS: list[_Asked]()}

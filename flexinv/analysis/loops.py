@@ -131,7 +131,7 @@ def _solve_phased_motion(
         if unknown.any() or not len(original.closure):
             return solve_closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
         given = history(time)
-        motion = NodalMotion.unwritten(len(time), mesh.size)
+        motion = NodalMotion.make_uninitialized(len(time), mesh.size)
         return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
     whole = history(time)
     begins = np.zeros(len(m.closures), dtype=bool)

@@ -61,7 +61,7 @@ def simulate(
     at_rest = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
     began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
 
-    def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+    def make_free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh = build(meshed)
         moves = {j.name for j in meshed.joints if j.nv}
         stated = _collect_start_values(meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest)
@@ -86,7 +86,7 @@ def simulate(
             raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
         if count > MOST_SAMPLES:
             raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
-        task = free_task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
+        task = make_free_task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
         (one,) = run_first_step(task)
         solution = assemble_solution(task.mesh, one, settings)
     else:
@@ -96,7 +96,9 @@ def simulate(
         settings = check_settings(1.0, spectral_radius, EXACT, initial)
         span = (float(table[0][0]), float(table[0][-1]))
         jumps = _find_jumps(table[0])
-        solution = solve_within_accuracy(make_problem(mechanism, free_task, settings, asked, table[0], jumps, span))
+        solution = solve_within_accuracy(
+            make_problem(mechanism, make_free_task, settings, asked, table[0], jumps, span)
+        )
     if at_rest:  # an equilibrium may leave what was stated of the start
         check_static(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
     return solution

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.constraints.reactions import Impact
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
-from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_factors
+from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_torque_factors
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
 from flexinv.model.by_value import ByValue
@@ -212,7 +212,9 @@ class Solution(ByValue):
 
         sample : its number, from 0, or from the end below 0 [-].  Raises InputError where there is none.
         """
-        return compute_factors(self.mesh, self.nodes, self.forces, resolve_index("sample", sample, len(self.time)))
+        return compute_torque_factors(
+            self.mesh, self.nodes, self.forces, resolve_index("sample", sample, len(self.time))
+        )
 
     def frame(self) -> pd.DataFrame:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""

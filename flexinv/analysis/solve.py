@@ -100,7 +100,7 @@ def solve(
     if not error:
         return solution
 
-    def again(meshed: Mechanism, instants: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
+    def solve_refined(meshed: Mechanism, instants: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
         other = make_prescribed_task(meshed, motion, instants, own, start, start_rate, progress)
         (found,) = run_first_step(other)
         return other.mesh, found.apply_differences(own.step) if incremental else found
@@ -111,7 +111,7 @@ def solve(
     marched = bool(mechanism.beams) or (bool(task.passive) and not mechanism.closures)
     sticks = any(joint.friction for joint in mechanism.joints if joint.name in task.passive)
     even = marched and not (incremental or sticks or any(closure.active for closure in mechanism.closures))
-    solution = add_error_bars(solution, first, steps, settings, again, stride, even)
+    solution = add_error_bars(solution, first, steps, settings, solve_refined, stride, even)
     return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
 
 

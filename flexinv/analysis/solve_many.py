@@ -106,7 +106,7 @@ def solve_many(
     joined = {k for run in runs for k in run}
     ahead = deque(k for k in range(len(scenarios)) if k not in joined)
 
-    def work() -> None:
+    def solve_next_tasks() -> None:
         with begin_shared_memory():
             while ahead:
                 try:
@@ -125,7 +125,7 @@ def solve_many(
         for k, result in zip(run, solve_alike([prepared[k] for k in run], count, progress), strict=True):
             results[k] = result
     if len(joined) < len(scenarios):
-        run_in_threads(work, ahead.clear, min(count, len(scenarios) - len(joined)))
+        run_in_threads(solve_next_tasks, ahead.clear, min(count, len(scenarios) - len(joined)))
     errors = {k: result for k, result in enumerate(results) if isinstance(result, Exception)}
     return Batch(tuple(result if isinstance(result, Solution) else None for result in results), errors)
 

@@ -104,7 +104,7 @@ def integrate_flexible_motion(task: Task) -> Iterator[FirstStep]:
             if task.progress is not None:
                 task.progress(start - max(first, 1))
         if stop in switches or stop in stops:
-            march.restart(stop, switches.get(stop))
+            march.update_accelerations(stop, switches.get(stop))
         if stop in ends:
             yield march.moved(ends=False)
             march.begin_next_part(stop // every)
@@ -140,14 +140,14 @@ class _March:
         alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
         self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
-        self.out = Trajectory.unwritten(rows, mesh, len(build_constraint_rows(mesh).closure))
+        self.out = Trajectory.make_uninitialized(rows, mesh, len(build_constraint_rows(mesh).closure))
         self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
     def begin_next_part(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
         rows = len(self.out.iterations)
         left = len(self.task.time) - origin
-        out = Trajectory.unwritten(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
+        out = Trajectory.make_uninitialized(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
         out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
         self.out = out
         self.origin = origin
@@ -264,7 +264,7 @@ class _March:
             step = float(steps[ends[0]] - steps[sample]) / (ends[0] - sample)
             self.scheme = replace(self.task.settings, step=step).scheme
 
-    def restart(self, sample: int, phase: Phase | None) -> None:
+    def update_accelerations(self, sample: int, phase: Phase | None) -> None:
         """Solve the accelerations anew where those of the task jump, or go over to a phase; record the right-hand limit."""
         self.update_step(sample)
         flat = self.flat
@@ -274,7 +274,7 @@ class _March:
         now = float(time[0])
         when = f"at t = {time[0]:g} s"
         if flat is not None and phase is None:
-            result = flat.restart(self.scheme, *motion, row, self.out)
+            result = flat.update_accelerations(self.scheme, *motion, row, self.out)
             self.check(result, time, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return

@@ -183,7 +183,7 @@ class GivenLoops:
         g = np.zeros((len(q), len(self.rows.closure), qd.shape[1]))
         worst = np.zeros((3, 2))
         at = np.zeros((3, 2), dtype=np.int64)
-        frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
+        frames = Frames(*(motion or NodalMotion.make_uninitialized(1, self.mesh.size)).parts)
         chain = Chain.of(build_nodes(self.mesh), self.rows)
         given = (make_contiguous(q), make_contiguous(qd), make_contiguous(qdd))
         evaluate_jacobians(chain, self.rows.scale, frames, given, g, worst, at)

@@ -101,7 +101,7 @@ def solve_closed_motion(
         try:
             q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
         except ConvergenceError:  # Newton may go a little beyond the end, or not quite up to it
-            found = find_within(follower.branch(history, knots), time, q, problem.change, k - 1)
+            found = find_within(follower.build_branch(history, knots), time, q, problem.change, k - 1)
             if found is None:
                 raise
             raise follower.end_of_branch(found, f"above {WORST_CONDITION:.0e}") from None
@@ -263,11 +263,11 @@ class Follower:
         way = step * np.maximum(rates[1:], rates[:-1])
         back = step**2 * np.maximum(accelerations[1:], accelerations[:-1])
         history, knots = given
-        branch = self.branch(history, knots)
+        branch = self.build_branch(history, knots)
         if (found := find_singular(branch, time, q, condition, change, (way, back))) is not None:
             raise self._make_singular_error(found, f"above {WORST_CONDITION:.0e}")
 
-    def branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
+    def build_branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
         """Return the branch on which a motion with knots at some times [s] moves, for the search between samples."""
         return Branch(
             lambda times, start: self._followed(history, times, start),
@@ -380,7 +380,7 @@ class Follower:
         while done < 1.0:
             target = min(1.0, done + part)
             now, then = (before + share * (after - before) for share in (done, target))
-            if (reached := self._step(history, q, now, then)) is not None:
+            if (reached := self._solve_step(history, q, now, then)) is not None:
                 q = reached
                 done = target
                 part = 2.0 * part
@@ -400,7 +400,7 @@ class Follower:
             "reach; drive another joint or shorten the motion"
         )
 
-    def _step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
+    def _solve_step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
         sizes = list_velocity_scales(self.mesh)
         given = history(np.array([after]))[0][0]
         _, g = self.closures(q)

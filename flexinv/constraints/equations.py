@@ -223,7 +223,7 @@ def fill_closure_rows(nodes, rows, frames, phi, g):
 
 @jit
 def fill_closure_samples(nodes, rows, frames, phi, g):
-    """Set phi (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `fill_closure_rows`, from node motion."""
+    """Set phi [m], [-] (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `fill_closure_rows`."""
     for s in range(g.shape[0]):
         fill_closure_rows(nodes, rows, take_sample(frames, s), phi[s], g[s])
 
@@ -242,7 +242,7 @@ class Ends(NamedTuple):
 
 
 @jit
-def add_closure_forces(rows, ends, frames, multipliers, force, moment, wrench):
+def add_multiplier_forces(rows, ends, frames, multipliers, force, moment, wrench):
     """Add what multipliers (samples, rows) [N], [N m] do to nodes, and set what each closure does to the second of its links.
 
     force, moment : (samples, nodes, 3) on the nodes, about them (world)

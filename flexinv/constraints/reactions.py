@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.constraints.closures import Rows, Stretch, evaluate_closures
-from flexinv.constraints.equations import Ends, add_closure_forces
+from flexinv.constraints.equations import Ends, add_multiplier_forces
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, compute_projected_efforts
 from flexinv.kernels.memory import make_contiguous
@@ -60,7 +60,9 @@ def compute_closure_wrenches(
     closures = mesh.mechanism.closures
     force, moment = np.zeros((2, *motion.x.shape))
     wrench = np.zeros((len(closures), len(motion.x), 6))
-    add_closure_forces(rows, _list_end_frames(mesh), motion.frames, make_contiguous(multipliers), force, moment, wrench)
+    add_multiplier_forces(
+        rows, _list_end_frames(mesh), motion.frames, make_contiguous(multipliers), force, moment, wrench
+    )
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 

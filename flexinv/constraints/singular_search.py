@@ -100,13 +100,13 @@ def find_singular(
     least = np.divide(1.0, condition, out=np.zeros_like(condition), where=np.isfinite(condition) & (condition > 0.0))
     by_rates, by_accelerations = way
     bend = OFF_LINE * by_rates**2 + TURNING_BACK * by_accelerations
-    reach = _largest_nearby(change[1:])
+    reach = _find_largest_nearby(change[1:])
     intervals = np.flatnonzero(least[1:] + least[:-1] <= reach + bend)
     if len(intervals) == 0:
         return None
     done = np.cumsum(change)
     for k in intervals[_find_doubtful_intervals(branch, q, intervals, reach + bend)].tolist():
-        found = _within(branch, time, q, done, k)
+        found = _find_between_samples(branch, time, q, done, k)
         if found is not None:
             return found
     return None
@@ -117,16 +117,16 @@ def find_within(branch: Branch, time: Array, q: Array, change: Array, k: int) ->
 
     Where the branch ends there, k is the last sample that it reaches.  Arguments as in `find_singular`.
     """
-    return _within(branch, time, q, np.cumsum(change[: k + 1]), k)
+    return _find_between_samples(branch, time, q, np.cumsum(change[: k + 1]), k)
 
 
-def _within(branch: Branch, time: Array, q: Array, done: Array, k: int) -> float | None:
+def _find_between_samples(branch: Branch, time: Array, q: Array, done: Array, k: int) -> float | None:
     """As `find_within`, with the change of G up to each sample (samples,) [-]."""
     earlier = max(int(np.searchsorted(done, done[k] - REGULAR, side="right")) - 1, 0)
     return _find_in_interval(branch, float(time[k]), float(time[k + 1]), q[k], (float(time[earlier]), q[earlier]))
 
 
-def _largest_nearby(change: Array) -> Array:
+def _find_largest_nearby(change: Array) -> Array:
     """The largest change (intervals,) of G in each interval and in those beside it.
 
     A branch may come to a singular position and leave it again as it came, so that nothing of that is left between two samples:
@@ -158,7 +158,7 @@ def _find_in_interval(branch: Branch, start: float, end: float, q: Array, earlie
     least = values[:, -1] / values[:, 0]
     size = values[:-1, 0]
     change = np.linalg.norm(np.diff(matrices, axis=0), ord=2, axis=(1, 2)) / size
-    held = least[1:] + least[:-1] > _largest_nearby(change) + _compute_largest_bend(matrices) / size
+    held = least[1:] + least[:-1] > _find_largest_nearby(change) + _compute_largest_bend(matrices) / size
     for k in range(len(times) - 1):
         if k < len(held) and held[k]:
             continue
@@ -212,7 +212,7 @@ def _find_by_coordinate(
                 break
             continue
         now = times[:kept], matrices[:kept]
-        star, slope = _extrapolated(coordinate, before, now)
+        star, slope = _compute_extrapolation(coordinate, before, now)
         if d[0] < ZOOMED or (kept == len(times) and end == last):
             break
         before = now if KEPT * d[0] < ZOOMED else None
@@ -232,7 +232,7 @@ def _find_by_coordinate(
     return None if goes_on or most < ahead * star - near else when
 
 
-def _extrapolated(
+def _compute_extrapolation(
     coordinate: Callable[[Array], Array], before: tuple[Array, Array] | None, now: tuple[Array, Array]
 ) -> tuple[float, float]:
     """The coordinate at which d is zero, and its slope there, from times [s] and matrices of a part and of the one before it."""

@@ -225,10 +225,10 @@ def _find_rest_position(solver: Solver, joints: Joints, when: str) -> None:
         if step >= longest and moved < STILL:
             return
         step *= STEP_FACTOR if moved < LONGEST_MOVE / 2 else 1.0
-    raise _explain_motion(solver, solver.state.place - begin, last, when)
+    raise _make_motion_error(solver, solver.state.place - begin, last, when)
 
 
-def _explain_motion(solver: Solver, way: Array, last: Array, when: str) -> ConvergenceError:
+def _make_motion_error(solver: Solver, way: Array, last: Array, when: str) -> ConvergenceError:
     """Return the error of a mechanism that moves on and on, with the joint that moves most.
 
     way, last : (unknowns,) what the unknowns have moved by in all, and in the last step that was kept [rad], [m]
@@ -350,7 +350,7 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
     shape.r[free] = back @ frames.r[free]
     shape.p[held] = solver.state.x[held]
     shape.r[held] = solver.state.r[held]
-    moving = NodalMotion.unwritten(1, mesh.size)
+    moving = NodalMotion.make_uninitialized(1, mesh.size)
     compute_tree_motion(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
     _fill_initial_unknowns(solver, moving, shape, qd, qdd)
 

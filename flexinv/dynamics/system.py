@@ -162,7 +162,7 @@ class Trajectory(NamedTuple):
             history[rows] = values[kept]
 
     @classmethod
-    def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+    def make_uninitialized(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return the arrays of `empty`, large histories uncleared: every sample will be written [m, rad, s, N, J]."""
         *motion, wrench, internal = make_adjacent_arrays(*list_history_shapes(mesh, samples))
         if has_padding(mesh):
@@ -173,7 +173,7 @@ class Trajectory(NamedTuple):
     @classmethod
     def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return histories to be filled [m, rad, s, N, J]."""
-        return cls._make(np.zeros_like(part) for part in cls.unwritten(samples, mesh, rows))
+        return cls._make(np.zeros_like(part) for part in cls.make_uninitialized(samples, mesh, rows))
 
 
 def list_history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:

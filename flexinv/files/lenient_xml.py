@@ -62,7 +62,7 @@ def _make_blanks(found: re.Match[bytes]) -> bytes:
     return b" " * len(found[0])
 
 
-def _without_sections(text: bytes) -> bytes:
+def _replace_sections(text: bytes) -> bytes:
     """The text with spaces for comments and CDATA."""
     parts: list[bytes] = []
     copied = 0
@@ -76,7 +76,7 @@ def _without_sections(text: bytes) -> bytes:
 
 def _add_namespaces(text: bytes, words: list[str]) -> tuple[bytes, list[str]]:
     """The text whose root declares the prefixes that nothing declares."""
-    plain = _without_sections(text)
+    plain = _replace_sections(text)
     root = TAG.search(plain)
     if root is None:
         return text, words

@@ -26,17 +26,17 @@ def describe_kind(path: Path) -> str:
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError, RuntimeError) as error:
-        return _why_missing(path, error)
-    return _word(mode)
+        return _describe_missing_file(path, error)
+    return _describe_mode(mode)
 
 
-def _word(mode: int) -> str:
+def _describe_mode(mode: int) -> str:
     if stat.S_ISREG(mode):
         return ""
     return next((words for holds, words in FILE_KINDS if holds(mode)), "no regular file")
 
 
-def _why_missing(path: Path, error: Exception) -> str:
+def _describe_missing_file(path: Path, error: Exception) -> str:
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return f"a link to {os.readlink(path)!r}, which is not there" if path.is_symlink() else MISSING
     words = getattr(error, "strerror", None) or str(error)
@@ -58,7 +58,7 @@ def read_regular(path: Path, largest: int) -> bytes:
     except OSError as error:
         raise NotRegular(f"a file that cannot be opened ({error.strerror})") from None
     with open(number, "rb") as stream:
-        if words := _word(os.fstat(number).st_mode):
+        if words := _describe_mode(os.fstat(number).st_mode):
             raise NotRegular(words)
         try:
             return stream.read(largest + 1)

@@ -240,7 +240,7 @@ class Factors:
     P: Array
 
 
-def compute_factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -> Factors:
+def compute_torque_factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -> Factors:
     """Return L, T and P of one sample [m], [-], [N]: ``L @ T @ P`` is the joint effort before drive efforts.
 
     For joint i and node k on or beyond it, the arm x_k - p_i is the sum of the steps along the path i -> k; each step r_j is

@@ -54,7 +54,7 @@ class NodalMotion:
         return Frames(*(make_contiguous(part) for part in self.parts))
 
     @classmethod
-    def unwritten(cls, samples: int, nodes: int) -> NodalMotion:
+    def make_uninitialized(cls, samples: int, nodes: int) -> NodalMotion:
         """Return arrays to be filled [m, rad, s]; nothing is in them."""
         return cls(*make_adjacent_arrays((samples, nodes, 3), (samples, nodes, 3, 3), *4 * [(samples, nodes, 3)]))
 
@@ -132,7 +132,7 @@ def compute_rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMo
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
     """
-    motion = NodalMotion.unwritten(len(q), mesh.size)
+    motion = NodalMotion.make_uninitialized(len(q), mesh.size)
     fill_world_motion(
         build_nodes(mesh),
         make_contiguous(q),

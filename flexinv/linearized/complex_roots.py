@@ -39,7 +39,7 @@ from flexinv.linearized.eigenvalues import (
     solve_held,
     split_by_inertia,
 )
-from flexinv.linearized.first_order import Corrected, PencilRoots, counted_roots, factors_of
+from flexinv.linearized.first_order import Corrected, PencilRoots, compute_lu_factors, find_all_roots
 from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
@@ -108,17 +108,19 @@ def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
     m, c, k = parts
 
-    def corrected(values: PencilRoots, shift: float) -> Corrected:
+    def compute_corrected_roots(values: PencilRoots, shift: float) -> Corrected:
         root, z, w = values
         x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
         y = own.basis @ _compute_left_vectors(own, root, w)
         late = np.abs(root) * own.lag > SLOW_ENOUGH
-        root, x, y, unknown = _refined(parts, root, x, y, late)
+        root, x, y, unknown = _update_roots_by_newton(parts, root, x, y, late)
         root, x, y, bar, lost = update_roots(parts, root, x, y, shift)
         return root, x, y, bar, lost + unknown
 
     matrices = own.a @ own.follow, own.b @ own.follow
-    return match_conjugate_roots(*counted_roots(*matrices, own.smallest, corrected, lambda s: s * s * m + s * c + k))
+    return match_conjugate_roots(
+        *find_all_roots(*matrices, own.smallest, compute_corrected_roots, lambda s: s * s * m + s * c + k)
+    )
 
 
 def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
@@ -133,11 +135,13 @@ def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any
     smallest = SMALLEST_SHIFT**2 * np.abs(k).max(initial=0.0) / np.abs(m).max(initial=np.finfo(float).tiny) or 1.0
     parts = [0.0 * mass, -mass, stiffness]
 
-    def corrected(values: PencilRoots, shift: float) -> Corrected:
+    def compute_corrected_roots(values: PencilRoots, shift: float) -> Corrected:
         squared, right, left = values
         return update_roots(parts, squared, moves @ right, back @ left, shift)
 
-    squared, right, _, bar, lost = counted_roots(k, m, smallest, corrected, lambda z: stiffness - z * mass)
+    squared, right, _, bar, lost = find_all_roots(
+        k, m, smallest, compute_corrected_roots, lambda z: stiffness - z * mass
+    )
     squared, right = drop_rounded_parts(squared, right, bar)
     bar = bar + lost
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), mass @ right).real)
@@ -235,7 +239,7 @@ def _compute_left_vectors(own: Pencil, root: Complex, w: Complex) -> Complex:
 # ------------------------------------------------------------------------------------------- corrections and bars
 
 
-def _refined(
+def _update_roots_by_newton(
     parts: list[Sparse], root: Complex, x: Complex, y: Complex, late: Mask
 ) -> tuple[Complex, Complex, Complex, Array]:
     """Return roots [1/s] with vectors of P(s) itself where they are ``late``, and how far they may be off where that fails [1/s].
@@ -253,14 +257,14 @@ def _refined(
         lost[i] = np.abs(s)
         for _ in range(MOST_NEWTON_STEPS):
             slope = 2 * s * m + c
-            factors = factors_of(s * s * m + s * c + k)
-            right[:, i] = _unit(scipy.linalg.lu_solve(factors, slope @ right[:, i]))
-            left[:, i] = _unit(scipy.linalg.lu_solve(factors, slope.conj().T @ left[:, i], trans=2))
+            factors = compute_lu_factors(s * s * m + s * c + k)
+            right[:, i] = _scale_to_unit(scipy.linalg.lu_solve(factors, slope @ right[:, i]))
+            left[:, i] = _scale_to_unit(scipy.linalg.lu_solve(factors, slope.conj().T @ left[:, i], trans=2))
             change = _compute_correction(parts, np.array([s]), right[:, [i]], left[:, [i]])[0]
             s = s - change
             if not np.abs(s - root[i]) < near:
                 break
-            known = rounding_of(parts, np.array([s]), right[:, [i]], left[:, [i]], 0.0)[0]
+            known = compute_rounding_bars(parts, np.array([s]), right[:, [i]], left[:, [i]], 0.0)[0]
             if np.abs(change) <= max(NEWTON_CONVERGED * np.abs(s), known):
                 out[i] = s
                 lost[i] = 0.0
@@ -271,7 +275,7 @@ def _refined(
     return out, right, left, lost
 
 
-def _unit(vector: Complex) -> Complex:
+def _scale_to_unit(vector: Complex) -> Complex:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
@@ -293,18 +297,18 @@ def update_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shi
         good &= np.abs(out - change - root) < near
         left = np.abs(np.where(good, change, 0.0))
         out = np.where(good, out - change, out)
-    lost = np.where(good, 0.0, _reach(parts, np.abs(_at(parts, out, x, y)), out, x, y))
-    return out, x, y, rounding_of(parts, out, x, y, shift) + left, lost
+    lost = np.where(good, 0.0, _compute_root_change(parts, np.abs(_evaluate_residual(parts, out, x, y)), out, x, y))
+    return out, x, y, compute_rounding_bars(parts, out, x, y, shift) + left, lost
 
 
-def rounding_of(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Array:
+def compute_rounding_bars(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Array:
     """Return bars (roots,) [1/s] of rounding of P, with vectors x and y, at the shift [1/s] where roots are slower."""
     s = np.maximum(np.abs(root), shift)
     size = [np.einsum("km,km->m", np.abs(y), abs(part) @ np.abs(x)) for part in parts]
-    return _reach(parts, ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2]), root, x, y)
+    return _compute_root_change(parts, ROUNDED_TERMS * (s * s * size[0] + s * size[1] + size[2]), root, x, y)
 
 
-def _reach(parts: list[Sparse], terms: Array, root: Complex, x: Complex, y: Complex) -> Array:
+def _compute_root_change(parts: list[Sparse], terms: Array, root: Complex, x: Complex, y: Complex) -> Array:
     """By how much a change of y^H P x by ``terms`` (roots,) moves roots [1/s]: of first order, of roots together of second."""
     slope = np.abs(2 * root * _compute_bilinear_form(y, parts[0], x) + _compute_bilinear_form(y, parts[1], x))
     first = _compute_quotient(terms, slope)
@@ -316,10 +320,10 @@ def _compute_correction(parts: list[Sparse], s: Complex, x: Complex, y: Complex)
     """y^H P(s) x / (y^H P'(s) x) of each root; infinite where the slope is zero."""
     slope = 2 * s * _compute_bilinear_form(y, parts[0], x) + _compute_bilinear_form(y, parts[1], x)
     there = slope != 0.0
-    return np.where(there, _at(parts, s, x, y) / np.where(there, slope, 1.0), np.inf)
+    return np.where(there, _evaluate_residual(parts, s, x, y) / np.where(there, slope, 1.0), np.inf)
 
 
-def _at(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
+def _evaluate_residual(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
     """y^H P(s) x of each root."""
     m, c, k = (_compute_bilinear_form(y, part, x) for part in parts)
     return s * s * m + s * c + k

@@ -139,7 +139,7 @@ def find_undamped_modes(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     inner, inertia = (rest.T @ part @ rest for part in (k, m))
     squared, shapes = _find_soft_modes(k, m, soft)
     if rest.shape[1]:
-        others, stiff = _from_both_ends((inner + inner.T) / 2, (inertia + inertia.T) / 2)
+        others, stiff = _solve_from_both_ends((inner + inner.T) / 2, (inertia + inertia.T) / 2)
         squared = np.concatenate([squared, others])
         shapes = np.hstack([shapes, rest @ stiff])
     order = np.argsort(squared, kind="stable")
@@ -147,7 +147,7 @@ def find_undamped_modes(stiffness: Sparse, mass: Sparse) -> tuple[Array, Array]:
     return squared[order], np.asarray(moves @ (shapes / np.sqrt(masses)))[:, order]
 
 
-def _from_both_ends(k: Array, m: Array) -> tuple[Array, Array]:
+def _solve_from_both_ends(k: Array, m: Array) -> tuple[Array, Array]:
     """Return all omega^2 (modes,) [1/s^2], rising, and shapes (freedoms, modes) of a positive definite K [N m].
 
     Slow ones by 1 / omega^2 of M by K, which is known to 1e-16 of that of the slowest.  They are taken out of K, by Q with

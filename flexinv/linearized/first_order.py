@@ -37,7 +37,7 @@ PencilRoots = tuple[Complex, Complex, Complex]
 Corrected = tuple[Complex, Complex, Complex, Array, Array]
 
 
-def counted_roots(
+def find_all_roots(
     a: Array,
     b: Array,
     smallest: float,
@@ -50,13 +50,13 @@ def counted_roots(
     matrix_at : P(s), sparse, whose determinant has the same roots, and faster ones
     Raises ConvergenceError where a root is lost; a ModelWarning says where that none is lost is not proved.
     """
-    fast = _direct(a, b)
-    slow, shift = _slow(a, b, smallest)
+    fast = _solve_direct(a, b)
+    slow, shift = _find_slow_roots(a, b, smallest)
     missed = []
-    for place, values in _parted(slow, fast):
+    for place, values in _join_both_ends(slow, fast):
         found = corrected(values, shift)
         root, _, _, bar, lost = found
-        missed.append(_missed(place, root, bar + lost, matrix_at))
+        missed.append(_count_missing_near(place, root, bar + lost, matrix_at))
         if missed[-1] == 0:
             return found
         if missed[-1] is None:
@@ -73,10 +73,10 @@ def counted_roots(
     )
 
 
-def _parted(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[float, PencilRoots]]:
+def _join_both_ends(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[float, PencilRoots]]:
     """Yield places [1/s], the best first, with slow values within them and fast ones beyond; at last fast ones alone."""
     size = np.abs(fast[0])
-    for place in _places(np.abs(slow[0]), np.sort(size)):
+    for place in _list_division_points(np.abs(slow[0]), np.sort(size)):
         within = np.abs(slow[0]) <= place
         beyond = size > place
         root, x, y = (
@@ -86,7 +86,7 @@ def _parted(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[float, Penci
     yield float(np.sqrt(max(size.min(), np.finfo(float).tiny) * size.max())), fast
 
 
-def _places(slow: Array, fast: Array) -> list[float]:
+def _list_division_points(slow: Array, fast: Array) -> list[float]:
     """Places [1/s] where both ends have found as many on each side, by rising sizes: the widest gaps about the mean first."""
     count = len(fast)
     if count < 2:
@@ -103,15 +103,15 @@ def _places(slow: Array, fast: Array) -> list[float]:
     return sorted(worth, key=lambda place: -worth[place])[:MOST_PLACES]
 
 
-def _missed(place: float, root: Complex, bar: Array, matrix_at: Callable[[complex], Sparse]) -> int | None:
+def _count_missing_near(place: float, root: Complex, bar: Array, matrix_at: Callable[[complex], Sparse]) -> int | None:
     """Return the number of roots that are missed within the circle nearest to a place [1/s]; None where it is not sure.
 
     A root of which no digit is known, as one of several together that are zero, may be anything slower: circles beyond are tried
     first.  Where no circle parts the roots, all are alike to what is known of them, and of one end.
     """
     size = np.abs(root)
-    sure = _radius(place, size, np.where(bar > NO_DIGIT * size, np.maximum(bar, size), bar))
-    radius = _radius(place, size, bar) if sure is None else sure
+    sure = _find_circle_radius(place, size, np.where(bar > NO_DIGIT * size, np.maximum(bar, size), bar))
+    radius = _find_circle_radius(place, size, bar) if sure is None else sure
     if radius is None:
         return 0
     try:
@@ -121,7 +121,7 @@ def _missed(place: float, root: Complex, bar: Array, matrix_at: Callable[[comple
     return None if sure is None and missed else missed
 
 
-def _radius(place: float, size: Array, bar: Array) -> float | None:
+def _find_circle_radius(place: float, size: Array, bar: Array) -> float | None:
     """The middle of the gap between roots with their bars that is nearest to a place [1/s]; None where there is none."""
     order = np.argsort(size)
     inner = np.maximum.accumulate((size + bar)[order])[:-1]
@@ -134,22 +134,22 @@ def _radius(place: float, size: Array, bar: Array) -> float | None:
     return float(middle[np.abs(np.log(middle / place)).argmin()])
 
 
-def _direct(a: Array, b: Array) -> PencilRoots:
+def _solve_direct(a: Array, b: Array) -> PencilRoots:
     """Roots of B^-1 A; of its left vectors u those of the pencil are B^-H u."""
-    factors = factors_of(b)
+    factors = compute_lu_factors(b)
     root, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, a), left=True, right=True)
     return root, right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
-def _inverse(a: Array, b: Array, shift: float) -> PencilRoots:
+def _solve_shift_inverse(a: Array, b: Array, shift: float) -> PencilRoots:
     """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
-    factors = factors_of(a - shift * b)
+    factors = compute_lu_factors(a - shift * b)
     values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
     safe = np.where(values == 0.0, np.finfo(float).tiny, values)
     return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
-def _slow(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, float]:
+def _find_slow_roots(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, float]:
     """Slow roots about zero where A, rows and columns of unit size, is regular beyond rounding, else about a shift [1/s].
 
     So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.
@@ -157,13 +157,13 @@ def _slow(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, float]:
     unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
     unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
     if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
-        return _inverse(a, b, 0.0), 0.0
-    found = _inverse(a, b, smallest)
+        return _solve_shift_inverse(a, b, 0.0), 0.0
+    found = _solve_shift_inverse(a, b, smallest)
     shift = choose_shift(found[0], smallest)
-    return (found if shift == smallest else _inverse(a, b, shift)), shift
+    return (found if shift == smallest else _solve_shift_inverse(a, b, shift)), shift
 
 
-def factors_of(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def compute_lu_factors(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """LU of a matrix that may be singular: a pivot of nothing is rounding, and what it belongs to is as large as that."""
     factorise = scipy.linalg.get_lapack_funcs("getrf", (matrix,))
     factors, swaps, _ = factorise(matrix)

@@ -197,8 +197,8 @@ def linear_model(
     driven = [v for v in moved if v not in joints]
     found = build_state_space(basis, motion.matrices, coordinates[driven].T)
     c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, found)
-    states, state_units = _states(mechanism, accelerated, basis)
-    inputs, input_units = _inputs(mechanism, driven, accelerated)
+    states, state_units = _list_states(mechanism, accelerated, basis)
+    inputs, input_units = _list_inputs(mechanism, driven, accelerated)
     held = coordinates[driven] @ motion.residual
     return LinearModel(
         A=found.a,
@@ -218,23 +218,23 @@ def linear_model(
     )
 
 
-def _coordinate_units(mechanism: Mechanism, accelerated: Collection[str]) -> list[str]:
+def _list_coordinate_units(mechanism: Mechanism, accelerated: Collection[str]) -> list[str]:
     """Units of the coordinates of joints whose acceleration is given."""
     return [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated]
 
 
-def _states(
+def _list_states(
     mechanism: Mechanism, accelerated: Collection[str], basis: Basis
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units of the states (p, eta, d, p', eta') of `build_state_space`."""
     moving = [*accelerated, *(f"mode {k + 1}" for k in range(basis.massive))]
     following = [f"massless {k + 1}" for k in range(basis.moved)]
     rates = [f"{name} rate" for name in moving]
-    units = [*_coordinate_units(mechanism, accelerated), *(basis.massive * ["kg^0.5 m"])]
+    units = [*_list_coordinate_units(mechanism, accelerated), *(basis.massive * ["kg^0.5 m"])]
     return (*moving, *following, *rates), (*units, *(basis.moved * ["-"]), *(f"{unit}/s" for unit in units))
 
 
-def _inputs(
+def _list_inputs(
     mechanism: Mechanism, driven: Sequence[int], accelerated: Collection[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units of the inputs: efforts of the driven velocity coordinates, then given accelerations."""
@@ -242,7 +242,7 @@ def _inputs(
     efforts = [f"{mechanism.velocity_names[v]} effort" for v in driven]
     accelerations = [f"{name} acceleration" for name in accelerated]
     effort_units = ["N" if translation[v] else "N m" for v in driven]
-    acceleration_units = [f"{unit}/s^2" for unit in _coordinate_units(mechanism, accelerated)]
+    acceleration_units = [f"{unit}/s^2" for unit in _list_coordinate_units(mechanism, accelerated)]
     return (*efforts, *accelerations), (*effort_units, *acceleration_units)
 
 
@@ -291,16 +291,16 @@ def _build_shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
     mass, damping, stiffness = ((allowed.T @ part @ allowed).toarray() for part in motion.matrices)
     symmetric = is_symmetric(scipy.sparse.csc_array(stiffness))
     if modes is None or (symmetric and not _is_gyroscopic(damping)):
-        return _undamped_shapes(allowed, (mass, damping, stiffness), modes)
+        return _build_undamped_basis(allowed, (mass, damping, stiffness), modes)
     found = find_roots(mass, damping, stiffness)
     right = _find_real_basis(found.shapes[:, :modes], mass)
     if not symmetric:
         left = _find_real_basis(found.left[:, :modes], mass)
         if left.is_pair_of(right, mass, damping):
-            return _spanning(allowed, right, left)
+            return _join_spans(allowed, right, left)
     if not right.is_pair_of(right, mass, damping):  # what has no inertia has no damper among these shapes
         right = replace(right, massless=right.massless[:, :0])
-    return _spanning(allowed, right, right)
+    return _join_spans(allowed, right, right)
 
 
 @dataclass(frozen=True)
@@ -314,20 +314,22 @@ class Span:
         """Return True if rows of these tell columns of the ``right`` ones apart: M [kg m^2], C [N m s] are regular there."""
         one = self.massive.T @ mass @ right.massive
         other = self.massless.T @ damping @ right.massless
-        return all(part.shape[0] == part.shape[1] and _condition(part) <= WORST_PAIR for part in (one, other))
+        return all(
+            part.shape[0] == part.shape[1] and _compute_condition_number(part) <= WORST_PAIR for part in (one, other)
+        )
 
 
-def _condition(matrix: Array) -> float:
+def _compute_condition_number(matrix: Array) -> float:
     return float(np.linalg.cond(matrix)) if matrix.size else 1.0
 
 
-def _spanning(allowed: Sparse, right: Span, left: Span) -> Basis:
+def _join_spans(allowed: Sparse, right: Span, left: Span) -> Basis:
     columns = allowed @ np.hstack([right.massive, right.massless])
     rows = columns if left is right else allowed @ np.hstack([left.massive, left.massless])
     return Basis(columns, rows, 0, right.massive.shape[1], right.massless.shape[1])
 
 
-def _undamped_shapes(allowed: Sparse, matrices: tuple[Array, Array, Array], modes: int | None) -> Basis:
+def _build_undamped_basis(allowed: Sparse, matrices: tuple[Array, Array, Array], modes: int | None) -> Basis:
     """Shapes of M and the symmetric part of K, and all motions without inertia; or the slowest of these shapes."""
     mass, damping, stiffness = matrices
     k = scipy.sparse.csc_array((stiffness + stiffness.T) / 2)

@@ -90,7 +90,7 @@ class PlanarMarch:
         self.system.ties.multiplier[:], self.system.masses.over[:] = 0.0, self.model.masses.over
         _list_reusable(self.mesh, frozenset(passive)).append(self)
 
-    def restart(
+    def update_accelerations(
         self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Trajectory
     ) -> tuple[int, int, int, float]:
         """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `arguments`.

@@ -159,11 +159,11 @@ def follow(
     # Of the last run: its equations, and what moves at both ends of the window.
     runs: list[tuple[Horizon, tuple[float, float]]] = []
 
-    def way_of(meshed: Mechanism) -> RigidWay:
+    def make_way(meshed: Mechanism) -> RigidWay:
         return RigidWay(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
-        way = way_of(meshed)
+        way = make_way(meshed)
         horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, own.step)
         first, left = _solve_inversion(horizon)
         runs[:] = [(horizon, left)]
@@ -171,7 +171,7 @@ def follow(
             _check_rest(horizon, left)
         return way.mesh, first
 
-    way = way_of(mechanism)
+    way = make_way(mechanism)
     time = _build_window(way, settings.step, before, after)
     if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
         return _build_rigid_following(way, way.reach(time), time)
@@ -186,7 +186,7 @@ def follow(
         Problem(mechanism, StepGrid(time[[0, -1]], (len(time) - 1,)), run, settings, asked)
     )
     _check_rest(*runs[-1])
-    way = way_of(solution.mechanism)
+    way = make_way(solution.mechanism)
     return replace(
         _build_rigid_following(way, way.reach(solution.time), solution.time), solution=solution, unrest=runs[-1][1]
     )

@@ -296,12 +296,12 @@ class RigidWay:
             # Newton's own step near the path, where the last one halved the distance at least
             factor = 0.0 if distance < 0.5 * before and distance < DAMPING * length else DAMPING
             before = distance
-            angles[self._drives] = self._step(angles[self._drives], jacobian, missing, factor)
+            angles[self._drives] = self._solve_step(angles[self._drives], jacobian, missing, factor)
         else:
             self._refuse_unreachable(angles, distance, at)
         return angles
 
-    def _step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
+    def _solve_step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
         """Drives (drives,) after one step; those that would pass a limit stop there, and the others do without them."""
         free = np.ones(len(now), dtype=bool)
         lower, upper = self._bounds

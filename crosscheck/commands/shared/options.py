@@ -144,13 +144,13 @@ def add_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the options of what to run: it is called with them as one ``Asked``, and with its own by name."""
 
     @functools.wraps(command)
-    def called(**words: Any) -> Any:
+    def run_with_options(**words: Any) -> Any:
         asked = Asked(**{field.name: words.pop(field.name) for field in fields(Asked)})
         return command(asked, **words)
 
     for option in reversed(OPTIONS):
-        called = option(called)
-    return called
+        run_with_options = option(run_with_options)
+    return run_with_options
 
 
 def find_task(models: Path, name: str, case: str | None) -> Task:

@@ -24,7 +24,7 @@ from crosscheck.report.words import SIGNS, describe_run, describe_unchanged
 from crosscheck.run.guarded import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
 from crosscheck.secrets import remove_passwords
-from crosscheck.start import interrupt
+from crosscheck.start import convert_to_interrupt
 from crosscheck.verdicts.plan import Plan, discover
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
@@ -107,10 +107,10 @@ class Failure(click.ClickException):
     exit_code = 2
 
     def __init__(self, message: str) -> None:
-        super().__init__(tame(remove_passwords(message)))
+        super().__init__(replace_control_characters(remove_passwords(message)))
 
 
-def tame(text: str) -> str:
+def replace_control_characters(text: str) -> str:
     """Return a text without characters that a terminal obeys: names and messages of strangers may hold some."""
     return CONTROLS.sub("\N{REPLACEMENT CHARACTER}", text)
 
@@ -123,7 +123,7 @@ class Console(rich_console.Console):
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return a text with its markup, tamed."""
-        return super().render_str(tame(text), **options)
+        return super().render_str(replace_control_characters(text), **options)
 
     def on_broken_pipe(self) -> NoReturn:
         """Leave quietly with the exit code of a failure."""
@@ -205,21 +205,21 @@ def open_progress(console: Console) -> Iterator[Any]:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("running", total=None)
 
-        def notify(event: Event) -> None:
+        def update_bar(event: Event) -> None:
             bar.update(task, total=event.total, completed=event.done, description=escape(event.label))
             if event.verdict not in ("ok", "within", "skipped") or not console.is_terminal:
                 sign = SIGNS.get(event.verdict, "✓")
                 line = f"[{COLOURS.get(event.verdict, 'green')}]{sign} {escape(event.label)}[/] {escape(event.message)}"
                 console.print(line, highlight=False, soft_wrap=True)
 
-        yield notify
+        yield update_bar
 
 
 @contextlib.contextmanager
 def convert_sigterm() -> Iterator[None]:
     """Treat a polite kill (SIGTERM) like Ctrl-C, so that no engine is left behind."""
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = signal.signal(signal.SIGTERM, convert_to_interrupt)
     try:
         yield
     finally:

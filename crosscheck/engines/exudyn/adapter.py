@@ -61,11 +61,11 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this case, or None."""
     beyond = describe_nontree_parts(mechanism)
     if beyond and engine == DAE and exudyn_phases.has_switched_closures(mechanism):
-        return exudyn_phases.unsupported(mechanism, case)
+        return exudyn_phases.describe_refusal(mechanism, case)
     if beyond and engine != TREE and mechanism.beams and exudyn_phases.has_switched_closures(mechanism):
-        return exudyn_switched.unsupported(mechanism, case, engine)
+        return exudyn_switched.describe_refusal(mechanism, case, engine)
     if beyond and engine != TREE:
-        return exudyn_loops.unsupported(mechanism, case, engine)
+        return exudyn_loops.describe_refusal(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:
         return f"{reason}; see {DAE if mechanism.is_rigid else f'{ANCF} and {EXACT}'}" if beyond else reason
     names = ", ".join(link.name for link in mechanism.beams)
@@ -82,7 +82,7 @@ def _describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | No
     if not isinstance(exudyn_planar.find_plane(mechanism, layout), str):
         return None
     left_out = exudyn_spatial.describe_damping_loss(mechanism) if engine == EXACT else None
-    return exudyn_spatial.unsupported(mechanism) or left_out
+    return exudyn_spatial.describe_refusal(mechanism) or left_out
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:

@@ -76,7 +76,7 @@ def list_joints_in_motion(mechanism: Mechanism, case: Case) -> list[Joint]:
     return [j for j in mechanism.joints if j.nv and j.name not in free and moving[mechanism.v_slices[j.name]].any()]
 
 
-def unsupported(mechanism: Mechanism, case: Case) -> str | None:
+def describe_refusal(mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why a start in motion cannot be led into, or None."""
     joints = list_joints_in_motion(mechanism, case)
     if not joints or not mechanism.closures:

@@ -86,7 +86,7 @@ class Model:
         return [] if self.plane is not None else [n for n, rows in self.held.items() if sum(rows) < full[n]]
 
 
-def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+def describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this mechanism with closures, springs or forces in time, or None."""
     if reason := _describe_wrong_engine(mechanism, engine):
         return reason
@@ -96,12 +96,12 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return reason
     if strange := [c.name for c in mechanism.closures if c.kind not in exudyn_closing.HELD]:
         return f"closures without a connector of Exudyn between redundant coordinates: {', '.join(strange)}"
-    if not mechanism.beams and (reason := assembly.unsupported(mechanism)):
+    if not mechanism.beams and (reason := assembly.describe_refusal(mechanism)):
         return reason
     if (
-        reason := exudyn_spatial.unsupported(mechanism)
+        reason := exudyn_spatial.describe_refusal(mechanism)
         or _describe_leaning_axes(mechanism, case)
-        or exudyn_lead.unsupported(mechanism, case)
+        or exudyn_lead.describe_refusal(mechanism, case)
     ):
         return reason
     return _describe_beam_refusal(mechanism, case, engine) if mechanism.beams else None

@@ -149,7 +149,7 @@ def has_switched_closures(mechanism: Mechanism) -> bool:
     return any(c.active for c in mechanism.closures)
 
 
-def unsupported(mechanism: Mechanism, case: Case) -> str | None:
+def describe_refusal(mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why the switching cannot be done, or None."""
     given = [j for j in mechanism.joints if j.nv and j.name not in assembly.find_unprescribed_joints(mechanism, case)]
     if wrong := [j.name for j in given if j.kind not in LOOSE]:
@@ -159,7 +159,7 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     if moving := [j.name for j in exudyn_lead.list_joints_in_motion(mechanism, case)]:
         return f"mechanisms that open and close start at rest here; in motion: {', '.join(moving)}"
     always = tuple(replace(c, active=()) for c in mechanism.closures)
-    return exudyn_loops.unsupported(replace(mechanism, closures=always), case, DAE)
+    return exudyn_loops.describe_refusal(replace(mechanism, closures=always), case, DAE)
 
 
 def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> Made:

@@ -20,7 +20,7 @@ from crosscheck.engines.shared.replay import Array, Drive
 from flexinv.model.mechanism import Joint, Mechanism
 
 
-def unsupported(mechanism: Mechanism, q: Array) -> str | None:
+def describe_refusal(mechanism: Mechanism, q: Array) -> str | None:
     """Return the reason why torques cannot drive this mechanism here, or None."""
     for joint in mechanism.joints:
         if joint.nv and (joint.kind != "revolute" or joint.rotor_inertia or joint.friction):
@@ -39,7 +39,7 @@ def replay(mechanism: Mechanism, drive: Drive, elements: int, step: float, cable
     elements : of every beam; step : of time at most [s]; the torque is linear between its samples
     cable : ``ANCFCable2D`` instead of ``BeamGeometricallyExact2D``
     """
-    if reason := unsupported(mechanism, drive.q):
+    if reason := describe_refusal(mechanism, drive.q):
         raise ValueError(reason)
     layout = build_layout(mechanism, drive.q, np.zeros(mechanism.nv))
     plane = exudyn_planar.find_plane(mechanism, layout)

@@ -72,9 +72,9 @@ def apply_all_closures(mechanism: Mechanism) -> Mechanism:
     )
 
 
-def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+def describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason that excludes a mechanism with beams whose closures act for a while, in words, or None."""
-    if reason := exudyn_loops.unsupported(apply_all_closures(mechanism), case, engine):
+    if reason := exudyn_loops.describe_refusal(apply_all_closures(mechanism), case, engine):
         return reason
     instants = np.array([piece.start for piece in list_phases(mechanism, case)[1:]])
     if not len(instants):

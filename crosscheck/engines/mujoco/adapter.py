@@ -95,7 +95,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
             return "no closed loop: see mujoco"
         if kinds := mujoco_loops.list_missing_equalities(mechanism):
             return f"no equality constraint of MuJoCo makes up the closures {', '.join(kinds)}: see mujoco"
-    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
+    return assembly.describe_refusal(mechanism) if mechanism.closures else missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:

@@ -79,7 +79,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"Pinocchio has rigid bodies only; flexible here: {names}"
-    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
+    return assembly.describe_refusal(mechanism) if mechanism.closures else missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:

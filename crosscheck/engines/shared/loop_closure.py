@@ -361,7 +361,7 @@ def apply_guess(mechanism: Mechanism, case: Case, q: Array) -> Array:
     return out
 
 
-def unsupported(mechanism: Mechanism) -> str | None:
+def describe_refusal(mechanism: Mechanism) -> str | None:
     """Return the reason why these loops cannot be closed here, or None."""
     if catches := [c.name for c in mechanism.closures if c.capture]:
         return f"closures tie frames that have met here; capturing: {', '.join(catches)}"

@@ -94,7 +94,11 @@ class Search:
                     first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame
                 )
             )
-        total = sums[-1][0] + self.lengths.compute_base_code_length(motion) + self.lengths.of_ground(motion)
+        total = (
+            sums[-1][0]
+            + self.lengths.compute_base_code_length(motion)
+            + self.lengths.compute_ground_code_length(motion)
+        )
         return Alignment(seats, motion, total)
 
     def _compute_subtree_length(
@@ -157,7 +161,7 @@ class Search:
             if (key := _make_pose_key(motion)) in known:
                 continue
             known.add(key)
-            length = lengths.compute_base_code_length(motion) + lengths.of_ground(motion)
+            length = lengths.compute_base_code_length(motion) + lengths.compute_ground_code_length(motion)
             for a in roots:
                 still = self.poses.still(a, motion)
                 length += min(lengths.of_joint(a, motion, pose) for pose in (still, Placement()))

@@ -180,7 +180,7 @@ class Lengths:
             return compute_code_length(size) + (felt if changed else 0.0)
         return HALF * compute_code_length(size)
 
-    def of_ground(self, motion: Placement) -> float:
+    def compute_ground_code_length(self, motion: Placement) -> float:
         """Return the length of the frames of links that stand still and carry joints, where B's world stands so in A's [m]."""
         return sum(
             self.compute_frame_code_length(compute_relative_pose(one, apply_placement(motion, two)))

@@ -73,7 +73,7 @@ def _fit_coordinate(one: Member, two: Member, frame: Placement, shift: Placement
     else:
         offset = compute_angle_about(shift.rotation, axis)
         if one.kind == "helical":
-            offset = _by_pitch(one, offset, float(axis @ shift.position))
+            offset = _add_pitch_turns(one, offset, float(axis @ shift.position))
         way = one.pitch * offset / (2 * np.pi) * axis if one.kind == "helical" else np.zeros(3)
         rest = apply_placement(shift, inverse(Placement(way, turned(axis, offset))))
         left = compute_angle(rest.rotation)
@@ -82,7 +82,7 @@ def _fit_coordinate(one: Member, two: Member, frame: Placement, shift: Placement
     return (sign, offset, rest) if told else (sign, 0.0, shift)
 
 
-def _by_pitch(one: Member, offset: float, along: float) -> float:
+def _add_pitch_turns(one: Member, offset: float, along: float) -> float:
     """The offset [rad] of a screw with the whole turns that its way along the axis says [m].
 
     Where that way is no whole number of pitches, the screw itself stands elsewhere: no turns are told by it, but that half a turn

@@ -14,7 +14,7 @@ from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 from crosscheck.equivalence.alignment.bases import BASE
 from crosscheck.equivalence.alignment.seats import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.groups import counterpart
+from crosscheck.equivalence.groups import find_counterpart
 from crosscheck.equivalence.judge import Judged
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
@@ -261,7 +261,7 @@ def _describe_common_change(difference: Difference, sides: Sides) -> Iterator[st
 def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
     """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
     members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
-    names = _names(difference, members, seat)
+    names = _find_body_names(difference, members, seat)
     values = difference.second, difference.first
     wholes = move_inertia(seat.frame, members[1].inertia), move_inertia(inverse(seat.frame), members[0].inertia)
     for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
@@ -280,7 +280,7 @@ def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -
             yield f"{head} link {members[n].name}{apart}: {numbers}"
 
 
-def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned) -> tuple[str, str]:
+def _find_body_names(difference: Difference, members: tuple[Member, Member], seat: Aligned) -> tuple[str, str]:
     """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
     parts = dict(members[0].parts), {own: move_inertia(seat.frame, body) for own, body in members[1].parts}
@@ -288,7 +288,7 @@ def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned
     mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
     rest = join_bodies(body for own, body in parts[mine].items() if own != name)
     size = max(float(np.linalg.norm(body.com)) for own in parts for body in own.values())
-    other = counterpart(parts[1 - mine], rest, size)
+    other = find_counterpart(parts[1 - mine], rest, size)
     return (other, name) if mine else (name, other)
 
 

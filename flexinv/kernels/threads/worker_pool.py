@@ -125,7 +125,7 @@ class _Helper:
             move_from_processor(self.caller)
             self.attend(self.mail, looks)
 
-    def wake(self) -> None:
+    def send_wakeup(self) -> None:
         if self.mail[SLEEPS]:
             self.mail[SLEEPS] = 0
             self.caller = processor_now()
@@ -173,7 +173,7 @@ class Helpers:
             if len(self._members) < count:
                 self._begin_helpers(count)
             for one in self._members[:count]:
-                one.wake()
+                one.send_wakeup()
         return self._mails[: min(count, len(self._members))]
 
     def _begin_helpers(self, count: int) -> None:

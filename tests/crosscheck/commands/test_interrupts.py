@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from crosscheck.cli import main
 from crosscheck.commands import selftest
-from crosscheck.commands.shared.terminal import Console, Failure, tame
+from crosscheck.commands.shared.terminal import Console, Failure, replace_control_characters
 from crosscheck.verdicts.results import Results
 
 EVIL = "\x1b]0;owned\x07\x1b[2J[red]a[/red]\u202eb\x9bc\r"
@@ -43,7 +43,7 @@ def test_controls_of_strangers_are_shown_as_replacements(capsys: pytest.CaptureF
     assert not set("\x1b\x07\x9b\r\u202e") & set(told)
     assert "owned" in told
     assert "\x1b" not in str(Failure(EVIL))
-    assert tame("a\tb\nc é 角") == "a\tb\nc é 角"
+    assert replace_control_characters("a\tb\nc é 角") == "a\tb\nc é 角"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

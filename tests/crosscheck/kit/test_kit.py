@@ -21,7 +21,7 @@ from crosscheck.kit.answer import read_answer
 from crosscheck.kit.resolved import build_case_file
 from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
 from crosscheck.kit.write import write
-from crosscheck.measures.certificate import certificate, checks
+from crosscheck.measures.certificate import build_certificate, checks
 from crosscheck.measures.record import Record
 from crosscheck.measures.series_csv import read
 from crosscheck.verdicts.plan import Task, discover
@@ -79,7 +79,9 @@ def test_a_kit_is_enough_for_numpy_alone(
         assert error <= enough * size
         assert bar is None or error <= float(bar.max())
     said = json.loads((folder / "expected" / "certificate.json").read_text())
-    assert all(line.holds for line in checks("", "", "", certificate(theirs.certificate), certificate(said)))
+    assert all(
+        line.holds for line in checks("", "", "", build_certificate(theirs.certificate), build_certificate(said))
+    )
     assert bool(theirs.certificate) == (program == "rigid.py")
 
 

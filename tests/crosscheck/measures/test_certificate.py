@@ -20,7 +20,7 @@ from crosscheck.causes.selftest import make_loose_closure
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
-from crosscheck.measures.certificate import Certificate, Check, certificate, checks, is_certified
+from crosscheck.measures.certificate import Certificate, Check, build_certificate, checks, is_certified
 from crosscheck.measures.record import Record
 from crosscheck.run.child import describe_supplied_data
 from crosscheck.verdicts.certificates import list_certificate_lines
@@ -44,7 +44,7 @@ def says(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """What an engine says, after the way through JSON that it takes between processes."""
     certify = offered(adapter(ENGINES[engine]), "certify")
     assert certify is not None
-    return certificate(json.loads(json.dumps(certify(mechanism, case, engine).plain, allow_nan=False)))
+    return build_certificate(json.loads(json.dumps(certify(mechanism, case, engine).plain, allow_nan=False)))
 
 
 def lines(place: str, engine: str, harmed: Subject | None = None) -> tuple[Check, ...]:

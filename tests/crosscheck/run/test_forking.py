@@ -19,7 +19,7 @@ import pytest
 import rogue_engines as rogue
 
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.engines.base import forkable, prepare_adapter
+from crosscheck.engines.base import can_fork_jobs, prepare_adapter
 from crosscheck.run import fork_server, forking
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
 from crosscheck.run.isolation import Attempt, Children, run_engine
@@ -250,7 +250,7 @@ def test_trouble_is_seen_before_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_adapter_of_ours_may_be_forked() -> None:
     for engine in ENGINES.values():
         found = __import__(engine.module, fromlist=["run"])
-        assert forkable(found)
+        assert can_fork_jobs(found)
         prepare_adapter(found)
 
 

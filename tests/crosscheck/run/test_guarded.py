@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from crosscheck.cli import main
-from crosscheck.run.guarded import Guard, Unread, may_fork
+from crosscheck.run.guarded import Guard, Unread, can_fork
 from flexinv.errors import InputError
 
 LIMIT = 5.0  # [s]
@@ -103,9 +103,9 @@ def sleepers() -> list[psutil.Process]:
 @pytest.fixture(params=["a copy", "a fresh process"])
 def guard(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Guard:
     """A guard whose calls are copies of this process, or fresh ones."""
-    if request.param == "a copy" and not may_fork():
+    if request.param == "a copy" and not can_fork():
         pytest.skip("other threads run in this process")
-    monkeypatch.setattr("crosscheck.run.guarded.may_fork", lambda: request.param == "a copy")
+    monkeypatch.setattr("crosscheck.run.guarded.can_fork", lambda: request.param == "a copy")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     return Guard(LIMIT if request.param == "a copy" else SLOW)
 
@@ -139,7 +139,7 @@ def test_beside_other_threads_no_copy_is_made() -> None:
     stop = threading.Event()
     other = threading.Thread(target=stop.wait)
     other.start()
-    assert not may_fork()
+    assert not can_fork()
     stop.set()
     other.join()
 

@@ -27,7 +27,7 @@ from crosscheck.workflows.proposals import (
     list_proposals,
     write,
 )
-from crosscheck.workflows.scaffold import TEMPLATES, from_urdf, write_from_template
+from crosscheck.workflows.scaffold import TEMPLATES, write_from_template, write_from_urdf
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -78,7 +78,7 @@ def test_a_plane_mechanism_is_drawn_in_its_plane() -> None:
 
 def test_a_urdf_becomes_a_folder_that_loads(tmp_path: Path) -> None:
     file = urdf(tmp_path)
-    folder = from_urdf(tmp_path / "models", "robot", file)
+    folder = write_from_urdf(tmp_path / "models", "robot", file)
     mechanism = load_mechanism(folder)
     (case,) = load_cases(folder, mechanism).values()
     assert set(case.motion.joints(mechanism)) == {j.name for j in mechanism.joints if j.nv}
@@ -88,7 +88,7 @@ def test_a_urdf_becomes_a_folder_that_loads(tmp_path: Path) -> None:
             own = q[:, mechanism.q_slices[joint.name]]
             assert (own >= joint.limits.lower).all()
             assert (own <= joint.limits.upper).all()
-    free = load_mechanism(from_urdf(tmp_path / "models", "walker", file, base="free"))
+    free = load_mechanism(write_from_urdf(tmp_path / "models", "walker", file, base="free"))
     assert free.joints[0].kind == "free"
 
 
@@ -102,7 +102,7 @@ def test_what_cannot_be_a_mechanism_leaves_nothing_behind(tmp_path: Path) -> Non
     broken = tmp_path / "broken.urdf"
     broken.write_text("<robot><link name='a'>")
     with pytest.raises(InputError):
-        from_urdf(tmp_path, "robot", broken)
+        write_from_urdf(tmp_path, "robot", broken)
     assert {f.name for f in tmp_path.iterdir()} == {"mine", "broken.urdf"}
 
 

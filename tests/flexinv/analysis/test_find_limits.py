@@ -101,3 +101,12 @@ def test_another_motion_is_refused(root: Path) -> None:
     one, two = (flexinv.Motion.point_to_point([0.0, 0.0, 0.0], [0.1, 0.2, end], 1.0) for end in (1.0, 0.5))
     with pytest.raises(flexinv.InputError, match=r"joint 'joint3' of the solution is 0\.5 away from the motion"):
         find_limits(flexinv.solve(arm, one, step=0.1), two)
+
+
+def test_what_is_no_motion_is_refused_where_no_limit_is_stated_too(root: Path) -> None:
+    arm = flexinv.load_mechanism(root / "models" / "rigid_3r")
+    motion = flexinv.Motion.point_to_point([0.0, 0.0, 0.0], [0.1, 0.2, 0.3], 1.0)
+    solution = flexinv.solve(arm, motion, step=0.1)
+    assert find_limits(solution) == ()
+    with pytest.raises(flexinv.InputError, match="motion"):
+        find_limits(solution, "text")  # type: ignore[arg-type]

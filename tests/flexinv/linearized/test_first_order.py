@@ -95,11 +95,11 @@ def test_a_root_that_both_ends_have_lost_is_said(monkeypatch: pytest.MonkeyPatch
         taken = np.where(off, fastest, np.arange(len(root)))
         return np.where(off, 1.25 * root[taken], root), right[:, taken], left[:, taken]
 
-    direct = first_order._direct
-    slow = first_order._slow
+    direct = first_order._solve_direct
+    slow = first_order._find_slow_roots
     assert len(find_roots(*apart()).root) == 4
-    monkeypatch.setattr(first_order, "_direct", lambda *given: moved(direct(*given)))
-    monkeypatch.setattr(first_order, "_slow", lambda *given: (moved(slow(*given)[0]), 0.0))
+    monkeypatch.setattr(first_order, "_solve_direct", lambda *given: moved(direct(*given)))
+    monkeypatch.setattr(first_order, "_find_slow_roots", lambda *given: (moved(slow(*given)[0]), 0.0))
     with pytest.warns(ModelWarning, match="that none of 8 roots is lost is not proved"):
         found = find_roots(*apart())
     assert found.bar[-1] > 0.1 * np.abs(found.root[-1])
@@ -116,10 +116,10 @@ def test_a_root_that_is_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> Non
         order[fastest] = slowest
         return root[order], right[:, order], left[:, order]
 
-    direct = first_order._direct
-    slow = first_order._slow
-    monkeypatch.setattr(first_order, "_direct", lambda *given: taken(direct(*given)))
-    monkeypatch.setattr(first_order, "_slow", lambda *given: (taken(slow(*given)[0]), 0.0))
+    direct = first_order._solve_direct
+    slow = first_order._find_slow_roots
+    monkeypatch.setattr(first_order, "_solve_direct", lambda *given: taken(direct(*given)))
+    monkeypatch.setattr(first_order, "_find_slow_roots", lambda *given: (taken(slow(*given)[0]), 0.0))
     with pytest.raises(ConvergenceError, match="of 8 roots 2 are lost, or there twice"):
         find_roots(*apart())
 

@@ -102,7 +102,7 @@ class Drawing:
         return next(k for k, g in enumerate(self.layout.groups) if g.joint == joint)
 
 
-def unsupported(mechanism: Mechanism) -> str | None:
+def describe_refusal(mechanism: Mechanism) -> str | None:
     """Return the reason why a mechanism cannot be modelled in space, or None."""
     for joint in mechanism.joints:
         if joint.kind == "free" and joint.parent != WORLD:

@@ -174,5 +174,5 @@ def test_leaning_axes_of_a_passive_universal_joint_are_refused() -> None:
     mechanism, case = examples.spatial()
     lean = np.array([0.0, 0.8, 0.6])
     joints = tuple(replace(j, second_axis=lean) if j.name == "B" else j for j in mechanism.joints)
-    reason = exudyn_loops.unsupported(replace(mechanism, joints=joints), case, "exudyn-dae")
+    reason = exudyn_loops.describe_refusal(replace(mechanism, joints=joints), case, "exudyn-dae")
     assert reason == "joint B: a connector holds the axes of a universal joint perpendicular; these lean"
