@@ -208,13 +208,13 @@ def check_renaming(name: str, value: object, expected: str, write: str) -> Mappi
     return stated
 
 
-def check_names(name: str, value: object, of: str) -> Collection[str]:
-    """Return a collection of names [-]: a single text is none, which would be read letter by letter."""
+def check_names(name: str, value: object, of: str) -> tuple[str, ...]:
+    """Return the names [-] of a collection as plain texts: a single text is none, which would be read letter by letter."""
     if isinstance(value, str):
         refuse(name, value, f"a list of names of {of}", f"[{value!r}]")
     if not isinstance(value, Collection) or not all(isinstance(one, str) for one in value):
         refuse(name, value, f"a list of names of {of}")
-    return value
+    return tuple(map(str, value))
 
 
 def check_choice(name: str, value: object, options: Mapping[str, str]) -> str:

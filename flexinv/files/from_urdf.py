@@ -51,7 +51,7 @@ def from_urdf(
     of a rigid robot is defined with them): each with ModelWarning and a note.  Raises InputError.
     """
     file = Path(path_of("path", path, "a URDF file"))
-    check_names("lock", lock, "joints")
+    lock = check_names("lock", lock, "joints")
     if isinstance(packages, str | PathLike) or not isinstance(packages, Iterable):
         refuse("packages", packages, "a list of folders", f"[{shown(packages)}]" * isinstance(packages, str | PathLike))
     folders = [path_of(f"packages[{k}]", folder, "a folder") for k, folder in enumerate(packages)]

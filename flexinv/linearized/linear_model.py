@@ -175,8 +175,8 @@ def linear_model(
     rates = convert_rates(rates)
     check_kind("mechanism", mechanism, Mechanism)
     if free is not None:
-        check_names("free", free, "joints")
-    check_names("accelerated", accelerated, "joints")
+        free = check_names("free", free, "joints")
+    accelerated = check_names("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
     freed = (*(moving if free is None else free), *accelerated)
     for name in accelerated:

@@ -271,7 +271,7 @@ def resolve_setup(
     """
     check_kind("mechanism", mechanism, Mechanism)
     if free is not None:
-        check_names("free", free, "joints")
+        free = check_names("free", free, "joints")
     if count is not None:
         check_whole_number("count", count, 1, "1 or more, or None for all")
     at = mechanism.neutral if q is None else np.array(convert_to_floats("modes: q", q))

@@ -244,7 +244,7 @@ def _read_table(values: Values, names: tuple[str, ...] | list[str] | None, sampl
         parts = {str(name): _read_matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    own = None if names is None else tuple(arguments.check_names("names", names, "joints"))
+    own = None if names is None else arguments.check_names("names", names, "joints")
     if own is not None and len(set(own)) != len(own):
         raise InputError(f"names: {format_names(own)}: expected each joint once")
     return own, _read_matrix(values, samples, "q"), None
