@@ -35,7 +35,7 @@ TEXTS = [
 
 # Functions with more than eight parameters, and why they stay so.
 FLAT = {
-    "flexinv/rigid/blocks.py: compute_torque_blocks": "one sample takes 2.3 us; records as arguments of the call from Python add 1.4 us",
+    "flexinv/rigid/blocks.py: compute_torque_blocks": "one sample takes 2.3 us; records as arguments add 1.4 us",
 }
 # Words that had several meanings; each has one now.
 # What does the same in two forms has the same names: time integration and beams in space and in a plane, vectors and lanes.
