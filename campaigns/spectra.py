@@ -12,9 +12,11 @@ bar of rounding and as much of the reference.  All roots count: one that is miss
     right      all that is said
     refused    no rest position, nothing that moves, no steady motion: the words are printed, and another is drawn (where
                `linear_model` alone refuses, as the rate of an effort would be an input, the other verbs are judged)
+    lost       a verb says that it has lost a root, or cannot prove that it has all: the words are printed
     wrong      what differs is printed
 
-The command ends with 1 where one is wrong.
+The command ends with 1 where one is wrong or lost.  Of those that are judged it says how many have a warning that
+a count is not proved, and how many a bar so wide that it leaves no digit of a root that the reference knows.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from spectra_reference import Residual, Spectrum, pencil_of, spectrum_of
 
 import flexinv
 from flexinv.dynamics.initial_state import compute_joint_motion
-from flexinv.errors import FlexinvError, InputError
+from flexinv.errors import ConvergenceError, FlexinvError, InputError
 from flexinv.linearized import linear_model as linear
 from flexinv.linearized import steady_modes as steady
 from flexinv.linearized.linear_model import linear_model
@@ -56,12 +58,24 @@ OF_LARGEST = 1e-9
 FEW = 3  # modes of a small model
 # Words of the one refusal of `linear_model` that says nothing about the motions: its inputs would be rates of efforts.
 UNWRITTEN = "its rate would be an input"
+# Words of the errors that say that roots are lost, or may be, and of the warning that a count is not proved.
+LOST = ("are lost, or there twice", "is not proved", "are missed")
+UNPROVED = "is not proved"
+# What the command counts beside: mechanisms with that warning, and those with a bar that leaves no digit.
+UNPROVED_COUNT = "counts not proved"
+WIDE = "wide bars"
+NO_DIGIT = 0.1
+FAILS = ("wrong", "lost")
 MOST_DRAWS = 5  # for each mechanism that is asked for
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mechanism: right, refused or wrong, what was said, and its largest difference over what is allowed [-]."""
+    """What became of a mechanism: right, refused, lost or wrong, and what was said.
+
+    worst : its largest difference over what is allowed [-]
+    has : what it has, and what is to be known of its roots
+    """
 
     number: int
     word: str
@@ -88,25 +102,42 @@ def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], dam
 
 def judged(one: Drawn, number: int) -> Outcome:
     """Return what becomes of a mechanism: all that is said about its small motions against the reference [1/s]."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
         try:
             found = steady_modes(one.mechanism, None, one.rates, one.free)
         except FlexinvError as refused:
-            return Outcome(number, "refused", str(refused), has=one.words)
+            return Outcome(number, name_refusal(refused), str(refused), has=one.words)
         exact = reference_of(one, one.rates, found.free)
         try:
             said = dict(_spoken(one, found, exact))
         except FlexinvError as refused:
-            return Outcome(number, "refused", str(refused), has=one.words)
+            return Outcome(number, name_refusal(refused), str(refused), has=one.words)
+    has = one.words
+    if any(UNPROVED in str(warning.message) for warning in heard):
+        has = (*has, UNPROVED_COUNT)
+    if are_wide(found.root, found.rounding, exact):
+        has = (*has, WIDE)
     wrong = [f"{verb}: {words}" for verb, (words, _) in said.items() if words]
     worst = max(ratio for _, ratio in said.values())
-    return Outcome(number, "wrong" if wrong else "right", "; ".join(wrong), worst, one.words)
+    return Outcome(number, "wrong" if wrong else "right", "; ".join(wrong), worst, has)
+
+
+def name_refusal(refused: FlexinvError) -> str:
+    """Return "lost" for an error that says that roots are lost, "refused" for all others."""
+    is_lost = isinstance(refused, ConvergenceError) and any(words in str(refused) for words in LOST)
+    return "lost" if is_lost else "refused"
+
+
+def are_wide(root: Complex, bars: Array, exact: Spectrum) -> bool:
+    """Return True where a bar [1/s] leaves no digit of a root that the reference knows: such a root is always right."""
+    known = exact.near(root, PART)
+    return bool((bars > np.maximum(NO_DIGIT * np.abs(root), known)).any())
 
 
 def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
     """Yield each verb with what is wrong in words, and its largest difference."""
-    yield "steady_modes", compared(_with_twins(found.root), _with_twins(found.root, found.rounding), exact)
+    yield "steady_modes", compared(_with_twins(found.root), np.real(_with_twins(found.root, found.rounding)), exact)
     if not one.rates:
         still = natural_modes(one.mechanism, None, one.free)
         root = np.concatenate([still.root, -still.root])
@@ -198,7 +229,7 @@ def main(count: int, seed: int, only: int | None) -> None:
         click.echo(", ".join(one.words))
         outcome = judged(one, only)
         click.echo(f"{outcome.word} {outcome.said} (largest difference {outcome.worst:.2g} of what is allowed)")
-        raise SystemExit(int(outcome.word == "wrong"))
+        raise SystemExit(int(outcome.word in FAILS))
     tally, has, worst = Counter[str](), Counter[str](), 0.0
     for outcome in run(count, seed):
         tally[outcome.word] += 1
@@ -213,7 +244,7 @@ def main(count: int, seed: int, only: int | None) -> None:
         + f"; largest difference {worst:.2g} of what is allowed"
     )
     click.echo("with " + ", ".join(f"{word} {n}" for word, n in has.most_common()))
-    wrong = tally["wrong"]
+    wrong = sum(tally[word] for word in FAILS)
     for name, off, allowed in closed_forms():
         wrong += off > allowed
         click.echo(f"{'wrong' if off > allowed else 'right'}  {name}: off by {off:.2g}, allowed {allowed:.2g}")

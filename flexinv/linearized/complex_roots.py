@@ -11,7 +11,8 @@ Each root is then corrected by its two vectors,
 
     s <- s - y^H P(s) x / (y^H P'(s) x)     P = s^2 M + s C + K
 
-whose error is of second order, and known to a part of |y|^T (|s|^2 |M| + |s| |C| + |K|) |x| over |y^H P'(s) x|.  Of roots that
+whose error is of second order, and known to a part of |y|^T (|s|^2 |M| + |s| |C| + |K|) |x| over |y^H P'(s) x|, or to what
+vectors that are off leave of it (`root_discs`).  Of roots that
 are not slow for what follows, as |s| times its time (C_ee over K_ee) is no rounding, x and y are of P(s) itself, by Newton:
 
     x <- P(s)^-1 P'(s) x     y <- P(s)^-H P'(s)^H y
@@ -39,22 +40,19 @@ from flexinv.linearized.eigenvalues import (
     solve_held,
     split_by_inertia,
 )
-from flexinv.linearized.first_order import Corrected, PencilRoots, compute_lu_factors, find_all_roots
+from flexinv.linearized.first_order import Corrected, PencilRoots, compute_lu_factors, find_all_roots, find_late
+from flexinv.linearized.root_discs import ROUNDED_TERMS
 from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
 NO_DAMPER = 1e-12
 # Of C over K in periods of the fastest motion with inertia: what moves faster follows the others at once.
 NO_TIME = 1e-7
-# Roundings of P(s) over the absolute sum of its terms: sums of some tens of terms in M, C and K, of the linearisation before.
-ROUNDED_TERMS = 1e-13
 # A correction that would bring a root nearer to the next one than this part of their distance is none.
 NEAR_NEXT = 0.1
 CORRECTIONS = 2
 # A slope below this part of the terms says nothing.
 SMALLEST_SLOPE = 1e-200
-# |s| times the longest time of what follows: below this its square, which vectors without it leave of a root, is rounding.
-SLOW_ENOUGH = 1e-8
 # Newton's method with both vectors triples the digits: from one, in so many steps, a change below this part of the root is left,
 # or what rounding of P leaves of it.
 MOST_NEWTON_STEPS = 8
@@ -112,15 +110,14 @@ def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
         root, z, w = values
         x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
         y = own.basis @ _compute_left_vectors(own, root, w)
-        late = np.abs(root) * own.lag > SLOW_ENOUGH
+        late = find_late(root, own.lag)
         root, x, y, unknown = _update_roots_by_newton(parts, root, x, y, late)
         root, x, y, bar, lost = update_roots(parts, root, x, y, shift)
         return root, x, y, bar, lost + unknown
 
     matrices = own.a @ own.follow, own.b @ own.follow
-    return match_conjugate_roots(
-        *find_all_roots(*matrices, own.smallest, compute_corrected_roots, lambda s: s * s * m + s * c + k)
-    )
+    found = find_all_roots(*matrices, own.smallest, compute_corrected_roots, lambda s: s * s * m + s * c + k, own.lag)
+    return match_conjugate_roots(*found)
 
 
 def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:

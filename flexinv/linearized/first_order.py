@@ -4,12 +4,17 @@ Each end loses 1e-16 of its largest value, and so the other end: they part at a 
 values as the pencil has roots, each once.  But rounding may move one across that place, and it is lost, or there twice.  So the
 roots are counted by the argument principle (`root_counts`) within a circle that none reaches with its error bar: with as many
 inside, and as many outside as are left, none is lost.
+
+The slow end sees nothing where its shift is less than what rounding leaves of zeros that are together, and no count tells values
+that are wrong from others within the circle.  So all are held by discs (`root_discs`), and of the places where the ends may part
+the one is taken that leaves the fewest roots without a digit, and the smallest bars.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +24,8 @@ from numpy.typing import NDArray
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized.eigenvalues import choose_shift
 from flexinv.linearized.root_counts import count_missing_roots
-from flexinv.typing import Array, Complex, Sparse
+from flexinv.linearized.root_discs import compute_root_discs
+from flexinv.typing import Array, Complex, Mask, Sparse
 
 # Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
 SMALLEST_PIVOT = 1e-13
@@ -29,6 +35,8 @@ NO_GAP = 1e-3
 PART_OF_MEAN = 0.2
 # A bar beyond this part of its root leaves no digit of it.
 NO_DIGIT = 0.1
+# |s| times the longest time of what follows: below this its square, which vectors without it leave of a root, is rounding.
+SLOW_ENOUGH = 1e-8
 # Places where the ends may part that are tried one after the other, the best first.
 MOST_PLACES = 4
 
@@ -43,34 +51,98 @@ def find_all_roots(
     smallest: float,
     corrected: Callable[[PencilRoots, float], Corrected],
     matrix_at: Callable[[complex], Sparse],
+    lag: float = 0.0,
 ) -> Corrected:
     """Return all roots [1/s], [1/s^2] of A - s B as they are ``corrected`` at the shift of the slow ones.
 
     smallest : shift; corrected : roots, vectors and bars by values of the pencil and that shift
     matrix_at : P(s), sparse, whose determinant has the same roots, and faster ones
+    lag : longest time [s] in which motions follow that A and B have not
     Raises ConvergenceError where a root is lost; a ModelWarning says where that none is lost is not proved.
     """
     fast = _solve_direct(a, b)
     slow, shift = _find_slow_roots(a, b, smallest)
-    missed = []
+    found = []
     for place, values in _join_both_ends(slow, fast):
-        found = corrected(values, shift)
-        root, _, _, bar, lost = found
-        missed.append(_count_missing_near(place, root, bar + lost, matrix_at))
-        if missed[-1] == 0:
-            return found
-        if missed[-1] is None:
-            warnings.warn(
-                f"modes: that none of {len(root)} roots is lost is not proved: they are too close together to be counted near "
-                f"{place:.3g} 1/s; compare with another number of elements",
-                ModelWarning,
-                stacklevel=2,
-            )
-            return found
-    raise ConvergenceError(
-        f"modes: of {len(a)} roots {max(map(abs, filter(None, missed)))} are lost, or there twice, as rounding hides slow ones "
-        "from fast ones; write fewer elements, or stiffness and inertia of more like sizes"
+        late = find_late(values[0], lag)
+        found.append(_make_candidate(place, corrected(values, shift), compute_root_discs(a, b, *values, shift), late))
+        if found[-1].unknown == 0:
+            break
+    return _choose(sorted(found, key=lambda one: (one.unknown, one.width)), matrix_at)
+
+
+def _choose(candidates: list[Candidate], matrix_at: Callable[[complex], Sparse]) -> Corrected:
+    """Return the first roots of which none is missed; a ModelWarning says where that is not proved of any."""
+    counts = []
+    for one in candidates:
+        counts.append(_count_missing_near(one.place, one.found[0], one.bar, matrix_at))
+        if counts[-1] == 0 and one.is_proved:
+            return one.roots
+    unsure = [one for one, count in zip(candidates, counts, strict=True) if not count]
+    if not unsure:
+        most = max(map(abs, filter(None, counts)))
+        raise ConvergenceError(
+            f"modes: of {len(candidates[0].bar)} roots {most} are lost, or there twice, as rounding hides slow ones from fast "
+            "ones; write fewer elements, or stiffness and inertia of more like sizes"
+        )
+    warnings.warn(
+        f"modes: that none of {len(unsure[0].bar)} roots is lost is not proved: they are too close together to be counted near "
+        f"{unsure[0].place:.3g} 1/s; compare with another number of elements",
+        ModelWarning,
+        stacklevel=2,
     )
+    return unsure[0].roots
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Roots as they are found where both ends part at a place [1/s], corrected.
+
+    beyond : (roots,) what discs leave of them beyond their bars [1/s]
+    """
+
+    place: float
+    found: Corrected
+    beyond: Array
+
+    @property
+    def roots(self) -> Corrected:
+        """Roots with all that is not known of them."""
+        root, right, left, bar, lost = self.found
+        return root, right, left, bar, lost + self.beyond
+
+    @property
+    def bar(self) -> Array:
+        """(roots,) bars without discs [1/s], by which roots are counted: where a root is there twice these have no discs."""
+        return self.found[3] + self.found[4]
+
+    @property
+    def is_proved(self) -> bool:
+        """True where each root has a disc [-]."""
+        return bool(np.isfinite(self.beyond).all())
+
+    @property
+    def unknown(self) -> int:
+        """Number of roots of which no digit is known [-]."""
+        return int((self.bar + self.beyond > NO_DIGIT * np.abs(self.found[0])).sum())
+
+    @property
+    def width(self) -> float:
+        """Mean order of all bars [-]; of those that are infinite that of the largest number that can be written."""
+        limits = np.finfo(float)
+        return float(np.log(np.clip(self.bar + self.beyond, limits.tiny, limits.max)).mean())
+
+
+def find_late(root: Complex, lag: float) -> Mask:
+    """Return a mask of roots [1/s] so fast that motions follow them late: A - s B has them but nearly."""
+    return np.asarray(np.abs(root) * lag > SLOW_ENOUGH)
+
+
+def _make_candidate(place: float, found: Corrected, discs: tuple[Complex, Array], late: Mask) -> Candidate:
+    """Roots with what discs of the pencil leave of them beyond their bars; late ones are beside those of the pencil."""
+    centre, radius = discs
+    away = np.where(late, 0.0, np.abs(found[0] - centre))
+    return Candidate(place, found, np.maximum(radius + away - found[3], 0.0))
 
 
 def _join_both_ends(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[float, PencilRoots]]:

@@ -204,13 +204,13 @@ def natural_modes(
     mesh, at, moving = resolve_setup(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
     mass, damping, stiffness = compute_rest_matrices(solver, find_rest_position(solver, at)[0])
-    squared, shapes = _find_modes(stiffness, mass, find_allowed_motions(solver), count)
+    squared, shapes, bars = _find_modes(stiffness, mass, find_allowed_motions(solver), count)
     last = len(squared) if count is None else count
     moves = compute_nodal_shapes(solver, shapes[:, :last])
     shown = shapes[:, :last]
     lost = np.einsum("um,um->m", shown.conj(), damping @ shown).real  # (mode,)
     size = np.abs(shown)
-    rounding = ROUNDED * np.einsum("um,um->m", size, abs(stiffness) @ size)
+    rounding = np.maximum(ROUNDED * np.einsum("um,um->m", size, abs(stiffness) @ size), bars[:last])
     place = solver.frames.x.copy()
     turn = solver.frames.r.copy()
     return Modes(mesh, at, moving, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost, rounding)
@@ -244,8 +244,11 @@ def _find_accurate_modes(modes: Modes, limit: float) -> Modes:
 
 def _find_modes(
     stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones."""
+) -> tuple[NDArray[Any], NDArray[Any], Array]:
+    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones.
+
+    Also bars of omega^2 where K is not symmetric, which depend on left vectors, too; zero where it is.
+    """
     k, m = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in (stiffness, mass))
     size = k.shape[0]
     if count is None and size > ALL_MODES:
@@ -255,12 +258,13 @@ def _find_modes(
             ModelWarning,
             stacklevel=3,
         )
-    symmetric = is_symmetric(k)
-    if size <= ONE_AND_ALL or count is None or FEW * count > size:
-        squared, shapes = find_undamped_modes(k, m) if symmetric else find_circulatory_modes(k, m)[:2]
-    else:
-        squared, shapes = find_slowest_modes(k, m, count) if symmetric else find_slowest_circulatory(k, m, count)
-    return squared, allowed @ shapes
+    few = count is not None and size > ONE_AND_ALL and FEW * count <= size
+    if not is_symmetric(k):
+        found = find_slowest_circulatory(k, m, count) if few and count is not None else find_circulatory_modes(k, m)
+        squared, shapes, bars = found
+        return squared, allowed @ shapes, bars
+    squared, shapes = find_slowest_modes(k, m, count) if few and count is not None else find_undamped_modes(k, m)
+    return squared, allowed @ shapes, np.zeros(len(squared))
 
 
 def resolve_setup(

@@ -175,8 +175,8 @@ def _is_complete(k: Sparse, m: Sparse, squared: Array, count: int, massless: int
     return _count_below(k, m, float(place)) == massless + at + 1
 
 
-def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return omega^2 (count,) [1/s^2], by size, and shapes (freedoms, count) with unit modal mass, of a K that is not symmetric.
+def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any], Array]:
+    """Return omega^2 (count,) [1/s^2], by size, shapes (freedoms, count) of unit modal mass, and error bars; K is not symmetric.
 
     As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here:
     that none is missed is proved by the argument principle (`root_counts`).
@@ -214,7 +214,8 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
     order = order[compute_order(squared[order])]
     squared = squared[order]
     shapes = shapes[:, order]
-    return (squared, shapes) if squared.imag.any() else (squared.real, shapes.real)
+    known = known[order]
+    return (squared, shapes, known) if squared.imag.any() else (squared.real, shapes.real, known)
 
 
 def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:

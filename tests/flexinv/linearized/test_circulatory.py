@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexible_examples import clamped, uniform
+from vibrating_beams import bar
 
 import flexinv
 from flexinv.errors import InputError, ModelWarning
@@ -198,3 +199,10 @@ def test_no_rotary_inertia_gives_no_poles_beyond_the_others() -> None:
     assert np.isfinite(poles[0]).all()
     np.testing.assert_allclose(poles[0][:4], poles[1][:4], rtol=1e-3)
     assert poles[0].max() < 1e5
+
+
+def test_bars_of_frequencies_grow_where_two_of_them_meet() -> None:
+    """They were those of a symmetric K, by right vectors alone: near flutter left and right ones are all but orthogonal."""
+    below, near = (natural_modes(bar(2, push=push, follower=True, thick=False), count=2) for push in (2.0, 20.0))
+    assert set(near.stability) == {"stable"}  # flutter is at 20.05
+    assert (near.rounding > 10 * below.rounding.max()).all()

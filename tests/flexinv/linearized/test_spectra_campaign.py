@@ -12,6 +12,7 @@ from campaigns.spectra import compared, judged
 from campaigns.spectra_closed_forms import closed_forms
 from campaigns.spectra_machines import drawn
 from campaigns.spectra_reference import Spectrum
+from flexinv.errors import ConvergenceError, FlexinvError, InputError
 from flexinv.linearized.steady_modes import steady_modes
 
 SEED = 1
@@ -23,8 +24,9 @@ SHARE = (0, 4, 6, 12, 18, 22, 23, 34, 83, 138, 149)
 # Of other seeds: a hub that nothing holds beside fast motions without rotary inertia, of which one was lost; a motion without
 # stiffness whose own forces cancel, of which differences are known less well than of its moments alone; a free mechanism whose
 # matrix a shift made singular; roots +w and -w, one of which was there twice; dampers without inertia among the slowest modes;
-# one that is soft among stiff ones, whose root of -8e9 1/s was left out.
-OTHERS = ((3, 117), (3, 132), (4, 3), (4, 10), (4, 57), (4, 159))
+# one that is soft among stiff ones, whose root of -8e9 1/s was left out; eight zeros together, of which the slow end saw nothing
+# and had all others wrong with them.
+OTHERS = ((2, 13), (3, 117), (3, 132), (4, 3), (4, 10), (4, 57), (4, 159))
 
 
 @pytest.mark.parametrize(("seed", "number"), OTHERS)
@@ -75,3 +77,28 @@ def test_the_judge_sees_roots_that_are_off_by_little(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(spectra, "steady_modes", off)
     assert judged(drawn(SEED, 23), 23).word == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("error", "word"),
+    [
+        (ConvergenceError("modes: of 8 roots 2 are lost, or there twice, as rounding hides slow ones"), "lost"),
+        (ConvergenceError("modes: whether all of the 4 slowest roots are found is not proved: too close"), "lost"),
+        (ConvergenceError("mechanism 'arm': no steady shape at 3 rad/s"), "refused"),
+        (InputError("modes: nothing of 'arm' can move"), "refused"),
+    ],
+)
+def test_a_lost_root_is_no_refusal(error: FlexinvError, word: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was counted as one, and another mechanism was drawn."""
+
+    def refuse(*_: object) -> object:
+        raise error
+
+    monkeypatch.setattr(spectra, "steady_modes", refuse)
+    assert judged(drawn(SEED, 23), 23).word == word
+
+
+def test_the_judge_sees_bars_that_leave_no_digit() -> None:
+    exact = Spectrum(np.array([2j, -2j, -1.0]), np.full(3, 4.0), np.full(3, 4.0), np.full(3, 1.0), 2.0)
+    assert not spectra.are_wide(exact.root, np.full(3, 0.01), exact)
+    assert spectra.are_wide(exact.root, np.array([0.01, 0.01, 0.5]), exact)
