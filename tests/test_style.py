@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import house_rules as rules
+import kept_names
 import naming_rules as names
 import pytest
 
@@ -33,6 +34,7 @@ TEXTS = [
 ]
 
 
+VERBS = names.read_verbs((ROOT / "CONTRIBUTING.md").read_text())
 # Functions with more than eight parameters, and why they stay so.
 FLAT = {
     "flexinv/rigid/blocks.py: compute_torque_blocks": "one sample takes 2.3 us; records as arguments add 1.4 us",
@@ -175,6 +177,17 @@ def test_modules_that_one_other_imports_have_a_reason() -> None:
     assert names.lonely(sources, rules.importers(sources), ALONE) == []
 
 
+def test_functions_begin_with_verbs() -> None:
+    assert len(VERBS) <= 60
+    assert not VERBS & {"get", "do", "handle", "process"}
+    check(PACKAGES + TOOLS, lambda path: names.without_verb(path.read_text(), VERBS, kept_names.NAMES))
+
+
+def test_names_that_are_kept_are_there() -> None:
+    known = {name for path in PACKAGES + TOOLS for name in names.function_names(path.read_text())}
+    assert sorted(kept_names.NAMES - known) == []
+
+
 def test_docstrings_do_not_ask() -> None:
     check(PACKAGES + TOOLS, lambda path: names.questions(path.read_text()))
 
@@ -226,6 +239,11 @@ BAD = {
     "padded tolerance 2 * case.tolerance": (rules.padded_tolerances, "close(x, y, atol=2 * case.tolerance)"),
     "InputError is built but not raised": (rules.forgotten_raise, "def f():\n    InputError('x')"),
     "f calls a record m (m.mass)": (names.letter_records, "def f(m, x):\n    return m.mass * x.shape[0]"),
+    "told begins with no verb": (lambda text: names.without_verb(text, VERBS, ()), "def told(): pass"),
+    "rows_of begins with no verb": (
+        lambda text: names.without_verb(text, VERBS, ()),
+        "class A:\n    def rows_of(self): pass",
+    ),
     "'Which way it turns.' asks": (names.questions, 'def f():\n    "Which way it turns."'),
     "'Return whether it turns.' asks": (
         names.questions,

@@ -26,6 +26,29 @@ def crowded(folders: Mapping[str, int]) -> list[str]:
     return [f"{folder}: {n} modules, at most {MODULES}" for folder, n in folders.items() if n > MODULES]
 
 
+def read_verbs(page: str) -> frozenset[str]:
+    """Return the verbs of the contributing page: the words between ``verbs:`` and the full stop behind them."""
+    listed = page.split("\nverbs:", 1)[1].split(".", 1)[0]
+    return frozenset(word.strip() for word in listed.split(","))
+
+
+def without_verb(source: str, verbs: Container[str], kept: Container[str]) -> list[str]:
+    """Functions, properties apart, whose names begin with no verb of the list and are not among those that are kept."""
+    broken = []
+    for function in _functions(source):
+        decorators = " ".join(ast.unparse(one) for one in function.decorator_list)
+        is_noun = "property" in decorators or ".setter" in decorators or function.name.startswith("__")
+        first = function.name.strip("_").split("_")[0]
+        if not is_noun and first not in verbs and function.name not in kept:
+            broken.append(f"line {function.lineno}: {function.name} begins with no verb of CONTRIBUTING.md")
+    return broken
+
+
+def function_names(source: str) -> set[str]:
+    """Names of all functions and methods."""
+    return {function.name for function in _functions(source)}
+
+
 def many_parameters(source: str) -> list[str]:
     """Functions with more than eight parameters.
 
