@@ -6,26 +6,18 @@ from pathlib import Path
 
 import module_map
 import pytest
-
-PACKAGES = ("flexinv", "crosscheck")
-
-
-def sources(root: Path, package: str) -> dict[str, str]:
-    """Modules of a package by dotted name; files that hold nothing are none."""
-    texts = {path: path.read_text() for path in sorted((root / package).rglob("*.py"))}
-    names = {path: ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__") for path in texts}
-    return {names[path]: text for path, text in texts.items() if text.strip()}
+from module_map import PACKAGES, read_sources
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_the_map_is_complete_and_imports_point_up(package: str, root: Path) -> None:
-    broken = module_map.faults((root / package / "README.md").read_text(), package, sources(root, package))
+    broken = module_map.faults((root / package / "README.md").read_text(), package, read_sources(root, package))
     assert not broken, "\n" + "\n".join(broken)
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_what_the_map_calls_is_there(package: str, root: Path) -> None:
-    known = {name: text for each in PACKAGES for name, text in sources(root, each).items()}
+    known = {name: text for each in PACKAGES for name, text in read_sources(root, each).items()}
     assert module_map.unknown((root / package / "README.md").read_text(), package, known) == []
 
 
@@ -63,6 +55,11 @@ def test_a_true_map_is_silent() -> None:
 @pytest.mark.parametrize("complaint", WRONG)
 def test_a_wrong_map_is_found(complaint: str) -> None:
     assert module_map.faults("\n".join(WRONG[complaint]), "p", TREE) == [complaint]
+
+
+def test_rows_are_written_from_docstrings_in_their_places() -> None:
+    old = "\n".join(("# P", HIGH.replace("High.", "It was high."), LOW, "| [gone](gone.py) | Gone. |", "## End", ""))
+    assert module_map.write_rows(old, "p", TREE) == "\n".join(("# P", HIGH, LOW, "## End", ""))
 
 
 def test_a_call_of_nothing_is_found() -> None:

@@ -1,5 +1,7 @@
 """The maps of the packages, `flexinv/README.md` and `crosscheck/README.md`, held against the folders that they describe.
 
+    python tests/shared/module_map.py        # writes the rows of both maps anew, from the docstrings; a module stays in its place
+
 `test_map.py` runs this over both, and over small maps that are wrong.
 """
 
@@ -7,9 +9,13 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import house_rules
+
+PACKAGES = ("flexinv", "crosscheck")
 
 _ROW = re.compile(r"^\| \[([\w/]+)\]\(([\w/]+)\.py\) \| (.*) \|$", re.MULTILINE)
 _CALL = re.compile(r"`(\w+(?:/\w+)*)\.(\w+)`")
@@ -83,3 +89,35 @@ def _imported(module: str, sources: Mapping[str, str]) -> Iterator[str]:
         found = next((known for known in (name, name.rpartition(".")[0]) if known in sources), module)
         if found != module and not waits:
             yield found
+
+
+def read_sources(root: Path, package: str) -> dict[str, str]:
+    """Modules of a package by dotted name; files that hold nothing are none."""
+    texts = {path: path.read_text() for path in sorted((root / package).rglob("*.py"))}
+    names = {path: ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__") for path in texts}
+    return {names[path]: text for path, text in texts.items() if text.strip()}
+
+
+def write_rows(page: str, package: str, sources: Mapping[str, str]) -> str:
+    """The page with the row of each module as its docstring has it; rows of modules that are gone are left out."""
+
+    def write_row(found: re.Match[str]) -> str:
+        module = _dotted(package, found[1])
+        return f"{_line(package, module, sources)}\n" if module in sources else ""
+
+    return re.sub(_ROW.pattern + r"\n", write_row, page, flags=re.MULTILINE)
+
+
+def main() -> None:
+    """Write both maps anew and print what is left to be done by hand: the place of a new module."""
+    root = Path(__file__).resolve().parents[2]
+    for package in PACKAGES:
+        file = root / package / "README.md"
+        sources = read_sources(root, package)
+        page = write_rows(file.read_text(), package, sources)
+        file.write_text(page)
+        sys.stdout.writelines(f"{line}\n" for line in faults(page, package, sources))
+
+
+if __name__ == "__main__":
+    main()
