@@ -138,7 +138,7 @@ def _compile(path: Path) -> Any:
             raise NoJudge(f"MuJoCo refuses it: {words}")
         for geom in shapes:
             spec.delete(geom)
-    for part in [*spec.describe_other_meshes, *spec.hfields, *spec.skins, *spec.textures, *spec.materials]:
+    for part in [*spec.meshes, *spec.hfields, *spec.skins, *spec.textures, *spec.materials]:
         spec.delete(part)
     for geom in [*spec.geoms, *spec.sites]:
         geom.material = ""

@@ -58,7 +58,7 @@ def describe(source: Any, base: str = "fixed") -> Description:
     path = Path(name)
     if engine:
         found = replace(_read_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
-    elif path.is_dir():
+    elif os.path.isdir(path):  # Path.is_dir raises where a name is too long for the system
         found = _read_folder(path)
     else:
         found = _read_file(path, base)
@@ -126,7 +126,7 @@ def _apply_gravity(one: Description, other: Description) -> Description:
 def _split(text: str) -> tuple[str, str]:
     """FILE@ENGINE; a file whose own name has an @ is itself."""
     name, at, engine = text.rpartition("@")
-    return (name, engine) if at and name and "/" not in engine and not Path(text).exists() else (text, "")
+    return (name, engine) if at and name and "/" not in engine and not os.path.exists(text) else (text, "")
 
 
 def _read_folder(path: Path) -> Description:

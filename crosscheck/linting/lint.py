@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -63,13 +64,13 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
     strict = check_flag("strict", strict)
     meshes = check_flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
-    if path is not None and path.is_file() and is_xml(path) and find_format(path) == "urdf":
+    if path is not None and os.path.isfile(path) and is_xml(path) and find_format(path) == "urdf":
         found = [*_check_xml(path), *check_urdf(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _check_readable(path)
         return Linted(path.name, _join_findings(found), strict)
     description = describe(source)
-    written = _check_xml(path) if path is not None and path.is_file() and is_xml(path) else []
+    written = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
     return Linted(description.label, _join_findings([*written, *check_machine(description)]), strict)
 
 

@@ -156,11 +156,11 @@ def _remove_files(spec: Any, path: Path) -> None:
         weighs = always or not body.explicitinertial
         if body.name != WORLD and weighs and geom.mass != 0.0 and geom.density != 0.0:
             raise InputError(
-                f"{path}: body {body.name!r} gets its mass from a mesh that is not there; "
+                f"{path}: body {body.name!r} gets its mass from a mesh that is not there, or cannot be read; "
                 "put the mesh where the file says, or write <inertial> in the body"
             )
         spec.delete(geom)
-    for kind in (spec.describe_other_meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
+    for kind in (spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
         for part in list(kind):
             spec.delete(part)
     for geom in [*spec.geoms, *spec.sites]:
