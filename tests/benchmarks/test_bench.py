@@ -47,7 +47,7 @@ from crosscheck.verdicts.history import list_metrics
 from crosscheck.verdicts.results import StudyRow, read
 from flexinv import joint_torques, load_mechanism
 
-MODELS = Path(__file__).resolve().parents[3] / "models"
+MODELS = Path(__file__).resolve().parents[2] / "models"
 SHORT = 0.01  # [s] of timing: the least number of turns
 TINY = {"robots": ["ur5"], "samples": [100, 1000], "seconds": SHORT}
 

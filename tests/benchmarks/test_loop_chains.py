@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import loop_chains, torque_errors
 
-MODELS = Path(__file__).resolve().parents[3] / "models"
+MODELS = Path(__file__).resolve().parents[2] / "models"
 
 
 def test_chains_of_loops_move_as_one_and_their_growth_is_asked() -> None:

@@ -27,7 +27,7 @@ from crosscheck.measures.record import Record, torque_series
 from crosscheck.verdicts.plan import discover, make_task
 from flexinv.files.load_cases import load_cases
 
-MODELS = Path(__file__).resolve().parents[3] / "models"
+MODELS = Path(__file__).resolve().parents[2] / "models"
 
 
 def scene(name: str, case: str, engine: str, models: Path = MODELS) -> Scene:
