@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pinocchio as pin
-from retelling import Told
+from retelling import RewrittenMechanism
 from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.pinocchio.model import build
@@ -41,15 +41,15 @@ class State:
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenMachine:
     """A machine as it is written: path of a file, or a mechanism in memory; told : how; form : urdf, mjcf or memory."""
 
-    told: Told
+    told: RewrittenMechanism
     form: str
     path: Path | None = None
 
 
-def disagreement(one: Written, other: Written, seed: int) -> float:
+def disagreement(one: WrittenMachine, other: WrittenMachine, seed: int) -> float:
     """Return the largest difference of a joint's effort over the largest effort [-], on random states."""
     dice = np.random.default_rng(seed)
     first = one.told.mechanism
@@ -108,7 +108,7 @@ def _named(model: Any, name: str) -> str:
     return name if model.existJointName(name) else str(model.names[1])
 
 
-def _carried(first: Mechanism, told: Told, state: State) -> State:
+def _carried(first: Mechanism, told: RewrittenMechanism, state: State) -> State:
     """The state of the first machine in the coordinates of another that was told from it."""
     q: dict[str, Any] = {}
     qd: dict[str, Any] = {}
@@ -152,7 +152,7 @@ def _of_link(mechanism: Mechanism, link: str, state: State) -> tuple[Placement, 
     return Placement(pose.translation, pose.rotation), push.vector
 
 
-def _efforts(written: Written, state: State) -> dict[str, Array]:
+def _efforts(written: WrittenMachine, state: State) -> dict[str, Array]:
     if written.form == "mjcf":
         return _by_mujoco(written, state)
     mechanism = written.told.mechanism
@@ -220,7 +220,7 @@ def _of_pinocchio(model: Any, mechanism: Mechanism, state: State) -> tuple[Array
     return q, v, a
 
 
-def _by_mujoco(written: Written, state: State) -> dict[str, Array]:
+def _by_mujoco(written: WrittenMachine, state: State) -> dict[str, Array]:
     model = mujoco.MjModel.from_xml_path(str(written.path))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model.dof_damping[:] = 0.0
@@ -258,7 +258,7 @@ def _by_mujoco(written: Written, state: State) -> dict[str, Array]:
     return found
 
 
-def _back(first: Mechanism, told: Told, name: str, effort: Array) -> Array:
+def _back(first: Mechanism, told: RewrittenMechanism, name: str, effort: Array) -> Array:
     joint = first.joint_of[name]
     if joint.kind == "spherical":
         return np.asarray(told.links[joint.child].frame.rotation @ effort)

@@ -61,7 +61,7 @@ assert hostile_robots.xacro.__name__ in MAKERS
 
 
 @dataclass(frozen=True)
-class Ended:
+class CommandEnd:
     """How a command ended: exit code (None: it was killed at the limit), what it printed, what it left, and seconds."""
 
     code: int | None
@@ -96,7 +96,7 @@ def find_marked(mark: str) -> list[tuple[int, str]]:
     return found
 
 
-def call(words: list[str], folder: Path, limit: float = LIMIT) -> Ended:
+def call(words: list[str], folder: Path, limit: float = LIMIT) -> CommandEnd:
     """Run a command in a folder, its input a pipe that nobody writes into."""
     mark = uuid.uuid4().hex
     surroundings = os.environ | {MARK: mark, "OMP_NUM_THREADS": "1", "COLUMNS": "2000", "PYTHONPATH": str(folder)}
@@ -118,7 +118,7 @@ def call(words: list[str], folder: Path, limit: float = LIMIT) -> Ended:
     assert child.stdin is not None
     child.stdin.close()
     printed = (folder / "printed.txt").read_text(encoding="utf-8", errors="replace")
-    return Ended(code, printed, tuple(words for _, words in left) if code is not None else (), seconds)
+    return CommandEnd(code, printed, tuple(words for _, words in left) if code is not None else (), seconds)
 
 
 def wait_for_none(mark: str, patience: float = 3.0) -> list[tuple[int, str]]:
@@ -148,7 +148,7 @@ def command_of(row: dict[str, str], file: Path, folder: Path) -> list[str]:
     return lines[row["command"]]
 
 
-def run_file(row: dict[str, str]) -> Ended:
+def run_file(row: dict[str, str]) -> CommandEnd:
     """Write a file into a folder of its own, and let its command read it."""
     draw = random.Random(f"{SEED} {row['file']}")
     with tempfile.TemporaryDirectory(prefix="hostile-", ignore_cleanup_errors=True) as spare:
@@ -161,7 +161,7 @@ def run_file(row: dict[str, str]) -> Ended:
         return call(command_of(row, file, folder), folder)
 
 
-def judge_file(row: dict[str, str], ended: Ended) -> str:
+def judge_file(row: dict[str, str], ended: CommandEnd) -> str:
     """Return what is wrong with how a command ended, "" where nothing is."""
     if ended.code is None:
         return f"it hangs: killed after {ended.seconds:.0f} s"
@@ -250,7 +250,7 @@ def run_answers(only: tuple[str, ...], found: Path | None, folder: Path) -> int:
     return len(problems)
 
 
-def judge_run(ended: Ended, folder: Path) -> list[str]:
+def judge_run(ended: CommandEnd, folder: Path) -> list[str]:
     """Return what is wrong with the run as a whole."""
     problems = judge_file({"code": "2", "words": "engine|deviat"}, ended)
     if problems:

@@ -33,7 +33,7 @@ import numpy as np
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from campaigns.dresses import KINDS, NOTHING, Dress
+from campaigns.dresses import KINDS, NOTHING, ArgumentForm
 from campaigns.public_entrances import Entrance, entrances
 from flexinv.errors import FlexinvError
 from flexinv.model.by_value import is_same
@@ -78,7 +78,7 @@ def trial(number: int, seed: int) -> Trial:
     for name in random.choice(names, count, replace=False):
         slot = entrance.slots[name]
         dresses = [dress for dress in KINDS[slot.kind] if dress.name not in slot.may]
-        dress: Dress = dresses[int(random.integers(len(dresses)))]
+        dress: ArgumentForm = dresses[int(random.integers(len(dresses)))]
         given[name], own = dress.make(slot.value, random)
         meant = meant and own is not NOTHING
         taken = taken and dress.taken

@@ -1,7 +1,7 @@
 """Changes of a mechanism that change nothing: the same machine with another base, other frames, links, names, coordinates, root.
 
-Each change is a function of a `Told`, a mechanism with the way in which its coordinates and frames follow from those of the
-machine that it was told from first:  q = sign q' + offset  of a scalar joint, and  X' = X F  of a link's frame.
+Each change is a function of a `RewrittenMechanism`: a mechanism with the way in which its coordinates and frames follow from
+those of the machine that it was told from first:  q = sign q' + offset  of a scalar joint, and  X' = X F  of a link's frame.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REACH = 0.5  # [m], by which frames and bases are moved
 
 
 @dataclass(frozen=True)
-class Count:
+class CoordinateMap:
     """How the coordinate of a joint counts: its name now, and  q = sign q' + offset [rad], [m]."""
 
     name: str
@@ -47,7 +47,7 @@ class Count:
 
 
 @dataclass(frozen=True)
-class Seat:
+class LinkFrame:
     """Where the frame of a link stands now: the link's name, and its frame in that of the link as it was first told [m]."""
 
     name: str
@@ -55,15 +55,15 @@ class Seat:
 
 
 @dataclass(frozen=True)
-class Told:
+class RewrittenMechanism:
     """A mechanism, and how it follows from the one that was told first.
 
     joints : by the joint's first name; links : by the link's first name; world : of the first in the one that is told now [m]
     """
 
     mechanism: Mechanism
-    joints: Mapping[str, Count]
-    links: Mapping[str, Seat]
+    joints: Mapping[str, CoordinateMap]
+    links: Mapping[str, LinkFrame]
     world: Placement = field(default_factory=Placement)
 
     @property
@@ -72,30 +72,30 @@ class Told:
         return any(joint.kind == "free" for joint in self.mechanism.joints)
 
 
-Change = Callable[[Told, Dice], Told]
+Change = Callable[[RewrittenMechanism, Dice], RewrittenMechanism]
 
 
-def told_first(mechanism: Mechanism) -> Told:
+def told_first(mechanism: Mechanism) -> RewrittenMechanism:
     """Return a mechanism as it is told first [-]."""
-    joints = {joint.name: Count(joint.name) for joint in mechanism.joints if joint.nv}
-    return Told(mechanism, joints, {link.name: Seat(link.name) for link in mechanism.links})
+    joints = {joint.name: CoordinateMap(joint.name) for joint in mechanism.joints if joint.nv}
+    return RewrittenMechanism(mechanism, joints, {link.name: LinkFrame(link.name) for link in mechanism.links})
 
 
-def turn_base(told: Told, dice: Dice) -> Told:
+def turn_base(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Turn the base about the vertical and move it; where all floats, that is where it begins [m]."""
     vertical = told.mechanism.gravity / (np.linalg.norm(told.mechanism.gravity) or 1.0)
     rotation = turned(vertical, dice.uniform(-np.pi, np.pi)) if vertical.any() else random_turn(dice)
     return base_moved(told, Placement(dice.uniform(-REACH, REACH, 3), rotation))
 
 
-def turn_quarter(told: Told, dice: Dice) -> Told:
+def turn_quarter(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Turn the base about the vertical by quarters of a turn."""
     vertical = told.mechanism.gravity / (np.linalg.norm(told.mechanism.gravity) or 1.0)
     turn = Rotation.from_rotvec(vertical * (np.pi / 2 * dice.integers(1, 4))).as_matrix()
     return base_moved(told, Placement(rotation=np.asarray(turn)))
 
 
-def turn_world(told: Told, dice: Dice) -> Told:
+def turn_world(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Turn the base and gravity with it: the axes of the world are others [m], [m/s^2]."""
     motion = Placement(dice.uniform(-REACH, REACH, 3), random_turn(dice))
     there = base_moved(told, motion)
@@ -103,7 +103,7 @@ def turn_world(told: Told, dice: Dice) -> Told:
     return replace(there, mechanism=replace(there.mechanism, gravity=gravity))
 
 
-def base_moved(told: Told, motion: Placement) -> Told:
+def base_moved(told: RewrittenMechanism, motion: Placement) -> RewrittenMechanism:
     """Turn and move all that stands on the world [m]."""
     joints = [
         replace(j, placement=apply_placement(motion, j.placement)) if j.parent == WORLD else j
@@ -114,7 +114,7 @@ def base_moved(told: Told, motion: Placement) -> Told:
     )
 
 
-def move_frames(told: Told, dice: Dice) -> Told:
+def move_frames(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Turn and move the frames of most links on their bodies: of a hinge's along its axis only [m]."""
     frames = {joint.child: _other_frame(joint, dice) for joint in told.mechanism.joints if dice.random() < 0.7}
     return _reframed(told, frames)
@@ -130,7 +130,7 @@ def _other_frame(joint: Joint, dice: Dice) -> Placement:
     return Placement(way, quarters if dice.random() < 0.5 else random_turn(dice))
 
 
-def _reframed(told: Told, frames: Mapping[str, Placement]) -> Told:
+def _reframed(told: RewrittenMechanism, frames: Mapping[str, Placement]) -> RewrittenMechanism:
     """Give links other frames, each stated in the one that it had [m]."""
     old, none = told.mechanism, Placement()
     # The axes of a universal joint stand in the frame of its link, which therefore stays.
@@ -160,7 +160,7 @@ def _end_in(end: Attachment, frames: Mapping[str, Placement]) -> Attachment:
     return replace(end, placement=apply_placement(inverse(frames.get(end.link, Placement())), end.placement))
 
 
-def merge_links(told: Told, dice: Dice) -> Told:
+def merge_links(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Merge half of the links that are fixed to others into them [kg]."""
     for joint in told.mechanism.joints:
         if joint.kind == "fixed" and joint.parent != WORLD and dice.random() < 0.5:
@@ -168,7 +168,7 @@ def merge_links(told: Told, dice: Dice) -> Told:
     return told
 
 
-def _merged(told: Told, name: str) -> Told:
+def _merged(told: RewrittenMechanism, name: str) -> RewrittenMechanism:
     old = told.mechanism
     gone = old.joint_of[name]
     at = gone.placement
@@ -189,7 +189,7 @@ def _merged(told: Told, name: str) -> Told:
     return replace(told, mechanism=replace(old, links=tuple(links), joints=list_depth_first(joints)), links=seats)
 
 
-def split_links(told: Told, dice: Dice) -> Told:
+def split_links(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Split a third of the links in two that are fixed to each other [kg]."""
     for link in told.mechanism.links:
         if len(link.bodies) == 1 and link.bodies[0].inertia.mass > 0.0 and dice.random() < 0.4:
@@ -197,7 +197,7 @@ def split_links(told: Told, dice: Dice) -> Told:
     return told
 
 
-def _split(told: Told, link: Link, dice: Dice) -> Told:
+def _split(told: RewrittenMechanism, link: Link, dice: Dice) -> RewrittenMechanism:
     """Take a share of a body, its centre a little off that of the rest, as far as both stay bodies.
 
     A body whose stated tensor no body can have stays whole: neither can its parts have theirs.
@@ -227,7 +227,7 @@ def _split(told: Told, link: Link, dice: Dice) -> Told:
     return replace(told, mechanism=replace(old, links=(*links, made), joints=joints))
 
 
-def rename(told: Told, dice: Dice) -> Told:
+def rename(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Give all joints and links names that say nothing."""
     old = told.mechanism
     names: dict[str, str] = {WORLD: WORLD}
@@ -261,18 +261,18 @@ def _renamed(closure: Closure, names: Mapping[str, str]) -> Closure:
     return replace(closure, first=next(ends), second=next(ends), factors=factors)
 
 
-def reorder(told: Told, dice: Dice) -> Told:
+def reorder(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Tell what a link carries in another order."""
     joints = [told.mechanism.joints[k] for k in dice.permutation(len(told.mechanism.joints))]
     return replace(told, mechanism=replace(told.mechanism, joints=list_depth_first(joints)))
 
 
-def reverse_axes(told: Told, dice: Dice) -> Told:
+def reverse_axes(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Let half of the coordinates count the other way, their limits, springs and couplings with them."""
     return recounted(told, {n: (-1.0, 0.0) for n in _scalars(told) if dice.random() < 0.5})
 
 
-def move_zeros(told: Told, dice: Dice) -> Told:
+def move_zeros(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Move the zeros of half of the coordinates [rad], [m], limits, springs and couplings with them."""
     moves = {}
     for name in _scalars(told):
@@ -284,11 +284,11 @@ def move_zeros(told: Told, dice: Dice) -> Told:
     return recounted(told, moves)
 
 
-def _scalars(told: Told) -> list[str]:
+def _scalars(told: RewrittenMechanism) -> list[str]:
     return [joint.name for joint in told.mechanism.joints if joint.kind in SCALARS]
 
 
-def recounted(told: Told, moves: Mapping[str, tuple[float, float]]) -> Told:
+def recounted(told: RewrittenMechanism, moves: Mapping[str, tuple[float, float]]) -> RewrittenMechanism:
     """Count joints by  q = sign q' + offset; moves : signs [-] and offsets [rad], [m] by joint."""
     old = told.mechanism
     joints = tuple(_counted(j, *moves[j.name]) if j.name in moves else j for j in old.joints)
@@ -300,7 +300,7 @@ def recounted(told: Told, moves: Mapping[str, tuple[float, float]]) -> Told:
     counts = {}
     for key, count in told.joints.items():
         sign, offset = moves.get(count.name, (1.0, 0.0))
-        counts[key] = Count(count.name, count.sign * sign, count.offset + count.sign * offset)
+        counts[key] = CoordinateMap(count.name, count.sign * sign, count.offset + count.sign * offset)
     return replace(told, mechanism=replace(old, joints=joints, closures=tuple(closures)), joints=counts)
 
 
@@ -316,7 +316,7 @@ def _counted(joint: Joint, sign: float, offset: float) -> Joint:
     return replace(joint, placement=at, axis=sign * joint.axis, limits=limits, rest=rest)
 
 
-def exchange_root(told: Told, dice: Dice) -> Told:
+def exchange_root(told: RewrittenMechanism, dice: Dice) -> RewrittenMechanism:
     """Tell a machine that floats from another one of its links."""
     old = told.mechanism
     base = next((j for j in old.joints if j.kind == "free" and j.parent == WORLD), None)
@@ -331,7 +331,7 @@ def exchange_root(told: Told, dice: Dice) -> Told:
     return _told_from(told, base, ways[ends[int(dice.integers(len(ends)))]])
 
 
-def _told_from(told: Told, base: Joint, way: list[Joint]) -> Told:
+def _told_from(told: RewrittenMechanism, base: Joint, way: list[Joint]) -> RewrittenMechanism:
     """Turn the joints of a way about: the frame of each link on it goes to the joint that now carries it."""
     old = told.mechanism
     frames = {joint.parent: joint.placement for joint in way}

@@ -22,10 +22,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from efforts_agree import Written, disagreement
+from efforts_agree import WrittenMachine, disagreement
 from faults import Fault, fits, plant
 from machines import ROOT, machine, names_of_machines
-from retelling import CHANGES, Told, told_first, turn_base, turn_world
+from retelling import CHANGES, RewrittenMechanism, told_first, turn_base, turn_world
 
 from crosscheck.engines.mujoco.export import build_mjcf
 from crosscheck.engines.shared.export_files import NotExported
@@ -49,8 +49,8 @@ class Pair:
     number: int
     name: str
     changes: tuple[str, ...]
-    first: Written
-    second: Written
+    first: WrittenMachine
+    second: WrittenMachine
     fault: Fault | None = None
 
     @property
@@ -153,12 +153,12 @@ def _sayable(mechanism: Mechanism, form: str) -> bool:
         return False
 
 
-def _written(told: Told, form: str, folder: Path, name: str) -> Written:
+def _written(told: RewrittenMechanism, form: str, folder: Path, name: str) -> WrittenMachine:
     if form == "memory":
-        return Written(told, form)
+        return WrittenMachine(told, form)
     path = folder / f"{name}.{'urdf' if form == 'urdf' else 'xml'}"
     path.write_text(write_urdf(told.mechanism) if form == "urdf" else build_mjcf(told.mechanism)[1])
-    return Written(told, form, path)
+    return WrittenMachine(told, form, path)
 
 
 def tried(pair: Pair) -> Outcome:

@@ -35,7 +35,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from spectra_closed_forms import closed_forms
-from spectra_machines import Drawn, drawn
+from spectra_machines import DrawnMachine, drawn
 from spectra_reference import Residual, Spectrum, pencil_of, spectrum_of
 
 import flexinv
@@ -70,7 +70,7 @@ class Outcome:
     has: tuple[str, ...] = ()
 
 
-def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], damped: bool = True) -> Spectrum:
+def reference_of(one: DrawnMachine, rates: dict[str, float], free: tuple[str, ...], damped: bool = True) -> Spectrum:
     """Return the dense spectrum [1/s] of a mechanism where `flexinv` has found that it stands or turns."""
     mesh, at, names = resolve_setup(one.mechanism, None, free, None)
     motion = steady.build_steady_motion(mesh, at, rates, set(names))
@@ -86,7 +86,7 @@ def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], dam
     return spectrum_of(pencil)
 
 
-def judged(one: Drawn, number: int) -> Outcome:
+def judged(one: DrawnMachine, number: int) -> Outcome:
     """Return what becomes of a mechanism: all that is said about its small motions against the reference [1/s]."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -104,7 +104,7 @@ def judged(one: Drawn, number: int) -> Outcome:
     return Outcome(number, "wrong" if wrong else "right", "; ".join(wrong), worst, one.words)
 
 
-def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
+def _spoken(one: DrawnMachine, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
     """Yield each verb with what is wrong in words, and its largest difference."""
     yield "steady_modes", compared(_with_twins(found.root), _with_twins(found.root, found.rounding), exact)
     if not one.rates:
@@ -131,7 +131,7 @@ def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[
     yield from _stable(one)
 
 
-def _stable(one: Drawn) -> Iterator[tuple[str, tuple[str, float]]]:
+def _stable(one: DrawnMachine) -> Iterator[tuple[str, tuple[str, float]]]:
     """Yield whether `statics` has the word for all joints held."""
     if one.rates or one.mechanism.is_rigid or one.mechanism.closures:
         return

@@ -32,7 +32,7 @@ Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnMachine:
     """A mechanism, the joints that are free, the rates of those that turn [rad/s], and in words what it has."""
 
     mechanism: Mechanism
@@ -41,7 +41,7 @@ class Drawn:
     words: tuple[str, ...]
 
 
-def drawn(seed: int, number: int) -> Drawn:
+def drawn(seed: int, number: int) -> DrawnMachine:
     """Return mechanism ``number`` of a seed [m, kg, rad]: the same one each time."""
     dice = np.random.default_rng([34, seed, number])
     turning = dice.random() < 0.35
@@ -66,7 +66,7 @@ def drawn(seed: int, number: int) -> Drawn:
         loose = tuple(replace(j, actuated=j.name not in passive) for j in mechanism.joints)
         mechanism = replace(mechanism, joints=loose)
     rates = {"joint 0": float(dice.uniform(1.0, 30.0))} if turning else {}
-    return Drawn(mechanism, tuple(moving), rates, _words(mechanism, inertia, rates))
+    return DrawnMachine(mechanism, tuple(moving), rates, _words(mechanism, inertia, rates))
 
 
 def _words(mechanism: Mechanism, inertia: str, rates: dict[str, float]) -> tuple[str, ...]:

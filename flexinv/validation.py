@@ -41,7 +41,7 @@ _MADE = {
 }
 
 
-class _Words(Repr):
+class _ShortRepr(Repr):
     """Values in a few words, also those within lists and tables."""
 
     def repr_instance(self, value: Any, level: int) -> str:
@@ -58,7 +58,7 @@ class _Words(Repr):
         return f"a{'n' * (kind[0] in 'aeiou')} {kind}"
 
 
-_WORDS = _Words()
+_WORDS = _ShortRepr()
 _WORDS.maxstring = _WORDS.maxother = 80  # paths among them
 shown = _WORDS.repr
 

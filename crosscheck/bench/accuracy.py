@@ -66,7 +66,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Arm:
+class AccuracyCase:
     """A case that is solved, by the law 'nonic'; retardation [s] of its beams; target: least ratio at 1e-6 [-], or None."""
 
     model: str
@@ -77,10 +77,10 @@ class Arm:
 
 
 ARMS = (
-    Arm("flex_one_link", "cycloid", "consistent", 0.0, ASKED),
-    Arm("flex_two_link", "cycloid", "consistent", 0.0, None),
-    Arm("spatial_arm", "reach", "static", 1e-3, ASKED),
-    Arm("four_bar_flexible", "turn", "static", 1e-4, None),
+    AccuracyCase("flex_one_link", "cycloid", "consistent", 0.0, ASKED),
+    AccuracyCase("flex_two_link", "cycloid", "consistent", 0.0, None),
+    AccuracyCase("spatial_arm", "reach", "static", 1e-3, ASKED),
+    AccuracyCase("four_bar_flexible", "turn", "static", 1e-4, None),
 )
 
 
@@ -95,7 +95,9 @@ def run_study(
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def list_arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: float) -> Iterator[dict[str, Any]]:
+def list_arm_rows(
+    arm: AccuracyCase, models: Path, errors: tuple[float, ...], seconds: float
+) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference first, then each method by error [-]; seconds [s] of timing by error."""
     mechanism, motion = prepare_arm_case(arm, models)
     problem = solve_problem(mechanism, motion, min(errors), Settings(initial=arm.initial), {})
@@ -109,7 +111,7 @@ def list_arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: fl
         yield from _list_method_rows(arm, Marches(timed, known), motion, asked, seconds)
 
 
-def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+def prepare_arm_case(arm: AccuracyCase, models: Path) -> tuple[Mechanism, Motion]:
     """Return the mechanism, and its motion by the law 'nonic'."""
     mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
@@ -245,7 +247,7 @@ def _find_least_refinement(reaches: Callable[[int], bool], guess: float) -> int 
 
 
 def _list_method_rows(
-    arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: float
+    arm: AccuracyCase, marches: Marches, motion: Motion, asked: float, seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     mechanism = marches.problem.mechanism
@@ -286,7 +288,7 @@ def _list_method_rows(
         yield add_verdict(row | _compare_with_plain_steps(arm, asked, method, times))
 
 
-def _compare_with_plain_steps(arm: Arm, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
+def _compare_with_plain_steps(arm: AccuracyCase, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
     """The time of plain steps over that of a method, judged where something is asked."""
     if method == "plain" or "plain" not in times:
         return {}

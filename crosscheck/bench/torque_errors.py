@@ -70,7 +70,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Arm:
+class TorqueErrorCase:
     """A case, Exudyn's formulation ("ancf" or "ge"), and what is asked at 1e-6 [-], or None."""
 
     model: str
@@ -80,10 +80,10 @@ class Arm:
 
 
 ARMS = (
-    Arm("flex_one_link", "cycloid", "ancf", ASKED),
-    Arm("flex_two_link", "cycloid", "ancf", None),
-    Arm("spatial_arm", "reach", "ge", ASKED),
-    Arm("four_bar_flexible", "turn", "ancf", None),
+    TorqueErrorCase("flex_one_link", "cycloid", "ancf", ASKED),
+    TorqueErrorCase("flex_two_link", "cycloid", "ancf", None),
+    TorqueErrorCase("spatial_arm", "reach", "ge", ASKED),
+    TorqueErrorCase("four_bar_flexible", "turn", "ancf", None),
 )
 
 
@@ -104,7 +104,7 @@ def run_study(
 
 
 def list_arm_rows(
-    arm: Arm, models: Path, errors: tuple[float, ...], seconds: float, longest: float
+    arm: TorqueErrorCase, models: Path, errors: tuple[float, ...], seconds: float, longest: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference, then both codes by error [-]; seconds [s] of timing by error."""
     mechanism, case = prepare_arm_case(arm, models)
@@ -114,14 +114,16 @@ def list_arm_rows(
     yield head
     if head["verdict"] != "within":
         return
-    ladder = Ladder(arm, mechanism, case, known, problem.grid, longest)
+    ladder = RunLadder(arm, mechanism, case, known, problem.grid, longest)
     for asked in errors:
         yield from _list_code_rows(arm, Marches(problem, known), ladder, asked, seconds)
 
 
-def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Case]:
+def prepare_arm_case(arm: TorqueErrorCase, models: Path) -> tuple[Mechanism, Case]:
     """Return the mechanism as both codes get it, and its case, the motion by the law 'nonic'."""
-    mechanism, motion = accuracy.prepare_arm_case(accuracy.Arm(arm.model, arm.case, "consistent", 0.0, None), models)
+    mechanism, motion = accuracy.prepare_arm_case(
+        accuracy.AccuracyCase(arm.model, arm.case, "consistent", 0.0, None), models
+    )
     case = replace(load_cases(models / arm.model, mechanism)[arm.case], motion=motion, initial="consistent")
     if arm.formulation == "ancf":
         mechanism = replace_beams(mechanism, make_slender_beam)
@@ -139,7 +141,7 @@ def make_equal_steps(problem: Problem) -> Problem:
 
 
 @dataclass(frozen=True)
-class Reached:
+class ExudynRun:
     """A run of Exudyn: what it was, its torque error [-], and the time it took with its sensors [s]."""
 
     march: Any
@@ -148,22 +150,22 @@ class Reached:
 
 
 @dataclass
-class Ladder:
+class RunLadder:
     """Runs of Exudyn that were made for one mechanism, by elements and way of Newton, from few steps to many.
 
     known : torques (samples, drives) [N m], [N]; longest : [s] of one run
     """
 
-    arm: Arm
+    arm: TorqueErrorCase
     mechanism: Mechanism
     case: Case
     known: Array
     grid: StepGrid
     longest: float
-    made: dict[tuple[int, bool], list[Reached]] = field(default_factory=dict)
+    made: dict[tuple[int, bool], list[ExudynRun]] = field(default_factory=dict)
     begun: dict[tuple[int, bool], int] = field(default_factory=dict)
 
-    def find_fastest_run(self, asked: float) -> Reached:
+    def find_fastest_run(self, asked: float) -> ExudynRun:
         """Return the fastest run that reaches an error [-], else the one that took longest."""
         for elements in MESHES:
             for keeps in (True, False):
@@ -179,10 +181,10 @@ class Ladder:
             default=max(self._list_runs(), key=lambda one: one.time),
         )
 
-    def _list_runs(self) -> list[Reached]:
+    def _list_runs(self) -> list[ExudynRun]:
         return [one for own in self.made.values() for one in own]
 
-    def _list_accurate_runs(self, asked: float) -> list[Reached]:
+    def _list_accurate_runs(self, asked: float) -> list[ExudynRun]:
         return [one for one in self._list_runs() if one.error <= asked]
 
     def _run_finer_steps(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
@@ -204,7 +206,7 @@ class Ladder:
         before = (MESHES[coarser], keeps)
         return max(0, self.begun[before] + len(self.made[before]) - AGAIN) if coarser >= 0 else 0
 
-    def _run(self, elements: int, keeps: bool, finer: int) -> Reached | None:
+    def _run(self, elements: int, keeps: bool, finer: int) -> ExudynRun | None:
         exudyn = open_bench_calls("exudyn")
         finer = KEPT * max(1, round(finer / KEPT))
         steps = finer * self.grid.total
@@ -217,7 +219,7 @@ class Ladder:
             torque = march.torques()
         except exudyn.ExudynFailure:
             return None
-        return Reached(
+        return ExudynRun(
             march, compute_peak_error(torque[:, self.mechanism.actuated], self.known), clock.perf_counter() - start
         )
 
@@ -233,7 +235,7 @@ def find_coarsest_mesh(marches: Marches, asked: float) -> tuple[Marches, tuple[i
 
 
 def _list_code_rows(
-    arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: float
+    arm: TorqueErrorCase, marches: Marches, ladder: RunLadder, asked: float, seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     named = {"arm": arm.model, "asked_error": asked}

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.beyond import edits
-from crosscheck.beyond.fault import ALL, Chapter, Fault, Scene, Truth, draw_one
+from crosscheck.beyond.fault import ALL, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
 from flexinv.model.mechanism import Body, Inertia, Link, Mechanism
 
-CHAPTER = Chapter("masses and inertias")
+CHAPTER = RecipeTopic("masses and inertias")
 MASSES = ("mass", "payload", "missing body")
 POUND = 0.45359237  # kg
 
 
-def _draw_body(scene: Scene, rng: np.random.Generator, wide: bool = False) -> tuple[Link, Body] | None:
+def _draw_body(scene: FaultScenario, rng: np.random.Generator, wide: bool = False) -> tuple[Link, Body] | None:
     """A moving body by lot; wide : one with a tensor that is more than rounding."""
     known = edits.list_moving_bodies(scene.mechanism)
     if wide:
@@ -30,26 +30,26 @@ def _draw_listed_body(known: list[tuple[Link, Body]], rng: np.random.Generator) 
     return found
 
 
-def _list_place_names(scene: Scene, link: Link, body: Body) -> tuple[str, ...]:
+def _list_place_names(scene: FaultScenario, link: Link, body: Body) -> tuple[str, ...]:
     return edits.list_body_names(scene.mechanism, link.name, body.name)
 
 
 def _make_inertia_fault(
-    scene: Scene, link: Link, body: Body, words: str, kinds: tuple[str, ...], new: Inertia
+    scene: FaultScenario, link: Link, body: Body, words: str, kinds: tuple[str, ...], new: Inertia
 ) -> Fault:
     """A fault whose whole effect is another inertia of one body."""
     at = _list_place_names(scene, link, body)
     near = tuple(k for k in ("mass", "payload", "com", "inertia", "mix-up") if k not in kinds)
     return Fault(
         f"{words} of {link.name}/{body.name}",
-        ((Truth(kinds, at),),),
-        (Truth(near, at),),
+        ((CorrectAnswer(kinds, at),),),
+        (CorrectAnswer(near, at),),
         lambda m: edits.replace_inertia(m, link.name, body.name, lambda _: new),
     )
 
 
 @CHAPTER("mass", 2e-5, 0.01, 0.05, 0.5)
-def make_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_mass_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The mass alone is off, as when it was weighed with or without its screws."""
     if (found := _draw_body(scene, rng)) is None:
         return None
@@ -61,7 +61,7 @@ def make_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Faul
 
 
 @CHAPTER("mass and tensor", 2e-5, 0.01, 0.05, 0.3)
-def make_material_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_material_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Another material: mass and tensor in the same ratio."""
     if (found := _draw_body(scene, rng)) is None:
         return None
@@ -72,7 +72,7 @@ def make_material_fault(scene: Scene, rng: np.random.Generator, size: float) -> 
 
 
 @CHAPTER("pounds for kilograms", 1.0)
-def make_pound_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_pound_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The mass of one body was given in pounds and taken for kilograms, or the other way round."""
     if (found := _draw_body(scene, rng)) is None:
         return None
@@ -84,7 +84,7 @@ def make_pound_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fau
 
 
 @CHAPTER("all masses", 2e-5, 0.01, 0.05, 1.2)
-def make_density_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_density_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """One density, or one unit, of all bodies and beams is off."""
     factor = 1.0 + size
 
@@ -105,12 +105,14 @@ def make_density_fault(scene: Scene, rng: np.random.Generator, size: float) -> F
     names = [link.name for link in scene.mechanism.links]
     alone = edits.list_moving_bodies(scene.mechanism) if len(scene.mechanism.beams) == 0 else []
     only = _list_place_names(scene, *alone[0]) if len(alone) == 1 else tuple(names) if len(names) == 1 else ()
-    right = (Truth(("mass", "beam mass"), (ALL, *only)),)
-    return Fault(f"all masses and tensors x{factor:.5g}", (right,), (Truth(("mass", "beam mass")),), update_mechanism)
+    right = (CorrectAnswer(("mass", "beam mass"), (ALL, *only)),)
+    return Fault(
+        f"all masses and tensors x{factor:.5g}", (right,), (CorrectAnswer(("mass", "beam mass")),), update_mechanism
+    )
 
 
 @CHAPTER("centre of mass along", 5e-5, 0.02, 0.1)
-def make_com_distance_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_com_distance_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The centre of mass stands a part of its distance farther out or in."""
     known = [(link, b) for link, b in edits.list_moving_bodies(scene.mechanism) if np.linalg.norm(b.inertia.com) > 1e-6]
     if (found := _draw_listed_body(known, rng)) is None:
@@ -123,7 +125,7 @@ def make_com_distance_fault(scene: Scene, rng: np.random.Generator, size: float)
 
 
 @CHAPTER("centre of mass aside", 1e-6, 1e-3, 1e-2)
-def make_com_offset_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_com_offset_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The centre of mass stands beside where it is, by some millimetres in any direction."""
     if (found := _draw_body(scene, rng)) is None:
         return None
@@ -136,24 +138,24 @@ def make_com_offset_fault(scene: Scene, rng: np.random.Generator, size: float) -
 
 
 @CHAPTER("all centres of mass", 0.02, 0.002)
-def make_com_scale_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_com_scale_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """All centres of mass are out by the same part: one length scale of the drawing."""
     known = edits.list_moving_bodies(scene.mechanism)
     if not known or not any(body.inertia.com.any() for _, body in known):
         return None
     factor = 1.0 + size * rng.choice([-1.0, 1.0])
-    near = tuple(Truth(("com",), _list_place_names(scene, *one)) for one in known)
+    near = tuple(CorrectAnswer(("com",), _list_place_names(scene, *one)) for one in known)
     alone = _list_place_names(scene, *known[0]) if len(known) == 1 else ()
     return Fault(
         f"all centres of mass x{factor:.4g}",
-        ((Truth(("com",), (ALL, *alone)),),),
+        ((CorrectAnswer(("com",), (ALL, *alone)),),),
         near,
         lambda m: edits.replace_all_inertias(m, lambda i: i.replace_unchecked(com=i.com * factor)),
     )
 
 
 @CHAPTER("parallel axis twice", 1.0)
-def make_origin_tensor_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_origin_tensor_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The tensor about the origin was written where the one about the centre of mass belongs."""
     known = [(link, b) for link, b in edits.list_moving_bodies(scene.mechanism) if np.linalg.norm(b.inertia.com) > 1e-3]
     if (found := _draw_listed_body(known, rng)) is None:
@@ -164,7 +166,7 @@ def make_origin_tensor_fault(scene: Scene, rng: np.random.Generator, size: float
 
 
 @CHAPTER("parallel axis taken off", 1.0, 0.5)
-def make_parallel_axis_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_parallel_axis_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The parallel-axis term was subtracted once too often, as far as a body can have what is left."""
     known = []
     for link, body in edits.list_moving_bodies(scene.mechanism):
@@ -185,16 +187,16 @@ def make_parallel_axis_fault(scene: Scene, rng: np.random.Generator, size: float
 
 
 @CHAPTER("all tensors about the origin", 1.0)
-def make_all_tensors_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_all_tensors_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """All tensors are given about the links' origins to an engine that wants them about the centres of mass."""
     known = [one for one in edits.list_moving_bodies(scene.mechanism) if one[1].inertia.com.any()]
     if not known:
         return None
-    near = tuple(Truth(("inertia",), _list_place_names(scene, *one)) for one in known)
+    near = tuple(CorrectAnswer(("inertia",), _list_place_names(scene, *one)) for one in known)
     alone = _list_place_names(scene, *known[0]) if len(known) == 1 else ()
     return Fault(
         "all tensors about the origins",
-        ((Truth(("inertia",), (ALL, *alone)),),),
+        ((CorrectAnswer(("inertia",), (ALL, *alone)),),),
         near,
         lambda m: edits.replace_all_inertias(
             m, lambda i: i.replace_unchecked(tensor=i.tensor + edits.compute_parallel_axis_term(i.mass, i.com))
@@ -203,7 +205,7 @@ def make_all_tensors_fault(scene: Scene, rng: np.random.Generator, size: float) 
 
 
 @CHAPTER("tensor turned", 0.02, 0.3, np.pi / 2)
-def make_tensor_rotation_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_tensor_rotation_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The tensor is along other axes than the body's: exported from another frame."""
     if (found := _draw_body(scene, rng, wide=True)) is None:
         return None
@@ -214,7 +216,7 @@ def make_tensor_rotation_fault(scene: Scene, rng: np.random.Generator, size: flo
 
 
 @CHAPTER("products of inertia", 1.0)
-def make_product_sign_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_product_sign_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The products of inertia have the other sign (CAD programs do not agree on it)."""
     known = []
     for link, body in edits.list_moving_bodies(scene.mechanism):
@@ -229,7 +231,7 @@ def make_product_sign_fault(scene: Scene, rng: np.random.Generator, size: float)
 
 
 @CHAPTER("xx for zz", 1.0)
-def make_moment_exchange_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_moment_exchange_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Two moments of inertia are in each other's place."""
     if (found := _draw_body(scene, rng, wide=True)) is None:
         return None
@@ -240,7 +242,7 @@ def make_moment_exchange_fault(scene: Scene, rng: np.random.Generator, size: flo
 
 
 @CHAPTER("tensor", 1e-4, 0.05, 0.5)
-def make_tensor_scale_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_tensor_scale_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The tensor alone is off: a solid body for a hollow one."""
     if (found := _draw_body(scene, rng, wide=True)) is None:
         return None
@@ -252,7 +254,7 @@ def make_tensor_scale_fault(scene: Scene, rng: np.random.Generator, size: float)
 
 
 @CHAPTER("tensor in other units", 1e-4, 4.214e-2, 2.93e-4, 10.0)
-def make_tensor_unit_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_tensor_unit_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The tensor is in kg cm^2, lb ft^2 or lb in^2 where kg m^2 are wanted, or has its decimal point elsewhere."""
     if (found := _draw_body(scene, rng, wide=True)) is None:
         return None
@@ -263,23 +265,23 @@ def make_tensor_unit_fault(scene: Scene, rng: np.random.Generator, size: float) 
 
 
 @CHAPTER("point masses", 1.0)
-def make_point_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_point_mass_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """All bodies are point masses: no tensor was given (one is left small enough for every engine)."""
     known = [one for one in edits.list_moving_bodies(scene.mechanism) if one[1].inertia.tensor.any()]
     if not known:
         return None
-    near = tuple(Truth(("inertia",), _list_place_names(scene, *one)) for one in known)
+    near = tuple(CorrectAnswer(("inertia",), _list_place_names(scene, *one)) for one in known)
     alone = _list_place_names(scene, *known[0]) if len(known) == 1 else ()
     return Fault(
         "all bodies are points",
-        ((Truth(("inertia",), (ALL, *alone)),),),
+        ((CorrectAnswer(("inertia",), (ALL, *alone)),),),
         near,
         lambda m: edits.replace_all_inertias(m, lambda i: i.replace_unchecked(tensor=i.tensor * 1e-9)),
     )
 
 
 @CHAPTER("size of a body", 0.01, 0.05)
-def make_longer_body_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_longer_body_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A body was drawn longer: centre of mass farther out, tensor larger by the square, mass as weighed."""
     known = [(link, b) for link, b in edits.list_moving_bodies(scene.mechanism) if np.linalg.norm(b.inertia.com) > 1e-3]
     if (found := _draw_listed_body(known, rng)) is None:
@@ -291,7 +293,7 @@ def make_longer_body_fault(scene: Scene, rng: np.random.Generator, size: float) 
 
 
 @CHAPTER("bodies exchanged", 1.0)
-def make_body_exchange_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_body_exchange_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Two links carry each other's inertia: rows of a table were mixed up."""
     known = [one for one in edits.list_moving_bodies(scene.mechanism) if one[1].station is None]
     if len(known) < 2:
@@ -306,15 +308,15 @@ def make_body_exchange_fault(scene: Scene, rng: np.random.Generator, size: float
     own = ("mass", "com", "inertia")
     return Fault(
         f"inertias of {a[0].name} and {b[0].name} exchanged",
-        ((Truth(("mix-up",), at),),),
-        (Truth(own, at),),
+        ((CorrectAnswer(("mix-up",), at),),),
+        (CorrectAnswer(own, at),),
         update_mechanism,
-        same=((Truth(own, _list_place_names(scene, *a)),), (Truth(own, _list_place_names(scene, *b)),)),
+        same=((CorrectAnswer(own, _list_place_names(scene, *a)),), (CorrectAnswer(own, _list_place_names(scene, *b)),)),
     )
 
 
 @CHAPTER("body missing", 1.0)
-def make_missing_body_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_missing_body_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A payload, a tool or a link's body was forgotten (a trace is left for engines that refuse none at all)."""
     if (found := _draw_body(scene, rng)) is None:
         return None
@@ -324,7 +326,7 @@ def make_missing_body_fault(scene: Scene, rng: np.random.Generator, size: float)
 
 
 @CHAPTER("payload at its flange", 1.0)
-def make_payload_com_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_payload_com_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A payload hangs at the frame that carries it: its own centre of mass was forgotten."""
     known = [one for one in edits.list_moving_bodies(scene.mechanism) if one[1].inertia.com.any()]
     if (found := _draw_listed_body(known, rng)) is None:
@@ -336,7 +338,7 @@ def make_payload_com_fault(scene: Scene, rng: np.random.Generator, size: float) 
 
 
 @CHAPTER("payload on another link", 1.0)
-def make_wrong_link_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_wrong_link_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A body hangs on another link than its own."""
     known = [one for one in edits.list_moving_bodies(scene.mechanism) if one[1].station is None]
     others = [link for link in scene.mechanism.links if link.beam is None and link.bodies]
@@ -354,15 +356,15 @@ def make_wrong_link_fault(scene: Scene, rng: np.random.Generator, size: float) -
         return edits.replace_link(mechanism, other.name, lambda one: replace(one, bodies=(*one.bodies, moved)))
 
     at = (*_list_place_names(scene, link, body), *edits.list_body_names(scene.mechanism, other.name))
-    near = (Truth(("mass", "missing body", "payload", "com", "inertia"), at),)
+    near = (CorrectAnswer(("mass", "missing body", "payload", "com", "inertia"), at),)
     words = f"{link.name}/{body.name} on {other.name} instead"
-    gone = Truth(("mass", "missing body"), _list_place_names(scene, link, body))
-    more = Truth(("mass", "payload"), edits.list_body_names(scene.mechanism, other.name))
-    return Fault(words, ((Truth(("mix-up",), at),),), near, update_mechanism, same=((gone,), (more,)))
+    gone = CorrectAnswer(("mass", "missing body"), _list_place_names(scene, link, body))
+    more = CorrectAnswer(("mass", "payload"), edits.list_body_names(scene.mechanism, other.name))
+    return Fault(words, ((CorrectAnswer(("mix-up",), at),),), near, update_mechanism, same=((gone,), (more,)))
 
 
 @CHAPTER("tool not counted", 0.002, 0.05, 0.3)
-def make_tool_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_tool_mass_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Something hangs at the tip that the other model does not have: a part of the mass of its link."""
     rigid = [
         (link, body) for link, body in edits.list_moving_bodies(scene.mechanism) if link.beam is None and link.tip.any()
@@ -374,14 +376,14 @@ def make_tool_mass_fault(scene: Scene, rng: np.random.Generator, size: float) ->
     at = edits.list_body_names(scene.mechanism, link.name)
     return Fault(
         f"{more.inertia.mass:.3g} kg more at the tip of {link.name}",
-        ((Truth(("payload",), at),),),
-        (Truth(("mass", "com", "inertia"), at),),
+        ((CorrectAnswer(("payload",), at),),),
+        (CorrectAnswer(("mass", "com", "inertia"), at),),
         lambda m: edits.replace_link(m, link.name, lambda one: replace(one, bodies=(*one.bodies, more))),
     )
 
 
 @CHAPTER("motor in the joint", 0.02, 0.3)
-def make_motor_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_motor_mass_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The mass of a motor sits in the joint that it drives: a part of the mass of the link, at the link's origin."""
     rigid = [(link, body) for link, body in edits.list_moving_bodies(scene.mechanism) if link.beam is None]
     rigid = [one for one in rigid if edits.find_parent_joint(scene.mechanism, one[0].name).parent != "world"]
@@ -393,7 +395,7 @@ def make_motor_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -
     at = (*edits.list_body_names(scene.mechanism, link.name), *edits.list_body_names(scene.mechanism, parent))
     return Fault(
         f"{more.inertia.mass:.3g} kg more in the joint of {link.name}",
-        ((Truth(MASSES, at),),),
-        (Truth(("com", "inertia"), at),),
+        ((CorrectAnswer(MASSES, at),),),
+        (CorrectAnswer(("com", "inertia"), at),),
         lambda m: edits.replace_link(m, link.name, lambda one: replace(one, bodies=(*one.bodies, more))),
     )

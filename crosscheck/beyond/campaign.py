@@ -12,13 +12,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from crosscheck.beyond.catalogue import Drawn, draw
+from crosscheck.beyond.catalogue import DrawnFault, draw
 from crosscheck.beyond.judge import compute_shares, is_new
-from crosscheck.beyond.trial import Place
+from crosscheck.beyond.trial import TrialLocation
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Children, ask, open_scratch_folder
+from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder
 
 MODULE = "crosscheck.beyond.trial"
 ENOUGH = 0.5  # of the faults above the bars are named, alone or in a set
@@ -104,7 +104,7 @@ Notify = Callable[[int, int, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class CampaignRequest:
     """Request to run a campaign or a part of it: folders of models and results, and the number of processes.
 
     mechanisms, only : names and numbers of faults to be left with; none: all
@@ -117,23 +117,23 @@ class Wanted:
     mechanisms: tuple[str, ...] = ()
     only: tuple[int, ...] = ()
 
-    def place(self, bench: Bench, engine: str, folder: Path) -> Place:
+    def place(self, bench: Bench, engine: str, folder: Path) -> TrialLocation:
         """Return the Place at which faults of an engine are tried; folder : of all files that nobody needs afterwards."""
         models = OWN if bench.own else self.models
-        return Place(str(models.resolve()), bench.mechanism, bench.case, engine, str(folder / "unharmed"))
+        return TrialLocation(str(models.resolve()), bench.mechanism, bench.case, engine, str(folder / "unharmed"))
 
 
 @dataclass
-class _Work:
+class _CampaignProgress:
     """Work in progress of a campaign: processes, rows that came in, and the callback for them; threads share it.
 
     pool : of as many threads as wanted; they live as long as the work, for what they have started dies with them
     """
 
-    wanted: Wanted
+    wanted: CampaignRequest
     notify: Notify
     pool: ThreadPoolExecutor
-    children: Children
+    children: ChildProcesses
     total: int = 0
     rows: list[dict[str, Any]] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -146,7 +146,7 @@ class _Work:
                 self.notify(len(self.rows), self.total, row)
 
 
-def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[str, Any]:
+def run(wanted: CampaignRequest, notify: Notify = lambda done, total, row: None) -> dict[str, Any]:
     """Run a campaign; return and write its results: every fault with its outcome, and the sums.
 
     One that is interrupted writes what it has.  Raises RuntimeError where an unharmed engine cannot be run.
@@ -155,7 +155,7 @@ def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[
     servers = ForkServers()
     wanted.out.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(wanted.jobs) as pool:
-        work = _Work(wanted, notify, pool, Children(servers=servers))
+        work = _CampaignProgress(wanted, notify, pool, ChildProcesses(servers=servers))
         try:
             with open_scratch_folder() as folder:
                 _run_campaign_steps(work, folder)
@@ -172,11 +172,11 @@ def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[
     return results
 
 
-def _write(wanted: Wanted, results: Mapping[str, Any]) -> None:
+def _write(wanted: CampaignRequest, results: Mapping[str, Any]) -> None:
     (wanted.out / "beyond.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
-def _run_campaign_steps(work: _Work, folder: Path) -> None:
+def _run_campaign_steps(work: _CampaignProgress, folder: Path) -> None:
     """Run unharmed engines, draw faults, and try them; records stand in a folder that is thrown away."""
     wanted = work.wanted
     chosen = work.wanted.campaign
@@ -188,18 +188,18 @@ def _run_campaign_steps(work: _Work, folder: Path) -> None:
     tried = [d for d in drawn if _is_wanted(wanted, places[d.scene], d)]
     used = sorted({d.scene for d in tried})
     _run_unharmed_engines(work, [places[k] for k in used])
-    controls = [] if wanted.only else [Drawn(0, k, (), (), chosen.seed) for k in used]
+    controls = [] if wanted.only else [DrawnFault(0, k, (), (), chosen.seed) for k in used]
     work.total = len(tried) + len(controls)
     _run_faults(work, places, [*controls, *tried], folder)
 
 
-def _is_wanted(wanted: Wanted, place: Place, drawn: Drawn) -> bool:
+def _is_wanted(wanted: CampaignRequest, place: TrialLocation, drawn: DrawnFault) -> bool:
     here = not wanted.mechanisms or place.mechanism in wanted.mechanisms
     there = describe_missing_package(ENGINES[place.engine]) is None
     return here and there and (not wanted.only or drawn.number in wanted.only)
 
 
-def _run_unharmed_engines(work: _Work, places: Sequence[Place]) -> None:
+def _run_unharmed_engines(work: _CampaignProgress, places: Sequence[TrialLocation]) -> None:
     """Run engines unharmed, in processes; those of one mechanism in one."""
     groups: dict[str, list[dict[str, str]]] = {}
     for place in places:
@@ -218,7 +218,7 @@ def _run_unharmed_engines(work: _Work, places: Sequence[Place]) -> None:
     _run_side_by_side(work, [functools.partial(run_group, group) for group in groups.values()])
 
 
-def _run_side_by_side(work: _Work, things: Sequence[Callable[[], None]]) -> None:
+def _run_side_by_side(work: _CampaignProgress, things: Sequence[Callable[[], None]]) -> None:
     """Do things side by side, as many at a time as wanted; Ctrl-C ends what is under way and begins nothing more."""
     futures = [work.pool.submit(thing) for thing in things]
     try:
@@ -232,9 +232,11 @@ def _run_side_by_side(work: _Work, things: Sequence[Callable[[], None]]) -> None
         future.result()
 
 
-def _run_faults(work: _Work, places: Sequence[Place], drawn: Sequence[Drawn], folder: Path) -> None:
+def _run_faults(
+    work: _CampaignProgress, places: Sequence[TrialLocation], drawn: Sequence[DrawnFault], folder: Path
+) -> None:
     """Try faults, in processes of some faults each; the slow ones begin first."""
-    chunks: list[tuple[Place, list[Drawn]]] = []
+    chunks: list[tuple[TrialLocation, list[DrawnFault]]] = []
     for k, place in enumerate(places):
         mine = [d for d in drawn if d.scene == k]
         chunks += [(place, mine[i : i + CHUNK]) for i in range(0, len(mine), CHUNK)]
@@ -245,7 +247,7 @@ def _run_faults(work: _Work, places: Sequence[Place], drawn: Sequence[Drawn], fo
     )
 
 
-def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path) -> None:
+def _run_fault_group(work: _CampaignProgress, place: TrialLocation, drawn: list[DrawnFault], folder: Path) -> None:
     """Try some faults in one process, and the rest in another where it dies; tell of each when it is done."""
     left = list(drawn)
     attempt = 0
@@ -256,7 +258,7 @@ def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path
         options: dict[str, Any] = {"place": asdict(place), "drawn": [asdict(d) for d in left]}
         options |= {"lines": str(lines), "scratch": str(here.resolve())}
         job = {"kind": "study", "module": MODULE, "function": "run_trials", "options": options}
-        with Followed(lines, work):
+        with RowFollower(lines, work):
             _, ending = ask(job, PATIENCE * len(left), work.children)
         done = {row["number"] for row in _read_rows(lines)}
         left = [d for d in left if d.number not in done]
@@ -271,10 +273,10 @@ def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path
         attempt += 1
 
 
-class Followed:
+class RowFollower:
     """Takes rows from a file while another process writes them."""
 
-    def __init__(self, lines: Path, work: _Work) -> None:
+    def __init__(self, lines: Path, work: _CampaignProgress) -> None:
         """Follow a file."""
         self.lines = lines
         self.work = work
@@ -282,7 +284,7 @@ class Followed:
         self.over = threading.Event()
         self.thread = threading.Thread(target=self._take_until_end, daemon=True)
 
-    def __enter__(self) -> Followed:
+    def __enter__(self) -> RowFollower:
         self.thread.start()
         return self
 
@@ -310,7 +312,7 @@ def _read_rows(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
-def make_results(wanted: Wanted, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
+def make_results(wanted: CampaignRequest, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
     """Return the results: campaign, seed, sums over all and by topic and by engine, and every row in order."""
     ordered = sorted(rows, key=lambda row: (row["number"], row["mechanism"], row["engine"]))
     faults = [row for row in ordered if row["number"]]

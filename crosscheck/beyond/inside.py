@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from crosscheck.beyond import edits
-from crosscheck.beyond.fault import ALL, Chapter, Fault, Scene, Truth, draw_one
+from crosscheck.beyond.fault import ALL, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
 from flexinv.model.mechanism import Joint, Mechanism
 
-CHAPTER = Chapter("inside the engine")
+CHAPTER = RecipeTopic("inside the engine")
 LEAST = 1e-2  # [kg m^2]: what MuJoCo's boundinertia is set to in many model files found on the net
 
 
@@ -26,7 +26,7 @@ def _open_pinocchio_faults() -> Any:
     return importlib.import_module("crosscheck.engines.pinocchio.harm")
 
 
-def _draw_joint(scene: Scene, rng: np.random.Generator) -> Joint | None:
+def _draw_joint(scene: FaultScenario, rng: np.random.Generator) -> Joint | None:
     found: Joint | None = draw_one(rng, [j for j in scene.mechanism.joints if j.nv == 1])
     return found
 
@@ -38,15 +38,15 @@ def _make_model_fault(
     change: Callable[[Any, Mechanism], None],
     near: tuple[str, ...] = (),
 ) -> Fault:
-    return Fault(words, ((Truth(kinds, at),),), (Truth(near, at),) if near else (), built=change)
+    return Fault(words, ((CorrectAnswer(kinds, at),),), (CorrectAnswer(near, at),) if near else (), built=change)
 
 
-def _is_mujoco(scene: Scene) -> bool:
+def _is_mujoco(scene: FaultScenario) -> bool:
     return scene.engine == "mujoco"
 
 
 @CHAPTER("body in MuJoCo", 0.99, 1.05)
-def make_body_mass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_body_mass_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """body_mass of a compiled model was changed, body_inertia was not."""
     if not _is_mujoco(scene) or scene.mechanism.urdf is not None:
         return None
@@ -62,7 +62,7 @@ def make_body_mass_fault(scene: Scene, rng: np.random.Generator, size: float) ->
 
 
 @CHAPTER("ipos in MuJoCo", 1e-3)
-def make_body_ipos_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_body_ipos_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """body_ipos of a compiled model is off by some millimetres."""
     if not _is_mujoco(scene) or scene.mechanism.urdf is not None:
         return None
@@ -79,7 +79,7 @@ def make_body_ipos_fault(scene: Scene, rng: np.random.Generator, size: float) ->
 
 
 @CHAPTER("boundinertia", 1.0)
-def make_boundinertia_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_boundinertia_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """MuJoCo's boundinertia: every principal inertia below a bound is raised to it."""
     if not _is_mujoco(scene):
         return None
@@ -90,11 +90,11 @@ def make_boundinertia_fault(scene: Scene, rng: np.random.Generator, size: float)
     names = tuple(link.name for link in scene.mechanism.links)
     only = names if len(edits.list_moving_bodies(scene.mechanism)) == 1 else ()
     fault = _make_model_fault(f"inertia is at least {LEAST}", ("inertia",), (ALL, *only), update_model)
-    return Fault(fault.words, fault.parts, (Truth(("inertia", "rotor")),), built=fault.built)
+    return Fault(fault.words, fault.parts, (CorrectAnswer(("inertia", "rotor")),), built=fault.built)
 
 
 @CHAPTER("settotalmass", 1.0)
-def make_settotalmass_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_settotalmass_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """MuJoCo's settotalmass: all masses and inertias are scaled to a round total."""
     if not _is_mujoco(scene):
         return None
@@ -105,11 +105,11 @@ def make_settotalmass_fault(scene: Scene, rng: np.random.Generator, size: float)
     only = scene.mechanism.links[0].name
     at = (ALL, only) if len(edits.list_moving_bodies(scene.mechanism)) == 1 else (ALL,)
     fault = _make_model_fault("the total mass was set to a round number", ("mass",), at, update_model)
-    return Fault(fault.words, fault.parts, (Truth(("mass",)),), built=fault.built)
+    return Fault(fault.words, fault.parts, (CorrectAnswer(("mass",)),), built=fault.built)
 
 
 @CHAPTER("discrete inverse", 1.0)
-def make_invdiscrete_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_invdiscrete_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """MuJoCo's invdiscrete: the inverse of its discrete step, where damping is taken implicitly."""
     if not _is_mujoco(scene) or not any(j.damping for j in scene.mechanism.joints):
         return None
@@ -121,7 +121,7 @@ def make_invdiscrete_fault(scene: Scene, rng: np.random.Generator, size: float) 
 
 
 @CHAPTER("medium", 1.2, 1000.0)
-def make_fluid_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_fluid_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The model moves through air or water: MuJoCo's option density, with a little viscosity."""
     if not _is_mujoco(scene):
         return None
@@ -135,7 +135,7 @@ def make_fluid_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fau
 
 
 @CHAPTER("damping disabled", 1.0)
-def make_disabled_damper_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_disabled_damper_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """MuJoCo's dampers are disabled by a flag; the model still has them."""
     damped = [j for j in scene.mechanism.joints if j.damping]
     if not _is_mujoco(scene) or not damped:
@@ -149,7 +149,7 @@ def make_disabled_damper_fault(scene: Scene, rng: np.random.Generator, size: flo
 
 
 @CHAPTER("order of a symmetric tensor", 1.0)
-def make_inertia_order_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_inertia_order_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Pinocchio's six numbers of a tensor are xx, xy, yy, xz, yz, zz; they were given as xx, yy, zz, xy, xz, yz."""
     if scene.engine != "pinocchio" or (joint := _draw_joint(scene, rng)) is None:
         return None
@@ -164,7 +164,7 @@ def make_inertia_order_fault(scene: Scene, rng: np.random.Generator, size: float
 
 
 @CHAPTER("lever in Pinocchio", 0.02)
-def make_lever_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_lever_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The lever of all that a joint of Pinocchio carries is a part longer."""
     if scene.engine != "pinocchio" or (joint := _draw_joint(scene, rng)) is None:
         return None
@@ -179,7 +179,7 @@ def make_lever_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fau
 
 
 @CHAPTER("armature lost in Pinocchio", 1.0)
-def make_missing_armature_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_missing_armature_fault(scene: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Pinocchio's armature was never set."""
     have = [j for j in scene.mechanism.joints if j.rotor_inertia]
     if scene.engine != "pinocchio" or not have:

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from crosscheck.beyond.catalogue import Drawn, make_fault
-from crosscheck.beyond.fault import Fault, Scene
+from crosscheck.beyond.catalogue import DrawnFault, make_fault
+from crosscheck.beyond.fault import Fault, FaultScenario
 from crosscheck.beyond.judge import Outcome, judge_fault
 from crosscheck.beyond.planting import apply_fault
 from crosscheck.causes.fit import Columns
@@ -38,7 +38,7 @@ TOLD = ("deviation", "error", "unjudged")
 
 
 @dataclass(frozen=True)
-class Place:
+class TrialLocation:
     """Place of a trial: folder of models, mechanism, case, engine, and the folder of unharmed records."""
 
     models: str
@@ -61,17 +61,17 @@ class Place:
         where = {"mechanism": str((Path(self.models) / self.mechanism).resolve()), "case": self.case}
         return {"engine": engine, "module": ENGINES[engine].module, **where, "options": {}, "out": str(out)}
 
-    def scene(self) -> Scene:
+    def scene(self) -> FaultScenario:
         """The scene of the unharmed reference.  Raises RecordError where there is none."""
         task = self.task
-        return Scene(task.mechanism, task.case, self.engine, read_record(self.stem(REFERENCE)))
+        return FaultScenario(task.mechanism, task.case, self.engine, read_record(self.stem(REFERENCE)))
 
 
 def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
     """Run engines unharmed, the reference among them, and keep their records; return what became of each."""
     rows = []
     for words in places:
-        place = Place(**words)
+        place = TrialLocation(**words)
         start = clock.perf_counter()
         stem = place.stem(place.engine)
         stem.parent.mkdir(parents=True, exist_ok=True)
@@ -87,18 +87,18 @@ def run_trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lin
 
     A fault of number 0 is none: the unharmed engine, which has to be left alone.
     """
-    here = Place(**place)
+    here = TrialLocation(**place)
     scene = here.scene()
     columns = Columns()
     for words in drawn:
-        one = Drawn(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
+        one = DrawnFault(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
         with Path(lines).open("a", encoding="utf-8") as file:
             file.write(json.dumps(run_trial(here, scene, one, Path(scratch), columns)) + "\n")
     return len(drawn)
 
 
 def run_trial(
-    place: Place, scene: Scene, drawn: Drawn, scratch: Path, columns: Columns | None = None
+    place: TrialLocation, scene: FaultScenario, drawn: DrawnFault, scratch: Path, columns: Columns | None = None
 ) -> dict[str, Any]:
     """Return everything about one fault: what was planted, what it changed, what was said, and the outcome."""
     start = clock.perf_counter()
@@ -125,7 +125,9 @@ def run_trial(
     return row | {"seconds": round(clock.perf_counter() - start, 2)}
 
 
-def _run_harmed_engine(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns | None) -> dict[str, Any]:
+def _run_harmed_engine(
+    place: TrialLocation, scene: FaultScenario, fault: Fault, stem: Path, columns: Columns | None
+) -> dict[str, Any]:
     """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
     task = place.task
     stem.parent.mkdir(parents=True, exist_ok=True)

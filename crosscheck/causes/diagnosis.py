@@ -15,7 +15,7 @@ from crosscheck.causes.dictionary import collect_causes
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import Columns, Fit, describe_size
 from crosscheck.causes.model import Model, make_model
-from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, find_causes
+from crosscheck.causes.naming import MOST, NOISE, ROUNDED, NamedCauses, find_causes
 from crosscheck.causes.quantities import collect_quantities
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
@@ -43,7 +43,7 @@ class Answer:
     model: Model
     record: Record
     reference: Record
-    naming: Naming
+    naming: NamedCauses
     shown: bool
     limit: float
 
@@ -103,7 +103,7 @@ def make_diagnoses(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return {"answers": answers}
 
 
-def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Repair]:
+def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tuple[NamedCauses, Repair]:
     """Return the naming without the causes that full runs refute, and the repair of the first that is left.
 
     A cause that leaves more than enough in its own run does not explain the difference, whatever the model's columns
@@ -173,7 +173,7 @@ def describe_cause(fit: Fit) -> dict[str, Any]:
     return {"cause": fit.cause.name, "target": fit.target, "words": words, "left": fit.left, "shows": fit.cause.shows}
 
 
-def describe_diagnosis(naming: Naming, repaired: Repair | None = None) -> str:
+def describe_diagnosis(naming: NamedCauses, repaired: Repair | None = None) -> str:
     """Return the diagnosis in a sentence or two; repaired : what full runs with the first cause say of it."""
     fails = f" Lines of its certificate that fail: {', '.join(naming.failing)}." if naming.failing else ""
     fits = naming.named

@@ -18,7 +18,7 @@ from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import sections as section_rows
 from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.rows import springs as spring_rows
-from crosscheck.doors.packages import CAUSE_GROUP, Point, list_entry_points
+from crosscheck.doors.packages import CAUSE_GROUP, EntryPoint, list_entry_points
 
 TABLES = (
     joint_rows,
@@ -47,7 +47,7 @@ def collect_causes() -> dict[str, Cause]:
     return found
 
 
-def _list_entry_point_causes(point: Point) -> Iterator[Cause]:
+def _list_entry_point_causes(point: EntryPoint) -> Iterator[Cause]:
     """Yield the causes that an entry point leads to: one, or several; one that fails ends no diagnosis."""
     module, _, name = point.value.partition(":")
     try:

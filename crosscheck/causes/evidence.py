@@ -57,7 +57,7 @@ NOT_RUNNING = "a mechanism with it, which does not run"
 
 
 @dataclass(frozen=True)
-class Heard:
+class CauseAssessment:
     """One cause beside all else that is known: the fit as it agrees best, and what contradicts it."""
 
     fit: Fit
@@ -83,7 +83,7 @@ class Evidence:
         """Names of the lines of the engine's certificate that do not hold."""
         return tuple(line.what for line in checks("", "", "", self.theirs, self.ours) if not line.holds)
 
-    def judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+    def judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> CauseAssessment:
         """Return the fit with every line of the certificate, and every quantity, that contradicts it.
 
         Sizes of several numbers, of which the motion may not show all, are fitted to the certificates before they are
@@ -95,11 +95,11 @@ class Evidence:
         return self._answers[asked]
 
     @cached_property
-    def _answers(self) -> dict[tuple[str, str, bytes], Heard]:
+    def _answers(self) -> dict[tuple[str, str, bytes], CauseAssessment]:
         """Answers of ``hear`` by cause, target and size: every deeper look asks for most of them again."""
         return {}
 
-    def _judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+    def _judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> CauseAssessment:
         try:
             told = self._list_contradicting_lines(fit, sure)
             if told and fit.cause.parameters > 1 and not self._has_zero_size(fit):
@@ -121,8 +121,8 @@ class Evidence:
                         fit = again
                         said = ()
         except (*IMPOSSIBLE, RuntimeError, KeyError):
-            return Heard(fit, (NOT_RUNNING,))
-        return Heard(fit, said, beside)
+            return CauseAssessment(fit, (NOT_RUNNING,))
+        return CauseAssessment(fit, said, beside)
 
     def list_contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:
         """Return the lines of the certificate, else the quantities, that contradict a fit as it is; raises like a run.

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from crosscheck.causes.dictionary import collect_causes
-from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
+from crosscheck.causes.evidence import NOT_RUNNING, CauseAssessment, Evidence
 from crosscheck.causes.fit import (
     HOPELESS,
     LARGEST,
@@ -55,7 +55,7 @@ TOLD = 40  # causes that are held against all else, those that explain most firs
 
 
 @dataclass(frozen=True)
-class Naming:
+class NamedCauses:
     """Causes of a difference, and their rivals.
 
     named : the causes that explain it, most special first; next : the best of the rest
@@ -69,7 +69,7 @@ class Naming:
     size: float
     noise: float
     words: str
-    ruled_out: tuple[Heard, ...] = ()
+    ruled_out: tuple[CauseAssessment, ...] = ()
     failing: tuple[str, ...] = ()
 
     @property
@@ -84,7 +84,7 @@ class Naming:
 
 
 @dataclass(frozen=True)
-class Question:
+class ResidualQuestion:
     """A residual (samples nv,) over the range [-], its error bars of the same shape, and what an explanation may leave.
 
     agreed : largest difference [-] of engines that have the same mechanism, where a limit states one
@@ -172,7 +172,7 @@ def find_causes(
     known: list[Candidate] | None = None,
     evidence: Evidence | None = None,
     agreed: float = 0.0,
-) -> Naming:
+) -> NamedCauses:
     """Return the naming of a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
 
     known : the dictionary's columns where they are at hand (``list_candidates``); evidence : what else is known
@@ -182,11 +182,11 @@ def find_causes(
     size = float(np.abs(residual).max())
     largest = float(bars.max())
     if size <= largest:
-        return Naming((), None, size, largest, "the difference is inside the error bars")
-    asked = Question(model, residual, bars, agreed)
+        return NamedCauses((), None, size, largest, "the difference is inside the error bars")
+    asked = ResidualQuestion(model, residual, bars, agreed)
     known = list_candidates(model, collect_causes()) if known is None else known
     fits: list[Fit] = []
-    heard: tuple[Heard, ...] = ()
+    heard: tuple[CauseAssessment, ...] = ()
     levels = (LOOK, TURNS, DEEP) if is_tree(model.base) else (LOOK, DEEP)
     for look in levels if len(known) < MANY else levels[:1]:
         fits = list_ranked_fits(asked, known, look)
@@ -201,12 +201,14 @@ def find_causes(
     return choose_causes(asked, fits, heard, evidence)
 
 
-def list_agreeing_causes(heard: Iterable[Heard]) -> list[Heard]:
+def list_agreeing_causes(heard: Iterable[CauseAssessment]) -> list[CauseAssessment]:
     """Return the causes that nothing contradicts."""
     return [one for one in heard if not one.against]
 
 
-def list_explaining_causes(asked: Question, fits: list[Fit], evidence: Evidence | None) -> tuple[Heard, ...]:
+def list_explaining_causes(
+    asked: ResidualQuestion, fits: list[Fit], evidence: Evidence | None
+) -> tuple[CauseAssessment, ...]:
     """Return the causes that explain the efforts, each with what contradicts it.
 
     Of a cause whose size has several numbers the motion may show some only: it is held against the certificate all the same
@@ -214,7 +216,7 @@ def list_explaining_causes(asked: Question, fits: list[Fit], evidence: Evidence 
     """
     explaining = [f for f in fits if asked.can_explain(f)]
     if evidence is None:
-        return tuple(map(Heard, explaining))
+        return tuple(map(CauseAssessment, explaining))
     sure = max(NOISE * asked.part, 0.0 if asked.model.base.mechanism.is_rigid else MARCHED)
     heard = [evidence.judge_fit(f, asked.can_explain, sure) for f in explaining[:TOLD]]
     # What else may know a size of several numbers: where that agrees with the reference, no such size is hidden.
@@ -226,7 +228,7 @@ def list_explaining_causes(asked: Question, fits: list[Fit], evidence: Evidence 
     return tuple(sorted(heard, key=lambda one: one.fit.left))
 
 
-def list_certificate_fits(asked: Question, known: list[Candidate], evidence: Evidence) -> list[Fit]:
+def list_certificate_fits(asked: ResidualQuestion, known: list[Candidate], evidence: Evidence) -> list[Fit]:
     """Return the fits of causes whose size the certificate says, what explains most first."""
     rounds = ROUNDS[asked.model.base.mechanism.is_rigid]
     usable = (c for c in known if c.cause.sized and not c.cause.linear and c.cause.guess is None)
@@ -234,7 +236,7 @@ def list_certificate_fits(asked: Question, known: list[Candidate], evidence: Evi
     return sorted((f for f in found if f is not None), key=_take_remainder)
 
 
-def list_ranked_fits(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fit]:
+def list_ranked_fits(asked: ResidualQuestion, known: list[Candidate], look: int = LOOK) -> list[Fit]:
     """Return a fit of every cause that shows, what explains most first; look : how many of them are refined."""
     model = asked.model
     quick = is_tree(model.base)
@@ -260,14 +262,14 @@ def list_ranked_fits(asked: Question, known: list[Candidate], look: int = LOOK) 
     return sorted((f for f in first.values() if is_possible(model, f)), key=_take_remainder)
 
 
-def _make_fit_once(asked: Question, known: list[Candidate], k: int, way: str) -> Fit:
+def _make_fit_once(asked: ResidualQuestion, known: list[Candidate], k: int, way: str) -> Fit:
     """Return the fit of a candidate: ``linear``, ``refined`` from there, or near sizes that are ``far``; made once."""
     if (k, way) not in asked.fits:
         asked.fits[k, way] = _make(asked, known[k], way)
     return asked.fits[k, way]
 
 
-def _make(asked: Question, one: Candidate, way: str) -> Fit:
+def _make(asked: ResidualQuestion, one: Candidate, way: str) -> Fit:
     if way == "linear":
         return fit(asked.model, asked.residual, one)
     if way == "refined":
@@ -284,7 +286,9 @@ def _take_remainder(one: Fit) -> float:
     return one.left
 
 
-def choose_causes(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence: Evidence | None) -> Naming:
+def choose_causes(
+    asked: ResidualQuestion, fits: list[Fit], heard: tuple[CauseAssessment, ...], evidence: Evidence | None
+) -> NamedCauses:
     """Return the naming of fits that were held against all that is known."""
     size = float(np.abs(asked.residual).max())
     largest = float(asked.bars.max())
@@ -294,14 +298,14 @@ def choose_causes(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], ev
     good = list_similar_fits(asked, [one.fit for one in list_agreeing_causes(heard)])
     if (count := _count_answers(good)) > MOST:
         words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
-        return Naming((), good[0], size, largest, words, out, failing)
+        return NamedCauses((), good[0], size, largest, words, out, failing)
     # Lines of the certificate that fail, and that the cause explains, show it whatever the bars are.
     if good and not failing and not asked.is_credible(good[0]):
-        return Naming((), good[0], size, largest, describe_hidden_cause(asked, good[0]), out, failing)
+        return NamedCauses((), good[0], size, largest, describe_hidden_cause(asked, good[0]), out, failing)
     if good:
         rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
-        return Naming(good, rest, size, largest, "", out, failing)
-    return Naming((), best, size, largest, describe_unknown_cause(asked, best, out), out, failing)
+        return NamedCauses(good, rest, size, largest, "", out, failing)
+    return NamedCauses((), best, size, largest, describe_unknown_cause(asked, best, out), out, failing)
 
 
 def _count_answers(good: Iterable[Fit]) -> int:
@@ -310,7 +314,7 @@ def _count_answers(good: Iterable[Fit]) -> int:
     return max(len(names), sum(AND in f.cause.name for f in good))
 
 
-def list_similar_fits(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
+def list_similar_fits(asked: ResidualQuestion, fits: list[Fit]) -> tuple[Fit, ...]:
     """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
     and without causes of which a special case is among them."""
     known = [f for f in fits if is_sensible(f)]
@@ -325,7 +329,7 @@ def list_similar_fits(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
     return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))
 
 
-def describe_hidden_cause(asked: Question, best: Fit) -> str:
+def describe_hidden_cause(asked: ResidualQuestion, best: Fit) -> str:
     """Return the reason for naming nothing where the error bars hide too much of the difference, in words."""
     return (
         f"the cause is unknown: the error bars are {asked.part:.0%} of the difference, and the nearest, {best.cause.name}, "
@@ -333,7 +337,7 @@ def describe_hidden_cause(asked: Question, best: Fit) -> str:
     )
 
 
-def describe_unknown_cause(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
+def describe_unknown_cause(asked: ResidualQuestion, best: Fit | None, out: tuple[CauseAssessment, ...]) -> str:
     """Return the reason for naming nothing, in words."""
     if best is None:
         return "no cause of the dictionary shows in this motion"

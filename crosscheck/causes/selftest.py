@@ -21,7 +21,7 @@ from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fault_benches import Bench
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, list_candidates
 from crosscheck.causes.model import Model, apply_to_record, make_model
-from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.naming import NamedCauses, find_causes
 from crosscheck.causes.quantities import Quantities, collect_quantities
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -46,7 +46,7 @@ RANK = "closure of wrong rank"
 
 
 @dataclass(frozen=True)
-class Planted:
+class PlantedFault:
     """One fault and what was made of it.
 
     size : [unit of the cause]; change : largest change of the engine's efforts over their range [-]
@@ -68,7 +68,7 @@ MATTERS = 0.01  # of the range: faults that change the torque by as much have to
 
 
 @dataclass(frozen=True)
-class Setting:
+class BenchSetup:
     """A bench with all that its faults share: the model of the reference, its record, its columns, the error bars.
 
     certificate : of the reference; noise : [-] of the range; agreed : by series [unit], how far the unharmed engines may be apart
@@ -85,7 +85,7 @@ class Setting:
     agreed: Mapping[str, float]
 
 
-def prepare(bench: Bench, models: Path) -> Setting:
+def prepare(bench: Bench, models: Path) -> BenchSetup:
     """Run reference and engine unharmed, and compute the columns of the dictionary."""
     folder = models / bench.mechanism
     mechanism = read_mechanism(folder)
@@ -113,7 +113,7 @@ def prepare(bench: Bench, models: Path) -> Setting:
         noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
         agreed = compute_allowed_differences(reference, clean, finer)
     ours = certify(mechanism, case, "flexinv")
-    return Setting(bench, subject, model, reference, clean, ours, list_candidates(model, DICTIONARY), noise, agreed)
+    return BenchSetup(bench, subject, model, reference, clean, ours, list_candidates(model, DICTIONARY), noise, agreed)
 
 
 def compute_allowed_differences(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
@@ -136,7 +136,7 @@ def ask(bench: Bench, subject: Subject) -> Record:
     return apply_to_record(record, subject)
 
 
-def apply_soft_constraint(setting: Setting, size: float) -> Record:
+def apply_soft_constraint(setting: BenchSetup, size: float) -> Record:
     """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give.
 
     Stiffness multiplies what rounding leaves open of the loops: they carry error bars of rounding, as in `crosscheck run`.
@@ -155,7 +155,7 @@ def apply_soft_constraint(setting: Setting, size: float) -> Record:
     return replace(setting.clean, series={**setting.clean.series, **mixed})
 
 
-def add_error_bars(setting: Setting, harmed: Record) -> Setting:
+def add_error_bars(setting: BenchSetup, harmed: Record) -> BenchSetup:
     """Return the setting with the error bars [unit] that a harmed engine states of its torques beside those of the unharmed."""
     bars = {
         n: float(np.max(s.error)) for n, s in harmed.series.items() if s.quantity == "torque" and s.error is not None
@@ -165,7 +165,7 @@ def add_error_bars(setting: Setting, harmed: Record) -> Setting:
     return replace(setting, noise=noise, agreed=agreed)
 
 
-def run_fault(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
+def run_fault(setting: BenchSetup, candidate: Candidate, size: float) -> PlantedFault | None:
     """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it.
 
     A fault that makes a plane mechanism spatial gives Exudyn other elements with other errors: it is planted elsewhere.
@@ -193,8 +193,8 @@ def _list_fault_sizes(candidate: Candidate, size: float) -> list[NDArray[np.floa
 
 
 def _run_fault_of_size(
-    setting: Setting, candidate: Candidate, size: float, numbers: NDArray[np.float64]
-) -> Planted | None:
+    setting: BenchSetup, candidate: Candidate, size: float, numbers: NDArray[np.float64]
+) -> PlantedFault | None:
     """Plant numbers [unit] of a cause; raises like a run."""
     cause = candidate.cause
     target = candidate.target
@@ -216,12 +216,12 @@ def _run_fault_of_size(
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
     told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
     found = judge_causes(naming, cause.name, target)
-    return Planted(
+    return PlantedFault(
         setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
     )
 
 
-def _find_element(setting: Setting, subject: Subject) -> object:
+def _find_element(setting: BenchSetup, subject: Subject) -> object:
     """Return the element that the engine takes for a subject, by a run of two samples; None where nothing bends."""
     if subject.mechanism.is_rigid:
         return None
@@ -229,7 +229,7 @@ def _find_element(setting: Setting, subject: Subject) -> object:
     return ask(setting.bench, replace(subject, case=short, effort=())).settings.get("element")
 
 
-def find_fault_causes(setting: Setting, harmed: Record, subject: Subject) -> Naming:
+def find_fault_causes(setting: BenchSetup, harmed: Record, subject: Subject) -> NamedCauses:
     """Return the naming of a harmed engine, from its efforts and the certificate of its model of the harmed mechanism."""
     residual = setting.model.residual(harmed, setting.reference)
     if float(np.abs(residual).max()) <= setting.noise:
@@ -256,7 +256,7 @@ def find_certifier(engine: str) -> Callable[..., Any]:
     return certify
 
 
-def judge_causes(naming: Naming, cause: str, target: str) -> str:
+def judge_causes(naming: NamedCauses, cause: str, target: str) -> str:
     """Return the grade of a naming when a cause was planted at a target."""
     if not naming.found:
         return "unseen"
@@ -275,7 +275,7 @@ def make_loose_closure(closure: Closure) -> Closure:
     return replace(closure, kind="point-on-line", axis=across / np.linalg.norm(across))
 
 
-def run_rank_fault(setting: Setting) -> Planted | None:
+def run_rank_fault(setting: BenchSetup) -> PlantedFault | None:
     """Let a closure of the engine's model tie less than it should; only the certificate can say so: there are no efforts."""
     mechanism = setting.subject.mechanism
     case = setting.subject.case
@@ -290,18 +290,18 @@ def run_rank_fault(setting: Setting) -> Planted | None:
     wrong = tuple(line.what for line in lines if not line.holds)
     rank = "rank of the closures" in wrong and set(wrong) <= {"rank of the closures", "closure axes"}  # of the line
     found = "none" if not wrong else "alone" if rank else "another"
-    return Planted(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
+    return PlantedFault(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
 
 
-def run_without_fault(setting: Setting) -> Planted:
+def run_without_fault(setting: BenchSetup) -> PlantedFault:
     """Return the result for the engine as it is: nothing may be named."""
     naming = find_fault_causes(setting, setting.clean, setting.subject)
     found = "another" if naming.named else "silent"
-    return Planted(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
+    return PlantedFault(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
 
 
 def list_faults(
-    setting: Setting, sizes: Sequence[float], causes: Sequence[str], targets: int
+    setting: BenchSetup, sizes: Sequence[float], causes: Sequence[str], targets: int
 ) -> Iterator[tuple[Candidate, float]]:
     """Yield what to plant: every cause at its first and last targets that show, in every size [-].
 
@@ -329,7 +329,7 @@ def _take_first_and_last(known: list[Candidate], count: int) -> list[Candidate]:
 
 def run_bench(
     bench: Bench, models: Path, sizes: Sequence[float] = SIZES, causes: Sequence[str] = (), targets: int = 2
-) -> list[Planted]:
+) -> list[PlantedFault]:
     """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
     setting = prepare(bench, models)
     rows = [run_without_fault(setting)]

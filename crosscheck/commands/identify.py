@@ -13,14 +13,14 @@ from rich.table import Table
 
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
-from crosscheck.identification.bands import Judged
+from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.causes.least_seen import describe_least_sizes
-from crosscheck.identification.causes.name_causes import Remains, find_remaining_causes
+from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
 from crosscheck.identification.combinations import count_narrowed_directions
 from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
-from crosscheck.identification.identify import Identified, identify, judge_blocks, read_machine, read_of
+from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
 from crosscheck.identification.logs.header import find_time_column, find_time_unit
 from crosscheck.identification.logs.log import list_column_names, read_log
 from crosscheck.identification.page import write_page
@@ -143,7 +143,7 @@ def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _write_parameters(console: Console, found: Identified) -> None:
+def _write_parameters(console: Console, found: Identification) -> None:
     told = [row for row in found.parameters if row.identifiable]
     console.print(
         f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow "
@@ -165,8 +165,8 @@ def _write_parameters(console: Console, found: Identified) -> None:
 
 
 def _find_causes(
-    console: Console, found: Identified, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
-) -> list[tuple[str, Remains]]:
+    console: Console, found: Identification, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
+) -> list[tuple[str, CauseFindings]]:
     out = []
     for log in _resolve_log_paths(source, hold_out) or _resolve_log_paths(source, logs[:1]):
         rest = find_remaining_causes(found, read_of(found.machine, log), not hold_out)
@@ -182,7 +182,7 @@ def _find_causes(
     return out
 
 
-def _write_table(console: Console, title: str, rows: list[Judged]) -> None:
+def _write_table(console: Console, title: str, rows: list[ChannelJudgement]) -> None:
     heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS", "RMS error")
     table = Table(box=None, padding=(0, 1, 0, 0))
     for head in heads:  # which log, and which joint of it, must not be cut off where the terminal is narrow

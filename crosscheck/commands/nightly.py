@@ -10,7 +10,7 @@ import click
 from rich.markup import escape
 
 from crosscheck.bench.parts import list_night_studies as bench_studies
-from crosscheck.commands.shared.options import Asked, add_run_options
+from crosscheck.commands.shared.options import RunSelection, add_run_options
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     Console,
@@ -24,7 +24,7 @@ from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.baseline import BaselineError
 from crosscheck.verdicts.history import HistoryError
 from crosscheck.workflows import latest_engines as fresh
-from crosscheck.workflows.night import Nightly, NightRunning, run_night
+from crosscheck.workflows.night import NightRunning, NightSettings, run_night
 from flexinv.errors import InputError
 
 
@@ -46,7 +46,7 @@ from flexinv.errors import InputError
 )
 @click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
 def command(
-    asked: Asked,
+    asked: RunSelection,
     reports: Path,
     baseline: Path | None,
     history: str | None,
@@ -78,7 +78,7 @@ def command(
         with convert_sigterm():
             sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
     work, every = asked.work(write_line)
-    night = Nightly(
+    night = NightSettings(
         work=work,
         reports=reports,
         baseline=baseline or reports / "baseline",

@@ -12,7 +12,7 @@ import click
 from rich.markup import escape
 
 from crosscheck import output_folder as owned
-from crosscheck.commands.shared.options import Asked, add_run_options
+from crosscheck.commands.shared.options import RunSelection, add_run_options
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     Console,
@@ -42,7 +42,7 @@ from flexinv.errors import InputError
     is_flag=True,
     help="Compute everything, also what has not changed since an earlier run (as always in CI).",
 )
-def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoReturn:
+def command(asked: RunSelection, out: Path, baseline: Path | None, fresh: bool) -> NoReturn:
     """Run mechanisms in all engines, compare, and write a report.
 
     NAMES are mechanisms, patterns, or single cases ("flex_one_link", "flex_*", "flex_one_link/cycloid"); without

@@ -151,7 +151,7 @@ def _run_campaign_and_end(
             notify(Event(beyond_line(row), verdict, "", done, total))
 
         try:
-            results = beyond.run(beyond.Wanted(chosen, models, out, jobs, mechanisms, only), write_progress)
+            results = beyond.run(beyond.CampaignRequest(chosen, models, out, jobs, mechanisms, only), write_progress)
         except RuntimeError as error:
             raise Failure(str(error)) from error
     (out / "beyond.txt").write_text("\n".join(beyond_text(results)) + "\n", encoding="utf-8")

@@ -35,7 +35,7 @@ from crosscheck.run.work import Options, Work
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.plan import Plan, Task
 from crosscheck.verdicts.results import Results, make_slug
-from crosscheck.workflows.model_summary import Portrait, picture, portrait
+from crosscheck.workflows.model_summary import ModelSummary, picture, portrait
 from crosscheck.workflows.proposals import format_proposal_toml, list_proposals, split_cases_file, write
 from flexinv.errors import FlexinvError, InputError
 
@@ -122,7 +122,7 @@ def _run_or_fail(work: Callable[..., object], *arguments: object) -> None:
         raise Failure(str(error)) from error
 
 
-def _describe_case(console: Console, task: Task, folder: Path) -> tuple[Portrait, Path]:
+def _describe_case(console: Console, task: Task, folder: Path) -> tuple[ModelSummary, Path]:
     """Print what a case is, and return it with the file in which its picture will be."""
     try:
         seen = portrait(task)

@@ -43,7 +43,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Given:
+class EngineValues:
     """Values of one engine: name, author, values and error bar (samples,) [unit]."""
 
     engine: str
@@ -52,7 +52,7 @@ class Given:
     bar: Array
 
 
-def make_interval(given: Given, size: float) -> Interval:
+def make_interval(given: EngineValues, size: float) -> Interval:
     """Return the interval of an engine; size : largest magnitude of its quantity [unit], of which `FLOOR` is the least bar."""
     half = np.maximum(given.bar, FLOOR * size)
     return Interval(given.values - half, given.values + half)
@@ -80,7 +80,7 @@ def compute_hull(intervals: Sequence[Interval]) -> Interval:
     return Interval(low.min(axis=0), high.max(axis=0))
 
 
-def find_agreeing_groups(given: Sequence[Given], size: float) -> tuple[tuple[Given, ...], ...]:
+def find_agreeing_groups(given: Sequence[EngineValues], size: float) -> tuple[tuple[EngineValues, ...], ...]:
     """Return the largest groups of engines that agree [unit]: most authors first, then most engines; several where equally large.
 
     A group has two authors at least; () where no two authors agree.
@@ -98,16 +98,16 @@ def find_agreeing_groups(given: Sequence[Given], size: float) -> tuple[tuple[Giv
     return tuple(group for group in groups if _count_members(group) == best)
 
 
-def collect_authors(group: Iterable[Given]) -> frozenset[str]:
+def collect_authors(group: Iterable[EngineValues]) -> frozenset[str]:
     """Return the authors of a group [-]."""
     return frozenset(one.author for one in group)
 
 
-def _count_members(group: Sequence[Given]) -> tuple[int, int]:
+def _count_members(group: Sequence[EngineValues]) -> tuple[int, int]:
     return len(collect_authors(group)), len(group)
 
 
-def _list_cliques(given: Sequence[Given], linked: set[frozenset[str]]) -> Iterator[tuple[Given, ...]]:
+def _list_cliques(given: Sequence[EngineValues], linked: set[frozenset[str]]) -> Iterator[tuple[EngineValues, ...]]:
     """Yield the groups of engines that agree pair by pair and cannot be enlarged (Bron and Kerbosch 1973)."""
     near = {a.engine: {b.engine for b in given if frozenset((a.engine, b.engine)) in linked} for a in given}
     known = {one.engine: one for one in given}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.corpus.audit import Audited
+from crosscheck.corpus.audit import AuditRow
 from crosscheck.corpus.consensus import AGREES, CLOSED_FORM, CONSENSUS, DISAGREEMENT, REACHED, SINGLE, CaseConsensus
 from crosscheck.corpus.entry import CLASSES, FLOOR_REASON
 from crosscheck.corpus.folder import Corpus
@@ -30,7 +30,7 @@ HEIGHT = 150.0
 POINTS = 400
 
 
-def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Audited] = ()) -> None:
+def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[AuditRow] = ()) -> None:
     """Write ``index.html``, a page per case, and the audit's page where there is one, below a corpus that is ours."""
     env = prepare_templates()
     env.globals |= {"STATUS": VERDICTS, "STATUSES": MEANINGS}

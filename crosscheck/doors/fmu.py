@@ -27,7 +27,7 @@ from crosscheck.doors.fmu_description import (
     is_forward,
     read_description,
 )
-from crosscheck.doors.fmu_replay import ForwardFmu
+from crosscheck.doors.fmu_replay import ForwardFmuAdapter
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.kit.resolved import UNITS, list_idle_velocities, list_quantity_series
 from crosscheck.measures.record import Record, list_effort_units, torque_series
@@ -40,7 +40,7 @@ MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as man
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
 
-def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu | ForwardFmu:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> FmuAdapter | ForwardFmuAdapter:
     """Return the adapter of an FMU; mechanism : its folder; settings : fmu (path), cases, version, abilities.
 
     In the path ``{mechanism}`` is the name of the mechanism's folder: FMUs of many mechanisms are one engine.
@@ -48,11 +48,11 @@ def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu 
     folder = Path(mechanism).name
     path = Path(settings["fmu"].replace(PLACE, folder))
     if path.is_file() and is_forward(read_description(path)):
-        return ForwardFmu(path, folder, settings)
-    return Fmu(path, folder, settings)
+        return ForwardFmuAdapter(path, folder, settings)
+    return FmuAdapter(path, folder, settings)
 
 
-class Fmu:
+class FmuAdapter:
     """The adapter of one FMU: it has the physics of its own mechanism, whatever it is asked for."""
 
     repeatable = False

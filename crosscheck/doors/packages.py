@@ -22,7 +22,7 @@ REFERENCE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*(\.[A-Za-z_]
 
 
 @dataclass(frozen=True)
-class Point:
+class EntryPoint:
     """An entry point: name, what it leads to, and the package that states it."""
 
     name: str
@@ -30,13 +30,13 @@ class Point:
     package: str
 
 
-def list_entry_points(group: str) -> Iterator[Point]:
+def list_entry_points(group: str) -> Iterator[EntryPoint]:
     """Yield the entry points of a group, of packages other than this one, by name; nothing is imported."""
     found = metadata.entry_points(group=group)
     for one in sorted(found, key=lambda e: (e.name, e.value)):
         package = one.dist.name if one.dist is not None else one.module
         if package != "flexinv":
-            yield Point(one.name, one.value, package)
+            yield EntryPoint(one.name, one.value, package)
 
 
 def list_installed_engines() -> dict[str, Engine]:

@@ -33,12 +33,12 @@ def list_engine_names(models: Path) -> tuple[str, ...]:
     return tuple(found)
 
 
-def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Recorded:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> RecordedAdapter:
     """Return the adapter of the records of an engine; mechanism : the folder that has them."""
-    return Recorded(Path(mechanism) / FOLDER / name, bool(mechanism))
+    return RecordedAdapter(Path(mechanism) / FOLDER / name, bool(mechanism))
 
 
-class Recorded:
+class RecordedAdapter:
     """The adapter of one folder of answers; it gives the same whatever mechanism it is asked for."""
 
     repeatable = False

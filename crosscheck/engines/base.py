@@ -18,7 +18,7 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
-    from crosscheck.engines.shared.replay import Drive
+    from crosscheck.engines.shared.replay import DriveTorques
     from crosscheck.lifting.description import Description
     from crosscheck.lifting.reader_dynamics import ReaderDynamics
 
@@ -68,7 +68,7 @@ class FullAdapter(Adapter, Protocol):
     def export(self, mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
         """Write what the engine was given, with the expected effort (samples, nv) [N m], [N]; NotExported where it cannot."""
 
-    def replay(self, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+    def replay(self, mechanism: Mechanism, drive: DriveTorques, **settings: float) -> dict[str, Array]:
         """Let torques drive the free arm; tips (samples, 3) [m] by link."""
 
     def bench(self) -> Any:
@@ -120,11 +120,11 @@ def prepare_adapter(adapter: Adapter) -> None:
 def beside(module: str, member: str) -> Callable[..., Any]:
     """Return a member of an adapter that another module defines; it is imported when the member is called."""
 
-    return _Late(module, member)
+    return _LazyFunction(module, member)
 
 
 @dataclass(frozen=True)
-class _Late:
+class _LazyFunction:
     """A function of a module that is imported when it is called."""
 
     module: str

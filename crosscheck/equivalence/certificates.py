@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import Aligned
+from crosscheck.equivalence.alignment.seats import MemberAlignment
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states, sample_states
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, build_mechanism
 from crosscheck.lifting.rigid import move_inertia
@@ -20,7 +20,7 @@ from flexinv.model.mechanism import Array
 PLACES = 4  # configurations, as in the certificate of an engine
 
 
-def list_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> tuple[Check, ...]:
+def list_checks(first: Tree, second: Tree, seats: Mapping[str, MemberAlignment]) -> tuple[Check, ...]:
     """Return the lines of a pair [unit of each line]; seats : alignment by joint of the first."""
     names = {joint: second.members[seat.second].joint for joint, seat in seats.items()}
     states = sample_states(first, count=(PLACES, 0))
@@ -43,7 +43,7 @@ def _make_check(what: str, unit: str, ours: Array, theirs: Array, words: str = "
     return Check("", "", "B", what, unit, error <= EXACT * (scale or 1.0), error, scale, EXACT, words)
 
 
-def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, MemberAlignment]) -> Iterator[Check]:
     masses = np.array([sum(m.mass for m in tree.members) for tree in (first, second)])
     yield _make_check("total mass", "kg", masses[:1], masses[1:])
     pairs = [(first.members[s.first], move_inertia(s.frame, second.members[s.second].inertia)) for s in seats.values()]
@@ -60,7 +60,12 @@ def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -
 
 
 def _compute_both_efforts(
-    first: Tree, second: Tree, seats: Mapping[str, Aligned], names: dict[str, str], states: States, inertia: bool
+    first: Tree,
+    second: Tree,
+    seats: Mapping[str, MemberAlignment],
+    names: dict[str, str],
+    states: States,
+    inertia: bool,
 ) -> tuple[Array, Array]:
     """Mass matrix (columns of unit accelerations) or gravity effort of both, in A's coordinates."""
     none = np.zeros(3)
@@ -77,7 +82,7 @@ def _compute_both_efforts(
     return np.array([a for a, _ in found]), np.array([b for _, b in found])
 
 
-def _list_axis_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_axis_checks(first: Tree, second: Tree, seats: Mapping[str, MemberAlignment]) -> Iterator[Check]:
     gaps = {}
     for joint, seat in seats.items():
         one = first.members[seat.first]
@@ -89,7 +94,7 @@ def _list_axis_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -
         yield _make_check("joint axes", "-", *gaps[worst], worst)
 
 
-def _list_drive_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_drive_checks(first: Tree, second: Tree, seats: Mapping[str, MemberAlignment]) -> Iterator[Check]:
     for name in PASSIVE[:4]:
         values = np.array(
             [[getattr(t.members[k], name) for t, k in ((first, s.first), (second, s.second))] for s in seats.values()]

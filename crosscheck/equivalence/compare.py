@@ -11,14 +11,14 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.align import find_alignment
 from crosscheck.equivalence.alignment.bases import list_base_differences
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
-from crosscheck.equivalence.beams.bending import Felt, compute_beam_effects
+from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
+from crosscheck.equivalence.beams.bending import BeamEffects, compute_beam_effects
 from crosscheck.equivalence.beams.held import make_rigid_mechanism
-from crosscheck.equivalence.beams.sections import Beams
+from crosscheck.equivalence.beams.sections import MatchedBeams
 from crosscheck.equivalence.certificates import list_checks
 from crosscheck.equivalence.couplings import add_coupling_differences
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.digits import Digits, Sheet
+from crosscheck.equivalence.digits import PairedDigits, PrintedDigits
 from crosscheck.equivalence.efforts import evaluate_efforts, map_efforts_back, map_states, sample_states
 from crosscheck.equivalence.groups import (
     BODY,
@@ -28,22 +28,27 @@ from crosscheck.equivalence.groups import (
     join_exchanged_bodies,
     join_scaled_differences,
 )
-from crosscheck.equivalence.judge import Bench, Judged, is_rounding, judge
+from crosscheck.equivalence.judge import EffortProblem, Judgement, is_rounding, judge
 from crosscheck.equivalence.loops import list_loop_differences
 from crosscheck.equivalence.matching.match import Match, match
 from crosscheck.equivalence.matching.roots import match_roots
 from crosscheck.equivalence.members import (
     START,
-    Pair,
+    MemberPair,
     list_body_differences,
     list_drive_differences,
     list_joint_differences,
 )
-from crosscheck.equivalence.output.advice import Sides, collect_advice
+from crosscheck.equivalence.output.advice import ComparedDescriptions, collect_advice
 from crosscheck.equivalence.proof import SAMPLES, SEED, prove
-from crosscheck.equivalence.proving.features import Ground, add_feature_differences, describe_ignored, find_start_poses
+from crosscheck.equivalence.proving.features import (
+    CommonGround,
+    add_feature_differences,
+    describe_ignored,
+    find_start_poses,
+)
 from crosscheck.equivalence.proving.provers import add_dynamics
-from crosscheck.equivalence.reduce import Reduced, build_matched_trees
+from crosscheck.equivalence.reduce import ReducedTrees, build_matched_trees
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, build_tree
@@ -100,11 +105,11 @@ def check_comparison_options(tolerance: float, judge: Iterable[str]) -> tuple[st
 
 
 @dataclass(frozen=True)
-class Found:
+class TreeComparison:
     """Differences of two reduced trees, with the alignment of their members."""
 
-    trees: Reduced
-    seats: list[Aligned]
+    trees: ReducedTrees
+    seats: list[MemberAlignment]
     differences: list[Difference]
     motion: Placement
 
@@ -136,7 +141,7 @@ def compare_descriptions(
         two = build_tree(second.mechanism, second.gears)
     bent = compute_beam_effects(beams)
     size = max(_compute_tree_size(one), _compute_tree_size(two))
-    printed = Digits(Sheet(one, first.printed), Sheet(two, second.printed))
+    printed = PairedDigits(PrintedDigits(one, first.printed), PrintedDigits(two, second.printed))
     found = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
     trees = found.trees
     seats = {found.trees.first.members[s.first].joint: s for s in found.seats}
@@ -154,13 +159,19 @@ def compare_descriptions(
         theirs = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
         wanted = map_efforts_back(theirs, trees.first, moving)
     bound = max(tolerance, rounding)
-    judged = _add_beam_effects(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
+    judged = _add_beam_effects(
+        judge(EffortProblem(trees.first, states, wanted), [*every, *bent.differences], bound), bent
+    )
     if any(side.features or side.dynamics is not None for side in lifted):
         silent = trees.first.replace_fields(c for d in every if not d.cause for c in d.changes)
         places = sample_states(trees.first, SEED, (SAMPLES, 0))
-        ground = Ground(trees.first, places, moving, names, find_start_poses(trees.first, silent), not rooted.links)
+        ground = CommonGround(
+            trees.first, places, moving, names, find_start_poses(trees.first, silent), not rooted.links
+        )
         judged = add_feature_differences(judged, lifted, ground, ignored, bound)
-    sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links)
+    sides = ComparedDescriptions(
+        (first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links
+    )
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
         certificate=list_checks(trees.first, trees.second, moving),
@@ -172,17 +183,17 @@ def compare_descriptions(
     )  # fmt: skip
 
 
-def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Beams:
+def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> MatchedBeams:
     """The beams of both, by links whose joints are matched."""
     first, second = mechanisms
     joints = {a: b for a, b in pairs.pairs.items() if a in first.joint_of and b in second.joint_of}
     fixed = {j.child for m in mechanisms for j in m.joints if j.kind == "fixed"}
     links = {first.joint_of[a].child: second.joint_of[b].child for a, b in joints.items()}
     links |= {name: name for name in fixed if name in first.link_of and name in second.link_of and name not in links}
-    return Beams(first, second, links, joints)
+    return MatchedBeams(first, second, links, joints)
 
 
-def _add_beam_effects(judged: Judged, bent: Felt) -> Judged:
+def _add_beam_effects(judged: Judgement, bent: BeamEffects) -> Judgement:
     """The judgement with the torques of links that bend, where those differ more."""
     worst = max((judged.before, judged.before_effort, judged.worst_joint), bent.before)
     after = max(judged.after, bent.after[0])
@@ -198,7 +209,9 @@ def _compute_tree_size(tree: Tree) -> float:
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
-def _find_least_explanation(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
+def _find_least_explanation(
+    one: Tree, two: Tree, joints: dict[str, str], size: float, printed: PairedDigits
+) -> TreeComparison:
     """The explanation with the fewest differences: fixed links kept or merged."""
     kept = _find_explanation(one, two, joints, True, size, printed)
     if not _count(kept) or all(member.kind != "fixed" for member in kept.trees.first.members):
@@ -207,7 +220,7 @@ def _find_least_explanation(one: Tree, two: Tree, joints: dict[str, str], size: 
     return kept if _count(kept) <= _count(whole) else whole
 
 
-def _count(found: Found) -> int:
+def _count(found: TreeComparison) -> int:
     """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
     held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
     return sum(
@@ -215,11 +228,13 @@ def _count(found: Found) -> int:
     )
 
 
-def _find_explanation(one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Digits) -> Found:
+def _find_explanation(
+    one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: PairedDigits
+) -> TreeComparison:
     trees = build_matched_trees(one, two, joints, links)
     alignment = find_alignment(trees.first, trees.second, trees.pairs, size)
     members = trees.first.members, trees.second.members
-    pairs = [Pair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
+    pairs = [MemberPair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
     found: list[Difference] = []
     for pair in pairs:
         own = [*list_body_differences(pair)]
@@ -232,10 +247,10 @@ def _find_explanation(one: Tree, two: Tree, joints: dict[str, str], links: bool,
     found = join_exchanged_bodies(trees.first, trees.second, pairs, found)
     base = list_base_differences(trees.first, trees.second, alignment.motion, pairs)
     found = [*trees.found, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
-    return Found(trees, alignment.seats, found, alignment.motion)
+    return TreeComparison(trees, alignment.seats, found, alignment.motion)
 
 
-def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:
+def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: TreeComparison) -> list[str]:
     """Conventions that change no coordinate: names, order, frames of links, merged links."""
     notes = []
     renamed = {a: b for a, b in pairs.pairs.items() if a != b}

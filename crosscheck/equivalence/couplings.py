@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import is_rounding
 from crosscheck.equivalence.members import SIGN, ZERO
@@ -23,7 +23,7 @@ SHOWN = 4  # names of joints
 
 
 def add_coupling_differences(
-    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference],
+    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, MemberAlignment], found: Iterable[Difference],
     tolerance: float = SAME,
 ) -> list[Difference]:  # fmt: skip
     """Return the differences given and those of couplings [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
@@ -74,7 +74,7 @@ def _is_same_law(a: Law, b: Law, tolerance: float) -> bool:
 def _find_following_couplings(
     apart: Mapping[Joints, tuple[Law, Law]],
     back: Mapping[str, str],
-    seats: Mapping[str, Aligned],
+    seats: Mapping[str, MemberAlignment],
     counted: list[Counted],
     tolerance: float,
 ) -> Follows:
@@ -95,7 +95,9 @@ def _find_following_couplings(
     return {key: max(alike, key=lambda some: sum(often[one] for one in some)) for key, alike in ways.items()}
 
 
-def _drop_coordinate_changes(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str, Aligned]:
+def _drop_coordinate_changes(
+    seats: Mapping[str, MemberAlignment], some: Iterable[Counted]
+) -> dict[str, MemberAlignment]:
     """The alignments as if some coordinates counted in B as in A."""
     found = dict(seats)
     for cause, name in some:
@@ -129,7 +131,7 @@ def _scale_law(law: Law) -> Law:
     return {name: factor / lead for name, factor in factors.items()}, offset / lead
 
 
-def _map_law(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Law:
+def _map_law(law: Law, back: Mapping[str, str], seats: Mapping[str, MemberAlignment]) -> Law:
     """B's law in A's coordinates: q_B = sign (q_A - offset)."""
     factors = {}
     offset = law[1]

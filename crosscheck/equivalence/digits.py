@@ -21,7 +21,7 @@ VECTOR = float(np.sqrt(3.0))  # of three numbers, each off by half a digit
 
 
 @dataclass(frozen=True)
-class Sheet:
+class PrintedDigits:
     """One file's half digits by (element, quantity), and the tree that it describes, with all of its fixed links."""
 
     tree: Tree
@@ -119,11 +119,11 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class Digits:
+class PairedDigits:
     """Half digits of both files: of two numbers that should be one the coarser counts."""
 
-    first: Sheet
-    second: Sheet
+    first: PrintedDigits
+    second: PrintedDigits
 
     def joint(self, one: Member, two: Member, quantity: str) -> float:
         """Return the open part of a joint: "position", "shift" of its zero [m], "rotation", "zero" [rad], or a stated number."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import Aligned
+from crosscheck.equivalence.alignment.seats import MemberAlignment
 from crosscheck.equivalence.tree import SCALARS, Member, Tree, build_mechanism
 from crosscheck.lifting.rigid import (
     apply_placement,
@@ -164,7 +164,7 @@ def evaluate_tree_efforts(tree: Tree, states: States) -> dict[str, Array]:
     return evaluate_efforts(build_mechanism(tree), states)
 
 
-def map_states(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> States:
+def map_states(states: States, tree: Tree, seats: Mapping[str, MemberAlignment]) -> States:
     """Return states of A as states of B, by joint of A [rad], [m]."""
     q = {}
     poses = {}
@@ -187,7 +187,7 @@ def map_states(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> Stat
     return States(q, poses, qd, qdd)
 
 
-def map_efforts_back(found: Mapping[str, Array], tree: Tree, seats: Mapping[str, Aligned]) -> dict[str, Array]:
+def map_efforts_back(found: Mapping[str, Array], tree: Tree, seats: Mapping[str, MemberAlignment]) -> dict[str, Array]:
     """Return efforts of B as efforts of A's coordinates [N m], [N]."""
     made = {}
     for joint, k in tree.moving.items():

@@ -9,7 +9,7 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair, list_body_differences
+from crosscheck.equivalence.members import MemberPair, list_body_differences
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.rigid import move_inertia
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -28,7 +28,7 @@ FIELDS = {
 FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction": "friction"}
 
 
-def find_missing_links(pair: Pair) -> Difference | None:
+def find_missing_links(pair: MemberPair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
     one = pair.one
     there = move_inertia(pair.seat.frame, pair.two.inertia)
@@ -42,7 +42,7 @@ def find_missing_links(pair: Pair) -> Difference | None:
     return None
 
 
-def find_differing_body(pair: Pair) -> list[Difference]:
+def find_differing_body(pair: MemberPair) -> list[Difference]:
     """Return the differences of one body of several that make up a member, where that body is all that differs.
 
     Bodies have counterparts by their names; or one body of either is what the whole of the other leaves beside its others,
@@ -67,7 +67,7 @@ def counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str
     return ""
 
 
-def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
+def _one_of_ours(pair: MemberPair, ours: dict[str, Inertia]) -> list[Difference]:
     """The differences of one body of A, where those are fewer than those of the whole."""
     if len(ours) < max(2, len(pair.one.parts)):
         return []
@@ -82,7 +82,7 @@ def _one_of_ours(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
     return best if best and len(_list_with_cause(best)) < len(whole) else []
 
 
-def _find_body_of_second(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
+def _find_body_of_second(pair: MemberPair, theirs: dict[str, Inertia]) -> list[Difference]:
     """The difference of one body of B, where that body's alone stands for two or more of the whole."""
     whole = list(list_body_differences(pair))
     one = pair.one.inertia
@@ -111,7 +111,7 @@ def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
     return Inertia.stated(mass, com, whole.tensor + about[0] - part.tensor - about[1])
 
 
-def _list_part_differences(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
+def _list_part_differences(pair: MemberPair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
     """Yield the differences of one body of a member, each with a change of that body."""
     seat = replace(pair.seat, frame=Placement())
     for d in list_body_differences(
@@ -121,7 +121,7 @@ def _list_part_differences(pair: Pair, name: str, one: Inertia, two: Inertia) ->
         yield replace(d, place=f"body {name} (on link {pair.one.name})", changes=changes)
 
 
-def _make_body_member(pair: Pair, name: str, body: Inertia) -> Member:
+def _make_body_member(pair: MemberPair, name: str, body: Inertia) -> Member:
     return replace(pair.one, name=name, mass=body.mass, com=body.com, tensor=body.tensor, parts=((name, body),))
 
 
@@ -146,7 +146,7 @@ def _is_same_body(one: Inertia, two: Inertia, size: float, tolerance: float = SA
 
 
 def _make_missing_difference(
-    pair: Pair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia
+    pair: MemberPair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia
 ) -> Difference:
     mass = sum(mine[name].mass for name in lost)
     values = (f"{mass:.9g} kg", "none") if side == "A" else ("none", f"{mass:.9g} kg")
@@ -156,7 +156,7 @@ def _make_missing_difference(
 
 
 def join_exchanged_bodies(
-    first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Difference]
+    first: Tree, second: Tree, pairs: Iterable[MemberPair], found: list[Difference]
 ) -> list[Difference]:
     """Return the differences with bodies that stand at one another's link as one each."""
     off = {d.place for d in found if d.cause in BODY}
@@ -175,7 +175,7 @@ def join_exchanged_bodies(
     return made + [d for d in found if not (d.place in used and d.cause in (*BODY, ""))]
 
 
-def _is_exchanged_pair(one: Pair, two: Pair) -> bool:
+def _is_exchanged_pair(one: MemberPair, two: MemberPair) -> bool:
     """Return True if each has the other's body, and not its own to rounding: two alike are not exchanged."""
     alike = _has_equal_inertia(one.one, one.two, one.size, SEEN) and _has_equal_inertia(
         two.one, two.two, one.size, SEEN

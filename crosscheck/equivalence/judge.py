@@ -26,7 +26,7 @@ SIGNIFICANT = 5e-3  # relative: half the last of three significant digits; to th
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """Causes, what files round, what no torque can tell; the largest effort error [-] of its range before and after repair.
 
     before_effort : the largest difference of an effort before repair [N m], [N], and at which joint
@@ -45,7 +45,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Bench:
+class EffortProblem:
     """The tree of A, states, and B's efforts there in A's coordinates [N m], [N]; kinds : A's moving joints as B has them."""
 
     tree: Tree
@@ -78,7 +78,7 @@ def compute_effort_share(found: Mapping[str, Array], wanted: Mapping[str, Array]
     return worst
 
 
-def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged:
+def judge(bench: EffortProblem, found: Iterable[Difference], tolerance: float) -> Judgement:
     """Sort differences by what they do to efforts; tolerance : relative to the range of an effort [-]."""
     found = list(found)
     silent = [d for d in found if not d.cause]
@@ -104,7 +104,7 @@ def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged
     conventions = [d for d in found if d.family == "convention"]
     limits = [d for d in found if d.family == "limits"]
     causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))
-    return Judged(
+    return Judgement(
         tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if is_rounding(d))), tuple(unseen),
         tuple(d for d in conventions if not is_rounding(d)), tuple(d for d in limits if not is_rounding(d)),
         before[0], after[0], before[1], before[2], bench.share(small, whole)[1],
@@ -131,7 +131,7 @@ def _find_largest_number(text: str) -> float:
 
 
 def _compute_effect(
-    bench: Bench, difference: Difference, every: list[Difference], whole: Mapping[str, Array]
+    bench: EffortProblem, difference: Difference, every: list[Difference], whole: Mapping[str, Array]
 ) -> Difference:
     without = bench.efforts(d for d in every if d is not difference)
     share, effort, _ = bench.share(without, whole)
@@ -139,7 +139,11 @@ def _compute_effect(
 
 
 def _find_minimal_differences(
-    bench: Bench, always: list[Difference], acting: list[Difference], whole: Mapping[str, Array], tolerance: float
+    bench: EffortProblem,
+    always: list[Difference],
+    acting: list[Difference],
+    whole: Mapping[str, Array],
+    tolerance: float,
 ) -> tuple[list[Difference], list[Difference]]:
     """Leave out, one after the other, what leaves no more than the tolerance; then all of a link, then all of rigid bodies."""
     kept = list(acting)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Change, Difference
-from crosscheck.equivalence.digits import VECTOR, Digits
+from crosscheck.equivalence.digits import VECTOR, PairedDigits
 from crosscheck.equivalence.hints import describe_factor, describe_tensor_change, describe_vector_change
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import apply_placement, compute_angle, move_inertia
@@ -36,14 +36,14 @@ TURN = 2 * np.pi  # [rad]
 
 
 @dataclass(frozen=True)
-class Pair:
+class MemberPair:
     """A member of A with the one of B, and how they are aligned; size : of the machines [m]; printed : digits of both."""
 
     one: Member
     two: Member
-    seat: Aligned
+    seat: MemberAlignment
     size: float
-    printed: Digits
+    printed: PairedDigits
 
     @property
     def joint(self) -> str:
@@ -68,14 +68,14 @@ class Pair:
         return self.seat.first, name, value
 
 
-def list_member_differences(pair: Pair) -> Iterator[Difference]:
+def list_member_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield every difference of two matched members [unit of each]."""
     yield from list_joint_differences(pair)
     yield from list_body_differences(pair)
     yield from list_drive_differences(pair)
 
 
-def list_joint_differences(pair: Pair) -> Iterator[Difference]:
+def list_joint_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of kind, place, axis [m], [rad], and of how the coordinate counts."""
     one = pair.one
     two = pair.two
@@ -109,7 +109,7 @@ def list_joint_differences(pair: Pair) -> Iterator[Difference]:
         )  # fmt: skip
 
 
-def _compare_placement(pair: Pair) -> Iterator[Difference]:
+def _compare_placement(pair: MemberPair) -> Iterator[Difference]:
     one = pair.one
     rest = pair.seat.rest
     way = float(np.linalg.norm(rest.position))
@@ -135,12 +135,12 @@ def _compare_placement(pair: Pair) -> Iterator[Difference]:
         yield _make_silent_difference(pair, "placement rotation", target.rotation)
 
 
-def _make_silent_difference(pair: Pair, name: str, value: Any) -> Difference:
+def _make_silent_difference(pair: MemberPair, name: str, value: Any) -> Difference:
     """Put right a difference too small to be named: many of them add up."""
     return Difference("rigid", "", pair.joint, 0.0, "-", "", "", (pair.change(name, value),))
 
 
-def _compare_start_pose(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
+def _compare_start_pose(pair: MemberPair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
     """Compare the pose of a floating base at zero [m], [rad]: its coordinates count from there; what acts on it is the same."""
     one = pair.one
     yield _make_silent_difference(pair, "placement position", target.position)
@@ -154,7 +154,7 @@ def _compare_start_pose(pair: Pair, target: Placement, way: float, turn: float) 
             yield Difference("convention", START, pair.joint, size, unit, a, b, hints=hints)
 
 
-def list_body_differences(pair: Pair) -> Iterator[Difference]:
+def list_body_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of mass [kg], centre of mass [m] and tensor [kg m^2] of a link."""
     one = pair.one
     there = move_inertia(pair.seat.frame, pair.two.inertia)
@@ -178,7 +178,7 @@ def list_body_differences(pair: Pair) -> Iterator[Difference]:
         yield Difference("rigid", "inertia tensor", pair.link, off, "kg m^2", *shown, changes, hints, printed=digits)
 
 
-def list_drive_differences(pair: Pair) -> Iterator[Difference]:
+def list_drive_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of rotor, damping, friction, spring, gear [-] and limits."""
     one = pair.one
     two = pair.two
@@ -203,7 +203,7 @@ def list_drive_differences(pair: Pair) -> Iterator[Difference]:
     yield from _compare_limits(pair)
 
 
-def _compare_limits(pair: Pair) -> Iterator[Difference]:
+def _compare_limits(pair: MemberPair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
     ours = pair.one.limits
     theirs = _map_limits(pair.two.limits, pair.seat)
@@ -231,7 +231,7 @@ def _resolve_limit(limit: float) -> float:
     return limit if abs(limit) < UNBOUND else float(np.copysign(np.inf, limit))
 
 
-def _describe_unchanged_limits(pair: Pair) -> tuple[str, ...]:
+def _describe_unchanged_limits(pair: MemberPair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
     ours = pair.one.limits
     theirs = pair.two.limits
@@ -243,7 +243,7 @@ def _describe_unchanged_limits(pair: Pair) -> tuple[str, ...]:
     return () if any(_close(ours, _map_limits(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
 
 
-def _map_limits(limits: Limits, seat: Aligned) -> Limits:
+def _map_limits(limits: Limits, seat: MemberAlignment) -> Limits:
     ends = sorted((seat.sign * limits.lower + seat.offset, seat.sign * limits.upper + seat.offset))
     return Limits(limits.effort, limits.velocity, *ends)
 
@@ -255,7 +255,7 @@ def _close(one: Limits, two: Limits) -> bool:
 
 
 def _make_scalar_difference(
-    pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = ""
+    pair: MemberPair, family: str, cause: str, name: str, value: float, unit: str, place: str = ""
 ) -> Difference:
     ours = float(getattr(pair.one, name))
     digits = pair.of_body(name) if place else pair.of_joint(name)

@@ -12,7 +12,7 @@ from flexinv.model.mechanism import Placement
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedTrees:
     """Two trees with the same members: numbers of the second by those of the first, and what was held in which."""
 
     first: Tree
@@ -21,7 +21,7 @@ class Reduced:
     found: tuple[Difference, ...] = ()
 
 
-def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> Reduced:
+def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> ReducedTrees:
     """Return both trees with the members that match; links : keep fixed links that both have by name, too.
 
     joints : matched joints by joint of the first.  Joints that only one of them has are held at zero, which is a difference.
@@ -43,7 +43,7 @@ def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links
             break
         fixed = {a: b for a, b in fixed.items() if a not in wrong}
     one, pairs, moved = _move_to_matched_parents(one, two, pairs)
-    return Reduced(one, two, sorted(pairs.items()), (*found, *moved))
+    return ReducedTrees(one, two, sorted(pairs.items()), (*found, *moved))
 
 
 def _list_unmatched_members(tree: Tree, joints: set[str], fixed: set[int]) -> list[int]:

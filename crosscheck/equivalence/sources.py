@@ -24,7 +24,7 @@ from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from crosscheck.lifting.usd import can_read_usd, lift_usd
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
-from flexinv.files.regular_files import NotRegular, describe_kind, read_regular
+from flexinv.files.regular_files import NotRegularFile, describe_kind, read_regular
 from flexinv.files.toml_tables import LONGEST_PATH, make_input_error
 from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
@@ -162,7 +162,7 @@ def _read_start(path: Path) -> bytes:
     """The first bytes of a regular file.  Raises InputError."""
     try:
         return read_regular(path, 4095)
-    except NotRegular as error:
+    except NotRegularFile as error:
         expected = "a description of a machine, as a regular file"
         raise make_input_error(str(path)[:LONGEST_PATH], str(error), expected, WRITE) from None
 

@@ -190,7 +190,7 @@ def _compute_run_scatter(machine: Machine, found: Fit, run: Run) -> Array:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ChannelJudgement:
     """One channel of a judged log: parts explained while sliding, of that without a constant, and over all samples.
 
     coverage : part of samples inside the band; width : of the band over the RMS error; all [-]; rms : RMS error [unit]
@@ -213,7 +213,9 @@ def compute_explained_share(measured: Array, told: Array) -> float:
     return float(1.0 - np.sum((measured - told) ** 2) / np.sum((measured - measured.mean()) ** 2))
 
 
-def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_] | None = None) -> list[Judged]:
+def judge(
+    machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_] | None = None
+) -> list[ChannelJudgement]:
     """Judge a prediction by the measurement [-]; chosen : (samples, channels), by default `Run.counted`.
 
     A prediction is nan where there is none, outside of all blocks: "all samples" are those that it has.
@@ -237,11 +239,11 @@ def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_
             compute_explained_share(y[known], told.value[known, c]),
             float(inside.mean()),
         )
-        out.append(Judged(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
+        out.append(ChannelJudgement(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
     return out
 
 
-def judge_predictions(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[Judged]:
+def judge_predictions(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[ChannelJudgement]:
     """Judge predictions of several runs, and all of them together where there are more [-]."""
     out = [row for run, told in some for row in judge(machine, run, told)]
     if len(some) < 2:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
-from crosscheck.identification.parameters import MASS, Key, Space
+from crosscheck.identification.parameters import MASS, Key, ParameterSpace
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ MOST = 4  # others that a sentence names
 
 
 @dataclass(frozen=True)
-class Together:
+class ParameterCombination:
     """A parameter that the logs tell only together with others.
 
     key, unit : what and where; others : kind and place of each, the first takes most
@@ -60,7 +60,7 @@ def count_narrowed_directions(found: Fit) -> int:
     return int((np.linalg.eigvalsh(found.covariance) < TOLD**2).sum())
 
 
-def list_combinations(space: Space, found: Fit) -> list[Together]:
+def list_combinations(space: ParameterSpace, found: Fit) -> list[ParameterCombination]:
     """Return the parameters [unit of each] that are told only together with others, at most `MOST` others each."""
     keys, units, slope = _convert_to_physical(space, found.z)
     width = np.linalg.norm(slope, axis=1)
@@ -74,7 +74,7 @@ def list_combinations(space: Space, found: Fit) -> list[Together]:
         others, left = _find_pursuit_columns(information, k)
         if others and left < 1.0 / (1.0 + information[k, k]) ** 0.5:
             alone = 1.645 * width[k] / np.sqrt(1.0 + information[k, k])
-            out.append(Together(key, units[k], tuple(keys[j] for j in others), float(alone), left))
+            out.append(ParameterCombination(key, units[k], tuple(keys[j] for j in others), float(alone), left))
     return out
 
 
@@ -107,7 +107,7 @@ def _compute_column_rest(information: Array, k: int, others: list[int]) -> float
     return float(information[k, k] - beside @ np.linalg.solve(block, beside))
 
 
-def _convert_to_physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
+def _convert_to_physical(space: ParameterSpace, z: Array) -> tuple[list[Key], list[str], Array]:
     """Return the parameters in physical quantities: what and where, units, derivatives by z (parameters, parameters)."""
     at = {p.key: k for k, p in enumerate(space.parameters)}
     keys: list[Key] = [p.key for p in space.parameters]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, Run, compute_measured_motion
-from crosscheck.identification.response import Measured, build_response
+from crosscheck.identification.response import MeasuredMotion, build_response
 
 Array = NDArray[np.float64]
 HARMONICS = 5
@@ -70,7 +70,7 @@ def find_exciting_motion(machine: Machine, found: Fit, log: Log, seconds: float 
 Bounds = tuple[float, float, float]  # middle, half range, largest rate
 
 
-def _find_motion_bounds(machine: Machine, seen: Measured, k: int) -> Bounds:
+def _find_motion_bounds(machine: Machine, seen: MeasuredMotion, k: int) -> Bounds:
     limits = machine.mechanism.joint_of[seen.names[k]].limits
     low = seen.q[:, k].min()
     high = seen.q[:, k].max()
@@ -104,7 +104,7 @@ def _compute_motion_score(
 ) -> tuple[float, Array]:
     """Sum of log variances after the motion, and the variances (parameters,)."""
     time = np.arange(0.0, seconds, 1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz))
-    motion = Measured(
+    motion = MeasuredMotion(
         time, tuple(machine.settings.joints), *_evaluate_fourier_series(coefficients, time, seconds, bounds)
     )
     tell = build_response(machine.mechanism, machine.space, machine.settings, motion)

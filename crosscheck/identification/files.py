@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from crosscheck.identification.bands import Judged, Prediction
+from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.readings import Machine
 from crosscheck.identification.table import Row
 
@@ -28,7 +28,7 @@ def write_parameters(table: list[Row], file: Path) -> None:
     frame.to_csv(file, index=False, float_format="%.9g")
 
 
-def write_judged(seen: list[Judged], judged: list[Judged], file: Path) -> None:
+def write_judged(seen: list[ChannelJudgement], judged: list[ChannelJudgement], file: Path) -> None:
     """Write what is explained and covered of every channel [-], RMS errors [unit of the channel]."""
     rows = [{"part": part} | vars(row) for part, some in (("identified", seen), ("held out", judged)) for row in some]
     frame = pd.DataFrame(rows)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck import output_folder as owned
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.identify import Identification
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_short
@@ -40,7 +40,7 @@ OF_SECTION = {"EA_N", "GA_N", "GJ_Nm2", "EI_Nm2", "E_Pa", "G_Pa"}
 Tables = dict[str, dict[str, tuple[Any, str]]]
 
 
-def write_identified(found: Identified, base: Path, file: Path) -> None:
+def write_identified(found: Identification, base: Path, file: Path) -> None:
     """Write the overlay of a mechanism file [kg], [m], [kg m^2], [N m s/rad], [N m]; base : that file; file : where to write."""
     mechanism = found.machine.mechanism
     space = found.machine.space
@@ -66,7 +66,7 @@ def _describe_row(row: Row) -> str:
     )
 
 
-def _fill_link_tables(found: Identified, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> None:
+def _fill_link_tables(found: Identification, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> None:
     if "urdf" in data:
         return
     mechanism = found.machine.mechanism

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Prediction
-from crosscheck.identification.causes.name_causes import Remains
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.bands import ChannelJudgement, Prediction
+from crosscheck.identification.causes.name_causes import CauseFindings
+from crosscheck.identification.identify import Identification
 from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
@@ -51,7 +51,7 @@ UNJUDGED = """
 No limit is stated, so that nothing is judged: write [[limits]] into identify.toml, and give a log that is held out."""
 
 
-def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command: str, out: Path) -> Results:
+def write_page(found: Identification, causes: Sequence[tuple[str, CauseFindings]], command: str, out: Path) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
     causes : name of a log and what it shows beside the model
@@ -70,7 +70,7 @@ def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command
     return results
 
 
-def build_study_row(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyRow:
+def build_study_row(found: Identification, causes: Sequence[tuple[str, CauseFindings]]) -> StudyRow:
     """Return all that the page shows [unit of each]."""
     name = found.machine.mechanism.name
     told = sum(row.identifiable for row in found.parameters)
@@ -97,7 +97,7 @@ def build_study_row(found: Identified, causes: Sequence[tuple[str, Remains]]) ->
     )
 
 
-def judge_channel(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
+def judge_channel(limits: Sequence[LimitTable], row: ChannelJudgement) -> tuple[str, str]:
     """Return verdict and message of a judged channel by the limits that are stated for it [-]."""
     own = [limit for limit in limits if list_matching_names(limit.channel, [row.channel])]
     if not own:
@@ -115,7 +115,7 @@ def judge_channel(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
     return ("deviation", "; ".join(broken)) if broken else ("within", "")
 
 
-def _list_channel_rows(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_channel_rows(found: Identification) -> Iterator[dict[str, Any]]:
     limits = found.machine.settings.limits
     for part, some in (("held out", found.judged), ("identified from", found.seen)):
         judges = part == "held out" or not found.judged
@@ -127,7 +127,7 @@ def _list_channel_rows(found: Identified) -> Iterator[dict[str, Any]]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _list_band_figures(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_band_figures(found: Identification) -> Iterator[dict[str, Any]]:
     """One figure per sensor: of the first log held out, or the first one."""
     run, told = (found.held or found.shown)[0]
     every = max(1, len(run.time) // POINTS)
@@ -145,7 +145,7 @@ def _list_band_figures(found: Identified) -> Iterator[dict[str, Any]]:
         }
 
 
-def _list_spectrum_figures(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_spectrum_figures(found: Identification) -> Iterator[dict[str, Any]]:
     """Amplitude spectra of what remains, each over the RMS of what was measured."""
     run, told = (found.held or found.shown)[0]
     if run.measured is None:
@@ -178,7 +178,7 @@ def _drop_digits(values: Array) -> list[float]:
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def _build_cause_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str, Any]:
     rows = []
     for log, rest in causes:
         rows += [
@@ -194,7 +194,7 @@ def _build_cause_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     return {"title": "Causes of what remains", "columns": columns, "rows": rows}
 
 
-def _build_least_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str, Any]:
     rows = [
         {"log": log, "name": one.name, "place": one.place, "size": one.size if np.isfinite(one.size) else None, "unit": one.unit}
         for log, rest in causes
@@ -242,7 +242,7 @@ def _build_doubt_table(words: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _build_scatter_table(found: Identified) -> dict[str, Any]:
+def _build_scatter_table(found: Identification) -> dict[str, Any]:
     """Mean and RMS error of every sensor in every log: how much runs differ beside what scatters inside of one."""
     rows = []
     for part, some in (("identified from", found.shown), ("held out", found.held)):

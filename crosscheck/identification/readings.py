@@ -20,9 +20,9 @@ from scipy.signal import lfilter
 
 from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.parameters import KINDS, Key, Space, find_prior_value
+from crosscheck.identification.parameters import KINDS, Key, ParameterSpace, find_prior_value
 from crosscheck.identification.points import PointSensor, list_point_sensors
-from crosscheck.identification.response import Measured, Response, build_response
+from crosscheck.identification.response import MeasuredMotion, Response, build_response
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, LENGTHS, RATES, IdentifyTable, RateTable
 from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
@@ -67,7 +67,7 @@ class Run:
 
     name: str
     time: Array
-    motion: Measured
+    motion: MeasuredMotion
     response: Response
     measured: Array | None
     sliding: NDArray[np.bool_]
@@ -81,7 +81,7 @@ class Machine:
 
     mechanism: Mechanism
     settings: IdentifyTable
-    space: Space
+    space: ParameterSpace
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -129,7 +129,7 @@ class Machine:
         return drive.torque_constant * (1.0 if effort.side == "motor" else drive.ratio)
 
 
-def compute_measured_motion(machine: Machine, log: Log) -> Measured:
+def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
     """Return the motion of the measured joints [rad], [m], low-passed without delay and differentiated by splines.
 
     Raises InputError: a column missing, constant numbers where every joint stands, angles in degrees that are said to be radians.
@@ -157,7 +157,7 @@ def compute_measured_motion(machine: Machine, log: Log) -> Measured:
     for k, rate in rates.items():
         qd[:, k] = rate
         qdd[:, k] = CubicSpline(time, rate)(time, 1)
-    return Measured(time, tuple(settings.joints), q, qd, qdd)
+    return MeasuredMotion(time, tuple(settings.joints), q, qd, qdd)
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most angles as they were
@@ -264,7 +264,9 @@ def compute_readings(machine: Machine, run: Run, values: Mapping[Key, float]) ->
     return raw
 
 
-def compute_raw_signals(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
+def compute_raw_signals(
+    machine: Machine, motion: MeasuredMotion, respond: Response, values: Mapping[Key, float]
+) -> Array:
     """Return the raw signals of the sensors, before any low-pass of ours (samples, channels) [units of the channels]."""
     effort, moment, points = respond(values)
     spacing = float(motion.time[1] - motion.time[0])
@@ -336,7 +338,12 @@ def _resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, pla
 
 
 def _compute_gauge_signal(
-    machine: Machine, motion: Measured, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
+    machine: Machine,
+    motion: MeasuredMotion,
+    channel: Channel,
+    moment: Array,
+    values: Mapping[Key, float],
+    spacing: float,
 ) -> Array:
     table = machine.settings.gauges[channel.place]
     bent = (

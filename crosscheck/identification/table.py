@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
-from crosscheck.identification.parameters import MASS, Space
+from crosscheck.identification.parameters import MASS, ParameterSpace
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ def describe_unidentified(table: list[Row]) -> list[str]:
     ]
 
 
-def list_parameter_rows(space: Space, found: Fit) -> list[Row]:
+def list_parameter_rows(space: ParameterSpace, found: Fit) -> list[Row]:
     """Return all parameters [unit of each] with 90 % intervals."""
     random = np.random.default_rng(0)  # the same log gives the same file
     count = len(found.z)

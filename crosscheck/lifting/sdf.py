@@ -39,7 +39,7 @@ class Mimic:
 
 
 @dataclass
-class Stated:
+class SdfStatements:
     """Statements of an SDF by scoped names of joints and links; gravity (3,) [m/s^2], None where no world states it.
 
     unread : files that it includes and that are not looked at
@@ -53,9 +53,9 @@ class Stated:
     unread: list[str] = field(default_factory=list)
 
 
-def read_stated(path: Path) -> Stated:
+def read_stated(path: Path) -> SdfStatements:
     """Return the statements of an SDF [N m], [kg], included files beside it among them.  Raises InputError for no numbers."""
-    found = Stated()
+    found = SdfStatements()
     root = read_xml(path)
     for world in root.findall("world"):
         if (pull := _read_numbers(world, "gravity", f"{path}: <world>")).size == 3:
@@ -71,7 +71,7 @@ def _list_models(parent: Element) -> Iterator[Element]:
     yield from (part for part in parent if part.tag in ("model", "include"))
 
 
-def _read_model(model: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_model(model: Element, scope: str, path: Path, found: SdfStatements) -> None:
     if model.tag == "include":
         _read_include(model, scope, path, found)
         return
@@ -91,7 +91,7 @@ def _read_model(model: Element, scope: str, path: Path, found: Stated) -> None:
         _read_model(part, scope if part.get("merge") in ("true", "1") and part.tag == "model" else inner, path, found)
 
 
-def _read_joint(joint: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_joint(joint: Element, scope: str, path: Path, found: SdfStatements) -> None:
     name = _join_scope(scope, joint.get("name", ""))
     where = f'{path}: <joint name="{joint.get("name", "")}">'
     axes = [axis for axis in (joint.find("axis"), joint.find("axis2")) if axis is not None]
@@ -105,7 +105,7 @@ def _read_joint(joint: Element, scope: str, path: Path, found: Stated) -> None:
         found.mimics[name] = Mimic(_join_scope(scope, law.get("joint", "")), multiplier, offset, reference)
 
 
-def _read_include(include: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_include(include: Element, scope: str, path: Path, found: SdfStatements) -> None:
     """Look into an included file that stands beside this one; others are said to be unread."""
     uri = _read_text(include, "uri").removeprefix("file://")
     there = path.parent / uri
@@ -143,7 +143,7 @@ def _read_number(element: Element, key: str, default: float, where: str) -> floa
 
 
 def with_stated(
-    mechanism: Mechanism, stated: Stated, joint_of: Callable[[str], str]
+    mechanism: Mechanism, stated: SdfStatements, joint_of: Callable[[str], str]
 ) -> tuple[Mechanism, list[str]]:  # fmt: skip
     """Return a mechanism with the dry friction [N m], [N] and the mimics of an SDF, and what is said of them.
 
@@ -165,7 +165,7 @@ def with_stated(
 
 
 def _list_couplings(
-    mechanism: Mechanism, stated: Stated, joint_of: Callable[[str], str], words: list[str]
+    mechanism: Mechanism, stated: SdfStatements, joint_of: Callable[[str], str], words: list[str]
 ) -> Iterator[Closure]:  # fmt: skip
     here = Attachment(WORLD)
     for scoped, law in stated.mimics.items():
@@ -179,7 +179,7 @@ def _list_couplings(
         yield Closure(f"mimic {names[0]}", "coupling", here, here, factors=factors, offset=offset)
 
 
-def features_of(stated: Stated, links: Mapping[str, str]) -> tuple[Feature, ...]:
+def features_of(stated: SdfStatements, links: Mapping[str, str]) -> tuple[Feature, ...]:
     """Return the features of an SDF, of which no reader makes anything [-]; links : the mechanism's names by scoped names."""
     found = []
     for scoped, entries in stated.added.items():

@@ -25,14 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.reader_dynamics import Feature
 from crosscheck.lifting.rigid import apply_placement, compute_relative_pose, turned
 from crosscheck.lifting.usd_features import find_features, find_scenes, has_gravity, is_in_radians, read_disabled_flags
 from crosscheck.lifting.usd_joints import (
-    Told,
+    JointPrim,
     Units,
     build_couplings,
     read_effort_limit,
@@ -91,7 +91,7 @@ class _Stage:
     dropped: list[str] = field(default_factory=list)
     between: list[str] = field(default_factory=list)
     features: list[Feature] = field(default_factory=list)
-    told: dict[Any, Told] = field(default_factory=dict)
+    told: dict[Any, JointPrim] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         from pxr import UsdGeom, UsdPhysics
@@ -193,7 +193,7 @@ class _Stage:
             )
         return mass, moments, com, _convert_quaternion(found[3]) if "inertia" in missing else turn
 
-    def joints(self, prim: Any) -> Iterator[Between]:
+    def joints(self, prim: Any) -> Iterator[BodyJoint]:
         """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
         from pxr import UsdPhysics
 
@@ -210,7 +210,7 @@ class _Stage:
         ends = [first]
         kind = steps[0][0]
         single = len(steps) == 1 and kind in ("revolute", "prismatic") and not closes
-        self.told[prim.GetPath()] = Told(prim, name if single else "", kind, self.units.coordinate(kind))
+        self.told[prim.GetPath()] = JointPrim(prim, name if single else "", kind, self.units.coordinate(kind))
         for _, axis in steps[:-1]:
             between = f"{name} after {axis}"
             self.between.append(between)
@@ -220,7 +220,7 @@ class _Stage:
             called = f"{name}.{axis}" if len(steps) > 1 else name
             own = self.drive(prim, called, kind, axis[-1:])
             on_child, last = (second[1], True) if k == len(steps) - 1 else (Placement(), False)
-            yield Between(
+            yield BodyJoint(
                 called, kind, ends[k][0], ends[k + 1][0], ends[k][1], on_child,
                 AXES[axis[-1:] if kind != "spherical" else "Z"], own=own, closes=closes and last,
             )  # fmt: skip

@@ -96,7 +96,7 @@ SPEEDS = ("newton:velocityLimit", "physxJointAxis:{}:maxJointVelocity", "physxJo
 
 
 @dataclass
-class Passive:
+class PassiveTerms:
     """Passive numbers of one joint: fields of a `Joint`, what is said of them, and features that no mechanism can say."""
 
     own: dict[str, Any] = field(default_factory=dict)
@@ -105,7 +105,7 @@ class Passive:
 
 
 @dataclass(frozen=True)
-class Told:
+class JointPrim:
     """A joint prim: the joint of the mechanism that it is, "" where it is none or several, its kind and its unit [rad], [m]."""
 
     prim: Any
@@ -132,12 +132,12 @@ def list_instances(prim: Any, kind: str, axis: str) -> tuple[str, ...]:
 
 def read_passive_values(
     prim: Any, name: str, kind: str, axis: str, units: Units, off: frozenset[str] = frozenset()
-) -> Passive:
+) -> PassiveTerms:
     """Return rotor [kg m^2], damping [N m s/rad], friction [N m] and spring [N m/rad] of a joint.
 
     off : MuJoCo's flags that the scene switches off, such as "mjc:flag:spring"
     """
-    found = Passive()
+    found = PassiveTerms()
     instances = list_instances(prim, kind, axis)
     for key, attributes in PASSIVE.items():
         stated = {a.key.format(instances[0]): a.value(prim, kind, instances, units) for a in attributes}
@@ -157,7 +157,7 @@ def read_passive_values(
     return found
 
 
-def _add_value(found: Passive, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
+def _add_value(found: PassiveTerms, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
     name, kind = joint
     if key != "stiffness":
         found.own[key] = value
@@ -204,7 +204,7 @@ def read_effort_limit(prim: Any, kind: str, units: Units) -> float:
     return max(abs(low), abs(high)) * units.effort(kind)
 
 
-def build_couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str], list[Feature]]:
+def build_couplings(joints: Mapping[Any, JointPrim]) -> tuple[list[Closure], list[str], list[Feature]]:
     """Return the laws  q - factor q_of = offset [rad], [m]  of joints that mimic others, by prim path; what is lost; features."""
     made: list[Closure] = []
     lost: list[str] = []
@@ -227,7 +227,7 @@ def build_couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str
     return made, lost, features
 
 
-def _read_mimic_law(one: Told) -> tuple[Any, float, float] | None:
+def _read_mimic_law(one: JointPrim) -> tuple[Any, float, float] | None:
     """Prim path of what a joint mimics, factor [-], offset in the units of the stage [deg]."""
     prim = one.prim
     enabled = prim.GetAttribute("newton:mimicEnabled").Get()
@@ -249,7 +249,7 @@ def _read_mimic_law(one: Told) -> tuple[Any, float, float] | None:
     return None
 
 
-def _list_higher_orders(one: Told, other: Told, linear: tuple[float, float]) -> Iterator[Feature]:
+def _list_higher_orders(one: JointPrim, other: JointPrim, linear: tuple[float, float]) -> Iterator[Feature]:
     more = tuple(read_number(one.prim, f"mjc:coef{k}") or 0.0 for k in (2, 3, 4))
     if any(more):
         names = one.name, other.name

@@ -17,7 +17,7 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 
 from crosscheck.linting.finding import Finding, make_error, make_warning
-from flexinv.files.bounded_xml import Unbounded, parse_bounded
+from flexinv.files.bounded_xml import XmlBoundExceeded, parse_bounded
 from flexinv.files.regular_files import MISSING, describe_kind, read_regular
 from flexinv.model.mechanism import Array
 
@@ -167,7 +167,7 @@ def _check_dae(file: Path, size: int) -> MeshFile:
         root = parse_bounded(read_regular(file, LARGEST))
     except DefusedXmlException:
         return MeshFile(problem="a DOCTYPE or ENTITY")
-    except Unbounded as bound:
+    except XmlBoundExceeded as bound:
         return MeshFile(unread=bound.given)
     except (ParseError, ValueError, LookupError, OSError) as problem:
         return MeshFile(problem=f"XML that does not parse: {problem}"[:200])

@@ -10,13 +10,13 @@ from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import format_cell
-from crosscheck.linting.lint import Linted
+from crosscheck.linting.lint import LintReport
 from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import list_versions
 
 
-def write(found: Sequence[Linted], out: Path) -> None:
+def write(found: Sequence[LintReport], out: Path) -> None:
     """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
     copy_style(out)
@@ -35,7 +35,7 @@ def write(found: Sequence[Linted], out: Path) -> None:
     owned.write(out / "summary.md", render_markdown(found))
 
 
-def describe_counts(found: Sequence[Linted]) -> str:
+def describe_counts(found: Sequence[LintReport]) -> str:
     """Return the numbers of findings and of files in a sentence."""
     files = "one file" if len(found) == 1 else f"{len(found)} files"
     with_any = sum(bool(one.findings) for one in found)
@@ -44,7 +44,7 @@ def describe_counts(found: Sequence[Linted]) -> str:
     return f"{sum(len(one.findings) for one in found)} findings in {with_any} of {files}."
 
 
-def render_markdown(found: Sequence[Linted]) -> str:
+def render_markdown(found: Sequence[LintReport]) -> str:
     """Return findings as Markdown: a table for each file."""
     lines = [f"## {describe_counts(found)}"]
     for one in found:
@@ -56,7 +56,7 @@ def render_markdown(found: Sequence[Linted]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def build_junit_xml(found: Sequence[Linted]) -> bytes:
+def build_junit_xml(found: Sequence[LintReport]) -> bytes:
     """Return findings as JUnit XML: a suite for each file, a failure for each finding that counts."""
     root = ET.Element("testsuites", name="crosscheck lint")
     for one in found:

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.bodies import LinkStatements, check_bodies
 from crosscheck.linting.finding import Finding, make_error, make_warning
 from crosscheck.linting.mesh_files import file_findings, mesh_path, read_meshes
 from crosscheck.linting.meshes import check_meshes
@@ -101,7 +101,7 @@ def _check_tree(robot: Element) -> Iterator[Finding]:
         yield make_error("tree", "robot", given, "a URDF is one tree", "one root link")
 
 
-def _read_links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
+def _read_links(robot: Element) -> tuple[dict[str, LinkStatements], list[Finding]]:
     moved = {
         j.find("child").get("link", "")  # type: ignore[union-attr]
         for j in robot.findall("joint")
@@ -121,7 +121,7 @@ def _read_links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
                 )
             )
         body = found or Inertia(0.0)
-        links[name] = Stated(name, body, name in moved, inertial is not None and found is not None)
+        links[name] = LinkStatements(name, body, name in moved, inertial is not None and found is not None)
     return links, problems
 
 
@@ -147,7 +147,7 @@ def _compute_machine_size(robot: Element) -> float:
     return float(sum(sorted(lengths)[-6:])) or 1.0
 
 
-def _check_massless_links(robot: Element, links: dict[str, Stated]) -> Iterator[Finding]:
+def _check_massless_links(robot: Element, links: dict[str, LinkStatements]) -> Iterator[Finding]:
     """Links that a joint moves, and at whose end there is no mass at all."""
     children: dict[str, list[Element]] = {}
     for joint in robot.findall("joint"):
@@ -167,7 +167,7 @@ def _check_massless_links(robot: Element, links: dict[str, Stated]) -> Iterator[
             )
 
 
-def _has_mass(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
+def _has_mass(name: str, links: dict[str, LinkStatements], children: dict[str, list[Element]], depth: int) -> bool:
     """Return True if a link, or what is fixed to it or carried by it, has mass."""
     link = links.get(name)
     if link is None or link.inertia.mass > 0 or depth > len(links):

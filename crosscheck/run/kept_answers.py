@@ -56,7 +56,7 @@ def find_user_folder() -> Path | None:
 
 
 @dataclass
-class KeptAnswers:
+class AnswerCache:
     """A folder of answers; trouble : what was wrong with entries and with writing, for the reader."""
 
     folder: Path

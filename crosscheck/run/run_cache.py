@@ -27,7 +27,7 @@ KEPT = ("ok", "skipped")
 
 
 @dataclass(frozen=True)
-class Attempts:
+class AttemptFolder:
     """A folder of attempts; several processes may use it at once.
 
     engines : those whose answers depend on more than a case and our sources: programs and records (`crosscheck.doors`)

@@ -27,7 +27,13 @@ from crosscheck.verdicts import results as store
 from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, is_open, read_kind, update_open_rows
+from crosscheck.verdicts.refinement import (
+    RefinementHalvings,
+    find_wanted_refinement,
+    is_open,
+    read_kind,
+    update_open_rows,
+)
 from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
 from crosscheck.verdicts.results import Diagnosis, Results, RunRow, StudyRow, make_slug
 from crosscheck.verdicts.signals import Key as SignalKey
@@ -43,7 +49,7 @@ SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine wi
 
 
 @dataclass
-class State:
+class RunState:
     """State of a run: results and records so far, why engines cannot do cases, and how long jobs took [s] by their labels.
 
     written : when results.json was written last, since the start [s]; pause : until it is written again at least [s]
@@ -61,7 +67,7 @@ class State:
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
-    finer: dict[tuple[str, str], tuple[Finer, Record]] = field(default_factory=dict)
+    finer: dict[tuple[str, str], tuple[RefinementHalvings, Record]] = field(default_factory=dict)
     refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -114,7 +120,7 @@ class State:
             rows = [row for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)]
             if not rows:
                 continue
-            had, record = self.finer.get(key) or (Finer(), self._read_first_record(*key, REFERENCE))
+            had, record = self.finer.get(key) or (RefinementHalvings(), self._read_first_record(*key, REFERENCE))
             runs = [r for r in self.results.runs if (r.mechanism, r.case, r.engine) == (*key, REFERENCE)]
             elapsed = max((run.elapsed for run in runs), default=0.0)
             one = find_wanted_refinement(rows, record, had)
@@ -127,7 +133,7 @@ class State:
         stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
         return read_saved_record(stems.get((mechanism, case, engine)), engine)
 
-    def _judge_with_finer(self, task: Task, finer: Finer, record: Record) -> None:
+    def _judge_with_finer(self, task: Task, finer: RefinementHalvings, record: Record) -> None:
         """Judge open comparisons of a case anew, with a finer reference; where it failed they stay open."""
         key = task.folder.name, task.case.name
         if record.status != "ok":

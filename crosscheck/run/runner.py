@@ -19,13 +19,13 @@ from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, abilities
 from crosscheck.run.cluster import open_workers, read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
-from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, ask, run_engine
+from crosscheck.run.kept_answers import AnswerCache
 from crosscheck.run.questions import split_by_case
 from crosscheck.run.result_rows import begin_results
-from crosscheck.run.run_cache import Attempts
-from crosscheck.run.run_state import SHAKES, Job, State
-from crosscheck.run.shelves import Shelves
+from crosscheck.run.run_cache import AttemptFolder
+from crosscheck.run.run_state import SHAKES, Job, RunState
+from crosscheck.run.shelves import AnswerStores
 from crosscheck.run.work import Notify, Options, Work
 from crosscheck.verdicts.refinement import read_kind
 from crosscheck.verdicts.results import Results
@@ -50,12 +50,12 @@ def run(
 
 def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Results:
     options = work.options
-    state = State(work, out, notify, begin_results(work, command))
-    kept = KeptAnswers(options.kept, options.engine) if options.kept is not None else None
-    shelves = Shelves(options, Attempts(out / KEPT, work.engines), kept)
+    state = RunState(work, out, notify, begin_results(work, command))
+    kept = AnswerCache(options.kept, options.engine) if options.kept is not None else None
+    shelves = AnswerStores(options, AttemptFolder(out / KEPT, work.engines), kept)
     servers = ForkServers()
     with open_workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
-        under_way = UnderWay(pool, here, options, Children(servers=servers), shelves)
+        under_way = RunningJobs(pool, here, options, ChildProcesses(servers=servers), shelves)
         try:
             _run_stages(state, under_way)
         except KeyboardInterrupt:
@@ -76,7 +76,7 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
     return results
 
 
-def _run_stages(state: State, under_way: UnderWay) -> None:
+def _run_stages(state: RunState, under_way: RunningJobs) -> None:
     """Take what is kept, ask what engines can do, run what they can, then repeat and ask why where that is called for."""
     left = under_way.unknown(state, state.jobs())
     under_way.run_jobs(state, under_way.unknown(state, state.asked(left)))
@@ -96,7 +96,7 @@ def _run_stages(state: State, under_way: UnderWay) -> None:
     _ask_why(state, under_way)
 
 
-def _ask_why(state: State, under_way: UnderWay) -> None:
+def _ask_why(state: RunState, under_way: RunningJobs) -> None:
     """Have what deviates diagnosed, the engines of a case in one process; what that leaves open is asked alone."""
     left = under_way.unknown(state, state.questions())
     together = split_by_case(question for _, question, _ in left)
@@ -106,17 +106,17 @@ def _ask_why(state: State, under_way: UnderWay) -> None:
 
 
 @dataclass
-class UnderWay:
+class RunningJobs:
     """The jobs under way: executors of engines and of what runs on this machine in any case, processes, and what is kept."""
 
     pool: Executor
     here: Executor
     options: Options
-    children: Children
-    shelves: Shelves
+    children: ChildProcesses
+    shelves: AnswerStores
     pending: dict[Future[Any], Job] = field(default_factory=dict)
 
-    def unknown(self, state: State, jobs: Iterable[Job]) -> list[Job]:
+    def unknown(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take the answers to jobs that are kept, and return the other jobs."""
         left = []
         for job in jobs:
@@ -126,7 +126,7 @@ class UnderWay:
                 state.take_or_fail(job, found)
         return left
 
-    def take_refusals(self, state: State, jobs: Iterable[Job]) -> list[Job]:
+    def take_refusals(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take that engines cannot do cases, as they have said, and return the other jobs."""
         left = []
         for job in jobs:
@@ -137,7 +137,7 @@ class UnderWay:
                 state.take_or_fail(job, no)
         return left
 
-    def run_jobs(self, state: State, jobs: Iterable[Job]) -> None:
+    def run_jobs(self, state: RunState, jobs: Iterable[Job]) -> None:
         """Do jobs, in their order as far as there are hands, and take and keep what each gives as it comes."""
         self.pending = {self._begin_job(job): job for job in jobs}
         while self.pending:
@@ -188,7 +188,7 @@ def _read_answer(future: Future[Any], job: Job) -> Any:
         return _make_failure(job, error)
 
 
-def _run_job(job: Job, options: Options, children: Children) -> Any:
+def _run_job(job: Job, options: Options, children: ChildProcesses) -> Any:
     """Do one job in a child process (runs in a thread); where even that fails, say so and go on (a full disk)."""
     try:
         return _ask(job, options, children)
@@ -202,10 +202,10 @@ def _make_failure(job: Job, error: Exception) -> Any:
         return Attempt(Record(engine=job[2].name, status="error", message=words))
     if job[0] == "abilities":
         return Abilities(None, message=words)
-    return None, Ending("error", words, "", 0.0)
+    return None, ProcessEnd("error", words, "", 0.0)
 
 
-def _ask(job: Job, options: Options, children: Children) -> Any:
+def _ask(job: Job, options: Options, children: ChildProcesses) -> Any:
     kind, what, engine = job
     if kind == "abilities":
         return abilities(what, engine, children)

@@ -11,10 +11,10 @@ from typing import Any
 
 from crosscheck.measures.record import RecordError, read_record
 from crosscheck.run.abilities import Abilities
-from crosscheck.run.isolation import Ending
-from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.isolation import ProcessEnd
+from crosscheck.run.kept_answers import AnswerCache
 from crosscheck.run.questions import Question
-from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.run.run_state import Job, make_job_label
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task
@@ -27,12 +27,12 @@ STUDY = 30.0
 
 
 @dataclass
-class Shelves:
+class AnswerStores:
     """Answers of a run that was cut short (left), and of all runs before (kept, None: no such)."""
 
     options: Options
-    left: Attempts
-    kept: KeptAnswers | None
+    left: AttemptFolder
+    kept: AnswerCache | None
 
     def find(self, job: Job) -> Any:
         """Return the answer to a job where it is there and wanted, else None."""
@@ -49,7 +49,7 @@ class Shelves:
             return None
         if kind == "abilities":
             return Abilities(words["answer"])
-        return words["answer"], Ending("ok", "", words["printed"], words["elapsed"], words["when"])
+        return words["answer"], ProcessEnd("ok", "", words["printed"], words["elapsed"], words["when"])
 
     def add_answer(self, job: Job, answer: Any) -> None:
         """Keep the answer to a job, for the case that this run is cut short, and for later runs."""
@@ -101,7 +101,7 @@ def _convert_answer(kind: str, answer: Any) -> dict[str, Any] | None:
     return {"answer": answer[0], "printed": answer[1].printed, "elapsed": answer[1].elapsed}
 
 
-def _list_question_dependencies(question: Question, kept: KeptAnswers) -> tuple[object, ...] | None:
+def _list_question_dependencies(question: Question, kept: AnswerCache) -> tuple[object, ...] | None:
     """Return the things that an answer depends on: the case, and both records but for the time that they took."""
     told = dict(question.options)
     try:

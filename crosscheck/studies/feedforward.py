@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import offered
-from crosscheck.engines.shared.replay import Drive
+from crosscheck.engines.shared.replay import DriveTorques
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
@@ -159,14 +159,14 @@ def _has_replay(job: Mapping[str, Any]) -> bool:
 
 def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
     """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
-    from crosscheck.run.isolation import Children, ask, open_scratch_folder
+    from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder
 
     drive = _make_drive(found, name)
     with open_scratch_folder() as folder:
         given = folder / "given.pickle"
         given.write_bytes(pickle.dumps((dict(job), m, drive)))
         module = {"kind": "study", "module": __name__, "function": "run_replay_file"}
-        answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, Children())
+        answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, ChildProcesses())
     if ending.status != "ok":
         raise ReplayError(ending.message)
     if "refused" in answer:
@@ -189,9 +189,9 @@ def run_replay_file(file: str) -> dict[str, Any]:
     return {"tips": {name: np.asarray(tip).tolist() for name, tip in tips.items()}}
 
 
-def _make_drive(found: Following, name: str) -> Drive:
+def _make_drive(found: Following, name: str) -> DriveTorques:
     spacing = float(found.time[1] - found.time[0])
-    return Drive(found.solution.q[0], spacing, found.feed_forwards[name].torque)
+    return DriveTorques(found.solution.q[0], spacing, found.feed_forwards[name].torque)
 
 
 def _run_exudyn(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
@@ -207,7 +207,7 @@ def _run_mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
     return _run_replay("mujoco", m, _make_drive(found, name))
 
 
-def _run_replay(engine: str, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+def _run_replay(engine: str, mechanism: Mechanism, drive: DriveTorques, **settings: float) -> dict[str, Array]:
     replay = offered(adapter(ENGINES[engine]), "replay")
     assert replay is not None
     tips: dict[str, Array] = replay(mechanism, drive, **settings)

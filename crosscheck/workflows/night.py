@@ -43,7 +43,7 @@ class NightRunning(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Nightly:
+class NightSettings:
     """Settings of a night: its work, and the folders in which it is kept.
 
     reports : folder of all nights; baseline : folder of the blessed one; url : of the history
@@ -63,7 +63,7 @@ class Nightly:
     bench: tuple[Study, ...] = ()
 
 
-def run_night(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
+def run_night(night: NightSettings, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
     """Run a night and return its results and its folder; what went wrong beside the engines is in ``message``.
 
     tell : is given one line about everything that a reader at the terminal has to know
@@ -90,7 +90,7 @@ def run_night(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tu
     return results, folder
 
 
-def add_speed_tables(results: Results, night: Nightly, notify: Notify) -> Results:
+def add_speed_tables(results: Results, night: NightSettings, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
         speed = run_parts(night.bench, night.work.options.timeout, Path(folder), notify)
@@ -105,7 +105,7 @@ def take_reports_lock(reports: Path) -> Iterator[None]:
     try:
         with owned.take_folder_lock(reports, LOCK, HOLDER, "a night is under way in"):
             yield
-    except owned.Busy as error:
+    except owned.FolderBusy as error:
         raise NightRunning(str(error)) from None
 
 
@@ -186,7 +186,7 @@ def add_missing_nights(database: Any, reports: Path, tell: Callable[[str], None]
 
 
 def add_to_history(
-    database: Any, night: Nightly, results: Results, folder: Path, tell: Callable[[str], None]
+    database: Any, night: NightSettings, results: Results, folder: Path, tell: Callable[[str], None]
 ) -> Results:
     """Add the night to the history and return the results with what changed, or with why that is not known."""
     settings = {**results.settings, "night": {"label": night.label, "folder": folder.name}}

@@ -11,7 +11,7 @@ from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
-from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
+from flexinv.inverse.nodal_sums import SecondStepArrays, SecondStepInputs, Skeleton, fill_second_step
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address, take_record
 from flexinv.kernels.threads.atomics import take
@@ -97,7 +97,7 @@ def integrate_scenarios(ahead, mine, designs, tasks, room, line, results):
         if ended[0] != CONVERGED:
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
-        given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
+        given = SecondStepInputs(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
         fill_second_step(take_record(designs.skeleton, d), moving, given, line, take_record(results.found, n))
     return len(mine)
 

@@ -65,8 +65,8 @@ from flexinv.validation import (
 )
 
 
-class Taken(NamedTuple):
-    """A work space as steps have left it: its numbers [m, rad, s, N], and the rest as of `Flexible`."""
+class WorkSpaceSnapshot(NamedTuple):
+    """A work space as steps have left it: its numbers [m, rad, s, N], and the rest as of `FlexibleState`."""
 
     numbers: list[Array]
     early_steps: int
@@ -87,7 +87,7 @@ def list_writable_arrays(part: Any) -> Iterator[Array]:
             yield from list_writable_arrays(getattr(part, field.name))
 
 
-class Flexible:
+class FlexibleState:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
     march, arguments : the compiled march, and what follows the scheme; torques : what `evaluate_guarded_torques` is compiled to
@@ -148,12 +148,12 @@ class Flexible:
         self.previous = list[Array]()
         self.wound = dict[str, float]()
 
-    def taken(self) -> Taken:
+    def taken(self) -> WorkSpaceSnapshot:
         """Return a copy of all that a step changes [m, rad, s, N]."""
         numbers = [part.copy() for part in self._list_step_arrays()]
-        return Taken(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
+        return WorkSpaceSnapshot(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
 
-    def replace_state(self, taken: Taken) -> None:
+    def replace_state(self, taken: WorkSpaceSnapshot) -> None:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
         for own, part in zip(self._list_step_arrays(), taken.numbers, strict=True):
             own[...] = part
@@ -277,7 +277,7 @@ class Controller:
     mechanism: Mechanism
     tau: Array
     rigid: TorqueFunction | None
-    flexible: Flexible | None
+    flexible: FlexibleState | None
     begun: bool = False
     spectral_radius: float = 0.8
 
@@ -308,7 +308,7 @@ class Controller:
             )
             raise InputError(f"controller: mechanism '{mechanism.name}' has beams, {why}, for example step=1e-3")
         tau = np.zeros(mechanism.nv)
-        flexible = Flexible(mechanism, scheme, tau)
+        flexible = FlexibleState(mechanism, scheme, tau)
         out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
         out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
         out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))
@@ -377,7 +377,7 @@ class Controller:
 
 
 def _build_resumed_controller(
-    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, taken: Taken | None
+    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, taken: WorkSpaceSnapshot | None
 ) -> Controller:
     """A controller that goes on where another was taken."""
     made = Controller.of(mechanism, step, radius)

@@ -21,8 +21,8 @@ from flexinv.inverse.inverse_dynamics import (
     compute_joint_wrenches,
     compute_nodal_forces,
 )
-from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
-from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
+from flexinv.inverse.nodal_sums import SecondStepArrays, SecondStepInputs, Skeleton, fill_second_step
+from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
@@ -124,7 +124,7 @@ def run_second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    given = Given(*map(make_contiguous, series))
+    given = SecondStepInputs(*map(make_contiguous, series))
     line = np.empty((mesh.size, 6))
     fill_second_step(build_skeleton(mesh), trajectory.motion.frames, given, line, found)
     return found
@@ -160,7 +160,9 @@ def build_skeleton(mesh: Mesh) -> Skeleton:
     return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)
 
 
-def build_rigid_first_step(mesh: Mesh, time: Array, joints: Triple, given: MotionBetween | None = None) -> FirstStep:
+def build_rigid_first_step(
+    mesh: Mesh, time: Array, joints: Triple, given: InterpolatedMotion | None = None
+) -> FirstStep:
     """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics.
 
     given : the motion between the samples, where it can be asked there

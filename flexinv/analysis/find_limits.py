@@ -69,7 +69,7 @@ class LimitUse:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _LimitQuery:
     """A limit of a velocity coordinate, by its number."""
 
     column: int
@@ -102,7 +102,7 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     m = solution.mechanism
     time = solution.time
     asked = [
-        _Asked(column, name, float(getattr(joint.limits, name)))
+        _LimitQuery(column, name, float(getattr(joint.limits, name)))
         for column, joint in enumerate(_list_column_joints(m))
         for name in LIMITED
         if np.isfinite(getattr(joint.limits, name)) and (KINDS[joint.kind].scalar or name in ("velocity", "effort"))
@@ -113,8 +113,8 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     if motion is not None:
         check_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
         exact = _find_prescribed_columns(solution, motion)
-    found: dict[_Asked, LimitUse] = {}
-    groups = {EXACTLY: list[_Asked](), WITHIN_STEPS: list[_Asked](), AT_STEPS: list[_Asked]()}
+    found: dict[_LimitQuery, LimitUse] = {}
+    groups = {EXACTLY: list[_LimitQuery](), WITHIN_STEPS: list[_LimitQuery](), AT_STEPS: list[_LimitQuery]()}
     for one in asked:
         is_exact = bool(exact[LIMITED.index(one.quantity), one.column])
         groups[EXACTLY if is_exact else AT_STEPS if one.quantity == "effort" else WITHIN_STEPS].append(one)
@@ -169,7 +169,7 @@ def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -
     return {"upper": places, "velocity": qd, "effort": tau}
 
 
-def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
+def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
     """Limits of what can be evaluated at any instant."""
     m = solution.mechanism
     time = solution.time
@@ -218,7 +218,7 @@ def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Calla
     return evaluate
 
 
-def _check_interpolated_limits(solution: Solution, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
+def _check_interpolated_limits(solution: Solution, asked: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
     """Limits of joints that move on quintics between samples."""
     if not asked:
         return {}
@@ -228,7 +228,7 @@ def _check_interpolated_limits(solution: Solution, asked: list[_Asked]) -> dict[
     places = np.nan_to_num(parts["upper"])
     position = join_samples(time, [places, solution.qd, solution.qdd])
     rate = join_samples(time, [solution.qd, solution.qdd])
-    found: dict[_Asked, LimitUse] = {}
+    found: dict[_LimitQuery, LimitUse] = {}
     for one in asked:
         source = rate if one.quantity == "velocity" else position
         signs = np.array(LIMIT_SIDES[one.quantity])
@@ -239,10 +239,10 @@ def _check_interpolated_limits(solution: Solution, asked: list[_Asked]) -> dict[
 
 
 def _compare_with_limits(
-    mechanism: Mechanism, pieces: Pieces, asked: list[_Asked], looked: str
-) -> dict[_Asked, LimitUse]:
+    mechanism: Mechanism, pieces: Pieces, asked: list[_LimitQuery], looked: str
+) -> dict[_LimitQuery, LimitUse]:
     """Each limit against its columns of the pieces, which stand in the order of ``asked``."""
-    found: dict[_Asked, LimitUse] = {}
+    found: dict[_LimitQuery, LimitUse] = {}
     first = 0
     for one in asked:
         own = range(first, first + len(LIMIT_SIDES[one.quantity]))
@@ -254,7 +254,7 @@ def _compare_with_limits(
     return found
 
 
-def _check_sampled_limit(mechanism: Mechanism, one: _Asked, time: Array, values: Array) -> LimitUse:
+def _check_sampled_limit(mechanism: Mechanism, one: _LimitQuery, time: Array, values: Array) -> LimitUse:
     """A limit against values (samples, signs) at samples alone."""
     largest = values.max(axis=1)
     over = np.flatnonzero(largest >= one.level)
@@ -265,7 +265,7 @@ def _check_sampled_limit(mechanism: Mechanism, one: _Asked, time: Array, values:
 
 
 def _make_limit_use(
-    mechanism: Mechanism, one: _Asked, peak: float, at: float, reached: tuple[float | None, bool], looked: str
+    mechanism: Mechanism, one: _LimitQuery, peak: float, at: float, reached: tuple[float | None, bool], looked: str
 ) -> LimitUse:
     value = -peak if one.quantity == "lower" else peak
     return LimitUse(mechanism.velocity_names[one.column], one.quantity, one.limit, value, at, *reached, looked)

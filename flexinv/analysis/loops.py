@@ -9,8 +9,8 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, build_rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
-from flexinv.constraints.allocation import LEFT_OVER, GivenLoops, check_carried, split_efforts
-from flexinv.constraints.allocation_kernel import Shares
+from flexinv.constraints.allocation import LEFT_OVER, PrescribedLoops, check_carried, split_efforts
+from flexinv.constraints.allocation_kernel import AllocatedEfforts
 from flexinv.constraints.closures import (
     Phase,
     Stretch,
@@ -42,7 +42,7 @@ from flexinv.inverse.inverse_dynamics import (
     compute_nodal_forces,
     compute_projected_efforts,
 )
-from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
+from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -78,7 +78,7 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     if len(parts) > 1:
         missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
-        shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+        shares = AllocatedEfforts(*(np.concatenate(one) for one in zip(*parts, strict=True)))
     largest = _find_largest_magnitude(tree)
     if (
         _find_largest_magnitude(shares.left) > LEFT_OVER * largest
@@ -95,7 +95,7 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     )  # fmt: skip
 
 
-def _make_motion_between(task: Task) -> MotionBetween:
+def _make_motion_between(task: Task) -> InterpolatedMotion:
     """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
     mesh = task.mesh
     unknown = build_joint_mask(task.mesh.mechanism, task.passive)
@@ -107,7 +107,7 @@ def _make_motion_between(task: Task) -> MotionBetween:
         return compute_rigid_motion(mesh, *(part[rows] for part in found))
 
     switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
-    return MotionBetween(evaluate_nodes, (*task.knots, *switches))
+    return InterpolatedMotion(evaluate_nodes, (*task.knots, *switches))
 
 
 def _find_largest_magnitude(values: Array) -> float:
@@ -132,7 +132,7 @@ def _solve_phased_motion(
             return solve_closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
         given = history(time)
         motion = NodalMotion.unwritten(len(time), mesh.size)
-        return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
+        return given, only, [], (PrescribedLoops(mesh).jacobian(*given, motion), motion)
     whole = history(time)
     begins = np.zeros(len(m.closures), dtype=bool)
     stretches = list[Stretch]()
@@ -187,7 +187,7 @@ def _collect_energy_jumps(time: Array, impacts: list[Impact]) -> Array:
 
 def _compute_phase_shares(
     mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None
-) -> Shares:
+) -> AllocatedEfforts:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
     m = mesh.mechanism
     active = stretch.phase.active
@@ -244,7 +244,7 @@ def _solve_closed_start(
     return found[0][None], found[1][None], found[2][None]
 
 
-def add_closure_forces(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
+def add_closure_forces(mesh: Mesh, first: FirstStep, switching: PhaseHistory) -> FirstStep:
     """Return a first step with its closures' forces [N], [N m] among those applied, from multipliers that each step has found."""
     m = mesh.mechanism
     time = first.time
@@ -285,7 +285,7 @@ def _compute_damping_excess(dissipated: Array, switches: list[int], time: Array)
     return out
 
 
-class Switching:
+class PhaseHistory:
     """Stretches and impacts [N s] of the phases of a march that have begun."""
 
     def __init__(self, mesh: Mesh, phase: Phase, ties: Ties | None) -> None:

@@ -15,7 +15,7 @@ from flexinv.constraints.closures import build_constraint_rows, find_acting_clos
 from flexinv.constraints.loop_starts import (
     ANOTHER_BRANCH,
     SAGGED,
-    Stated,
+    StatedStart,
     build_joint_mask,
     check_static,
     find_consistent_start,
@@ -59,7 +59,9 @@ def simulate(
     check_callable("progress", progress, "a function of the number of samples done since its last call")
     table = _check_torque_table(mechanism, time, torque)
     at_rest = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
-    began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
+    began: list[
+        tuple[StatedStart, Array, Array]
+    ] = []  # what was stated for a task, and q, qd with which its loops close
 
     def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
         mesh = build(meshed)
@@ -104,7 +106,7 @@ def simulate(
 
 def _collect_start_values(
     mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], at_rest: bool
-) -> Stated:
+) -> StatedStart:
     """The known values of the start; ``at_rest``: passive joints may be stated where beams are bent, loops are closed unbent."""
     m = mechanism
     q = mechanism.neutral
@@ -115,7 +117,7 @@ def _collect_start_values(
         qd[m.v_slices[name]] = value
     bars = {"place": ANOTHER_BRANCH, "rate": SAGGED} if at_rest else {}
     passive = build_joint_mask(m, {j.name for j in m.joints if not j.actuated})
-    return Stated(q, qd, np.zeros(m.nv), build_joint_mask(m, places), build_joint_mask(m, rates), passive, **bars)
+    return StatedStart(q, qd, np.zeros(m.nv), build_joint_mask(m, places), build_joint_mask(m, rates), passive, **bars)
 
 
 def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:

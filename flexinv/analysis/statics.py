@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import FirstStep, assemble_solution
-from flexinv.analysis.loops import Switching, add_closure_forces
+from flexinv.analysis.loops import PhaseHistory, add_closure_forces
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, make_rest_history
 from flexinv.analysis.trajectory import run_first_step
@@ -99,7 +99,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         return assemble_solution(mesh, first, SETTINGS)
     solver = Solver.of(mesh, passive)
     (phase,) = list_phases(loaded, now)
-    switching = Switching(mesh, phase, solver.border.ties)
+    switching = PhaseHistory(mesh, phase, solver.border.ties)
     if mechanism.closures:
         rows = build_constraint_rows(mesh).of(phase.active)
         with replace_advice(GIVE_Q):

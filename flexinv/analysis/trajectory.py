@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
-from flexinv.analysis.loops import Switching, add_closure_forces, make_closed_task, solve_rigid_loops
+from flexinv.analysis.loops import PhaseHistory, add_closure_forces, make_closed_task, solve_rigid_loops
 from flexinv.analysis.task import Task, prepare_motion_samples
 from flexinv.constraints.closures import Phase, build_constraint_rows, list_phases
 from flexinv.dynamics.generalized_alpha import (
@@ -27,7 +27,7 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, integrate_instants
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
-from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
+from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion, fill_passive
 from flexinv.kinematics.tree import Joints
@@ -69,7 +69,7 @@ def solve_rigid_motions(task: Task) -> Iterator[FirstStep]:
     for first in range(0, max(len(task.time) - 1, 1), part):
         own = task.time if task.part is None else task.time[first : first + part + 1]
         q, qd, qdd = task.after(own)
-        given = MotionBetween(lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots)
+        given = InterpolatedMotion(lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots)
         yield replace(
             build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None
         )
@@ -141,7 +141,7 @@ class _March:
         self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
         self.out = Trajectory.unwritten(rows, mesh, len(build_constraint_rows(mesh).closure))
-        self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
+        self.switching = PhaseHistory(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
     def begin_next_part(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""

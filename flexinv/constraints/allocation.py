@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation_kernel import Shares, make_places, split_samples
+from flexinv.constraints.allocation_kernel import AllocatedEfforts, make_places, split_samples
 from flexinv.constraints.closures import Rows, build_constraint_rows, drop_rounding
 from flexinv.constraints.continuation_kernel import Chain, evaluate_jacobians
 from flexinv.errors import InputError
@@ -60,7 +60,7 @@ _KINDS = (
 
 def split_efforts(
     g: Array, tau_tree: Array, driven: Mask, weight: Array | None = None, constraints: Rows | None = None
-) -> Shares:
+) -> AllocatedEfforts:
     """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
 
     g : (samples, rows, nv); tau_tree : (samples, nv); driven : (nv,) bool; weight : (driven,) of the squares of tau_a [-], 1
@@ -80,7 +80,7 @@ def split_efforts(
     most = max(len(drives) - max(nv - rows, 1), 0)  # preloads: at least so many freedoms are left to move
     tau = np.zeros((samples, nv))
     preload = np.zeros((samples, nv, most))
-    made = Shares(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
+    made = AllocatedEfforts(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
     g = g / scale[:, None]
     width = np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
@@ -102,7 +102,7 @@ def split_efforts(
     return made._replace(multipliers=made.multipliers / scale)
 
 
-def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares:
+def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> AllocatedEfforts:
     """Return `split_efforts` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
@@ -131,7 +131,9 @@ def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares
     beyond = (driving[:, None] + np.arange(least))[:, :, None]
     preload = np.zeros((samples, nv, least))
     preload[:, driven] = np.take_along_axis(vt, beyond, axis=1).transpose(0, 2, 1) / root[:, None]
-    return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
+    return AllocatedEfforts(
+        tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition
+    )
 
 
 def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -143,7 +145,7 @@ def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenLoops:
+class PrescribedLoops:
     """The closures of a mechanism, held against motions that are given."""
 
     mesh: Mesh
@@ -200,7 +202,7 @@ class GivenLoops:
                     "of all joints as flexinv.solve returns them, or call flexinv.solve with the independent joints only"
                 )
 
-    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
+    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> AllocatedEfforts:
         """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): "
         "`split_efforts`.
 
@@ -215,7 +217,7 @@ class GivenLoops:
         g = self._evaluate_closures(q[samples], qd[samples], qdd[samples])[0]
         tau[samples] = self._shared(g, tau[samples], samples).tau
 
-    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
+    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> AllocatedEfforts:
         m = self.mesh.mechanism
         shares = split_efforts(g, tau, m.actuated, m.weights[m.actuated], self.rows)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))

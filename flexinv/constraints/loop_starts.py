@@ -44,7 +44,7 @@ CLOSED_PLACES = 4  # closed ones that are looked at where the loops do not close
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedStart:
     """Known values of a start: q (nq,), qd, qdd (nv,) [rad or m, s] with zeros or guesses where nothing is stated.
 
     places, rates : (nv,) what is stated; passive : (nv,) coordinates of joints without a drive, or that no motion gives
@@ -72,7 +72,7 @@ class Stated:
         return [one for k, one in enumerate(order) if not any((one == other).all() for other in order[:k])]
 
 
-def find_consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
+def find_consistent_start(mesh: Mesh, given: StatedStart, rows: Rows, time: float) -> Triple:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
     Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.
     """
@@ -91,7 +91,7 @@ def find_consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) ->
     return q, qd, qdd
 
 
-def check_static(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
+def check_static(mesh: Mesh, given: StatedStart, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
     """Raise InputError unless what is stated is where the loops were closed unbent, or where beams have come to rest.
 
     begun (nq,), rate (nv,) : unbent; q (nq,), qd (nv,) : at rest under gravity and loads [rad], [m], [1/s]
@@ -110,7 +110,7 @@ def compute_start_offset(mesh: Mesh, stated: Mask, guess: Array, q: Array) -> Ar
     )
 
 
-def _find_configuration(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Array | None:
+def _find_configuration(mesh: Mesh, given: StatedStart, rows: Rows, sets: Sequence[Mask]) -> Array | None:
     """The closed configuration (nq,) that keeps what is stated, or comes nearest to it.
 
     Newton sets out from the start, and from where what is not stated has been brought as close to closed as it can be; where that
@@ -129,7 +129,7 @@ def _find_configuration(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Ma
     return None if best is None else best[1]
 
 
-def _list_attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
+def _list_attempts(mesh: Mesh, given: StatedStart, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
     """Return the start of Newton's iteration (nq,), and which coordinates (nv,) it moves."""
     m = mesh.mechanism
     every = sets[-1]
@@ -167,7 +167,9 @@ def find_picked_start(
     passive : (nv,) coordinates that no motion gives, at their start if it is stated; q, qd, qdd : of all joints at a time [s]
     """
     rows = build_constraint_rows(mesh).of(find_acting_closures(mesh.mechanism, time))
-    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH)
+    given = StatedStart(
+        q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH
+    )
     follower = Follower(mesh, rows, passive)
     if follower.closed(q, qd, qdd) is None and follower.solve(q) is None:
         return _find_configuration(mesh, given, rows, [passive])
@@ -189,7 +191,7 @@ def find_closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     follower = build_start_follower(mesh)
     passive = build_joint_mask(m, {j.name for j in m.joints if not j.actuated})
     every = follower.unknown
-    given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
+    given = StatedStart(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
     if (
         found := _find_configuration(mesh, given, follower.rows, [passive, every] if drives_move else [passive])
     ) is None:

@@ -111,7 +111,7 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
 
 
 @send_by_address
-class Pulls(NamedTuple):
+class SpringRows(NamedTuple):
     """Springs, one row each.
 
     row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
@@ -133,13 +133,13 @@ class Pulls(NamedTuple):
     slope: Array
 
 
-def build_pulls(mesh: Mesh, constraints: Ties) -> Pulls:
+def build_pulls(mesh: Mesh, constraints: Ties) -> SpringRows:
     """Return the springs of a mechanism [N/m], [m], [N s/m], whose rows are the last of ``constraints``."""
     springs = mesh.mechanism.springs
     values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = np.arange(len(constraints.a) - 3 * len(springs), len(constraints.a), 3, dtype=np.int64)
     stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
-    return Pulls(rows, stiffness, rest, damping, *_build_law_tables(springs), np.zeros((len(springs), 3, 6)))
+    return SpringRows(rows, stiffness, rest, damping, *_build_law_tables(springs), np.zeros((len(springs), 3, 6)))
 
 
 def _build_law_tables(

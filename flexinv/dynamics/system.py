@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Topology
-from flexinv.dynamics.loads import Loads, Pulls
+from flexinv.dynamics.loads import Loads, SpringRows
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
 from flexinv.kernels.memory import make_adjacent_arrays, make_aligned_zeros
@@ -90,7 +90,7 @@ class Border(NamedTuple):
     """Bordered system beside the tree: closures and springs between points [m], [N]."""
 
     ties: Ties
-    pulls: Pulls
+    pulls: SpringRows
 
 
 @send_by_address

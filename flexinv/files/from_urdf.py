@@ -15,7 +15,7 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.bounded_xml import Unbounded, parse_bounded
+from flexinv.files.bounded_xml import XmlBoundExceeded, parse_bounded
 from flexinv.files.joints import check_ends, compute_rpy_rotation, list_depth_first, scale_to_unit_axis
 from flexinv.files.lenient_xml import replace_invalid_xml
 from flexinv.files.regular_files import describe_kind
@@ -296,7 +296,7 @@ def read_xml(path: Path) -> Element:
         raise make_input_error(
             str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out"
         ) from None
-    except Unbounded as error:
+    except XmlBoundExceeded as error:
         raise make_input_error(str(path), error.given, error.expected, error.write) from None
     except (ParseError, ValueError, LookupError) as error:
         given = f"XML that does not parse: {error}"

@@ -113,7 +113,7 @@ class LinearLimitsTable(Table):
     upper_m: Number | None = make_optional_key("the highest position [m]", "0.3")
 
 
-class Driven(Table):
+class ActuatedTable(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
     actuated: bool = make_key("true, or false for a passive joint", "false", True)
@@ -123,7 +123,7 @@ class Driven(Table):
     )  # fmt: skip
 
 
-class RotaryLosses(Driven):
+class RotaryLosses(ActuatedTable):
     """Damping and friction of a joint that turns."""
 
     damping_Nms_per_rad: NotNegative = make_key("viscous damping, >= 0 [N m s/rad]", "0.1", 0.0)
@@ -144,7 +144,7 @@ class SprungDrive(RotaryDrive):
     rest_deg: Number | None = make_optional_key("the angle at which the spring rests [deg]", "30")
 
 
-class LinearDrive(Driven):
+class LinearDrive(ActuatedTable):
     """Rotor, damping, friction and spring of a joint that slides."""
 
     rotor_inertia_kg: NotNegative = make_key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", 0.0)

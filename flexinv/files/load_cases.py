@@ -254,7 +254,7 @@ def _find_joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
 
 
 def _read_ends(
-    move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, where: Location
+    move: schema.MoveTable, part: Mapping[str, schema.CoordinateForm], write: str, where: Location
 ) -> tuple[Array, Array]:
     """Start and end of a part of a joint's coordinates, which says where from and where to, or where it rests."""
     stated = [(when, u) for when in ("from", "to", "at") for u in part if getattr(move, f"{when}_{u}") is not None]

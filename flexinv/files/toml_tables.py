@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from flexinv import validation as arguments
 from flexinv.errors import InputError
-from flexinv.files.regular_files import NotRegular, read_regular
+from flexinv.files.regular_files import NotRegularFile, read_regular
 from flexinv.files.values import FORMAT, check_name, find_correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
@@ -67,7 +67,7 @@ def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str)
     """Read a regular file of at most ``largest`` [byte]; InputError says what else it is, or how to make it smaller."""
     try:
         data = read_regular(path, largest)
-    except NotRegular as error:
+    except NotRegularFile as error:
         raise make_input_error(str(path)[:LONGEST_PATH], str(error), kind, existing) from None
     if len(data) > largest:
         raise make_input_error(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)

@@ -34,7 +34,7 @@ GAPS_AT_ONCE = 4096  # instants whose nodes are in memory
 
 
 @dataclass(frozen=True)
-class MotionBetween:
+class InterpolatedMotion:
     """A motion that can be asked at any instant.
 
     nodes : times (n,) [s], increasing, from that of the first sample on -> motion of the nodes
@@ -45,7 +45,7 @@ class MotionBetween:
     knots: tuple[float, ...]
 
 
-def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: MotionBetween | None = None) -> None:
+def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: InterpolatedMotion | None = None) -> None:
     """Raise InputError where a spring that pulls or pushes at no length has none, at a sample or between two.
 
     time : (samples,) [s] of a motion that is continuous; given : the motion between them, None where it was marched
@@ -66,7 +66,7 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: Mo
             )
 
 
-def _find_zero_length(mesh: Mesh, spring: Spring, given: MotionBetween, time: Array) -> float | None:
+def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, time: Array) -> float | None:
     """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant."""
 
     def evaluate_gap(times: Array) -> Array:

@@ -129,7 +129,7 @@ UNUSED = {
 PLAIN_TYPES = types.Number, types.Boolean, types.Array, types.UniTuple
 
 
-class RememberedTypes:
+class TypeCache:
     """Numba's table of the types of calls, which remembers what it has found for its own functions and plain arguments."""
 
     found: ClassVar[dict[Any, Any]] = {}
@@ -165,7 +165,7 @@ def _make_compiler_class(library: type[KernelLibrary]) -> type[Compiler]:
         def _compile_bytecode(self) -> Any:
             state = self.state
             if state.library is None:
-                state.typingctx = RememberedTypes(state.typingctx)
+                state.typingctx = TypeCache(state.typingctx)
                 state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
                 state.library.enable_object_caching()
                 state.library.over_lanes = bool(state.flags.fastmath)

@@ -34,7 +34,7 @@ SAME_STATION = 1e-9  # two stations of one beam closer than this fraction of its
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class MeshPlaces:
     """Nodes of the joints, sections and bodies of a mechanism, by name.
 
     joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
@@ -56,7 +56,7 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)  # a mesh is itself only: what is known of it can be kept
-class Mesh(Places):
+class Mesh(MeshPlaces):
     """Nodes of a mechanism in tree order (parents first) and its beam elements.
 
     parent : (nodes,), -1 the world; kind : (nodes,) RIGID, REVOLUTE, ... of `joint_kinds`
@@ -99,7 +99,7 @@ _AT_ITS_PARENT = Placement()  # of the second axis of a joint on its first
 
 
 @dataclass(frozen=True, eq=False)
-class _Builder(Places):
+class _Builder(MeshPlaces):
     """Grows the node and element lists; becomes a Mesh at the end."""
 
     rows: list[list[Any]] = field(default_factory=list)  # parent, kind, placement, link, and as `_NO_JOINT`
@@ -303,7 +303,7 @@ def build(mechanism: Mechanism) -> Mesh:
     )  # fmt: skip
 
 
-def find_attachment_node(mesh: Places, at: Attachment) -> int:
+def find_attachment_node(mesh: MeshPlaces, at: Attachment) -> int:
     """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
     if at.link == WORLD:
         return -1

@@ -31,7 +31,7 @@ from flexinv.linearized.natural_modes import (
     resolve_setup,
 )
 from flexinv.linearized.state_space import Basis, LeftOut, StateSpace, build_state_space
-from flexinv.linearized.steady_modes import Steady, build_steady_motion
+from flexinv.linearized.steady_modes import SteadyLinearisation, build_steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -246,7 +246,7 @@ def _inputs(
     return (*efforts, *accelerations), (*effort_units, *acceleration_units)
 
 
-def _list_notes(motion: Steady, basis: Basis, modes: int | None) -> tuple[str, ...]:
+def _list_notes(motion: SteadyLinearisation, basis: Basis, modes: int | None) -> tuple[str, ...]:
     """Name what few modes leave out."""
     if modes is None:
         return ()
@@ -261,7 +261,7 @@ def _is_gyroscopic(damping: Array) -> bool:
     return bool(np.abs(damping - damping.T).max(initial=0.0) > GYROSCOPIC * np.abs(damping).max(initial=0.0))
 
 
-def _build_basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
+def _build_basis(motion: SteadyLinearisation, accelerated: Array, modes: int | None) -> Basis:
     """T and W of `build_state_space`: given joints with what follows them at rest, and shapes with these held."""
     m = motion.matrices.mass
     k = motion.matrices.stiffness
@@ -281,7 +281,7 @@ def _build_basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis
     return replace(inner, right=right, left=left, given=len(accelerated))
 
 
-def _build_shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
+def _build_shapes(allowed: Sparse, motion: SteadyLinearisation, modes: int | None) -> Basis:
     """Shapes of unit modal mass, slowest first, of the symmetric part of K, and all motions without inertia; or few of them.
 
     Few shapes of a mechanism with gyroscopic terms or circulatory K span its slowest complex modes: (root^2 M + root C + K) x = 0

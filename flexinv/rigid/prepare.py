@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, GivenLoops
+from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, PrescribedLoops
 from flexinv.constraints.closures import build_constraint_rows
 from flexinv.constraints.reactions import compute_closure_wrenches
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
@@ -51,7 +51,7 @@ _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
 _COMPILING = Lock()
 
 
-class _Own(local):
+class _ThreadData(local):
     """Data of one thread: a work space for itself and for each helper, and a counter of blocks.
 
     Rows of the work space begin with a line of the cache: else every vector of eight numbers meets two of them.
@@ -104,9 +104,9 @@ class TorqueFunction(ByValue):
     threads: int
     mesh: Mesh = field(repr=False, compare=False)
     bodies: Bodies = field(repr=False, compare=False)
-    _own: _Own = field(repr=False, compare=False)
+    _own: _ThreadData = field(repr=False, compare=False)
     plan: LoopPlan = field(default=NO_LOOPS, repr=False, compare=False)
-    loops: GivenLoops | None = field(default=None, repr=False, compare=False)
+    loops: PrescribedLoops | None = field(default=None, repr=False, compare=False)
     loaded: bool = field(default=False, compare=False)
     _widths: tuple[int, int] = field(
         default=(0, 0), repr=False, compare=False
@@ -233,7 +233,7 @@ class TorqueFunction(ByValue):
         """Prepared anew where it is sent: to another process [-]."""
         return prepare, (self.mechanism, self.passive, self.threads)
 
-    def _split_loop_efforts(self, loops: GivenLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+    def _split_loop_efforts(self, loops: PrescribedLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         if not len(self.plan.sizes):
             rows[3][:] = loops.shares(*rows).tau
@@ -295,9 +295,9 @@ def _build_torque_function(mechanism: Mechanism, passive: bool, threads: int | N
     check_constant(mechanism)
     mesh = build(mechanism)
     prepare_array_kernels()
-    loops = GivenLoops(mesh) if mechanism.closures else None
+    loops = PrescribedLoops(mesh) if mechanism.closures else None
     table, plan = make_read_only(_build_loop_plan(mesh, passive))
-    own = _Own(most, max(table.size, plan.size))
+    own = _ThreadData(most, max(table.size, plan.size))
     loaded = bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv
     return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)

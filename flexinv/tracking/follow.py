@@ -34,10 +34,10 @@ from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
-from flexinv.tracking.collocation import FreeLayout, Horizon, Placed, TurnedTooMuch
+from flexinv.tracking.collocation import FreeLayout, Horizon, NodePoses, RotationTooLarge
 from flexinv.tracking.frame_path import Path
 from flexinv.tracking.internal_motion import SWINGING, describe_zeros, find_internal_rates, find_swings, take_step
-from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, list_drive_columns, resolve_frame
+from flexinv.tracking.inverse_kinematics import Frame, PathMotion, RigidPath, list_drive_columns, resolve_frame
 from flexinv.typing import Array
 from flexinv.validation import check_choice, check_flag, check_kind, check_seconds
 
@@ -75,7 +75,7 @@ class Following(ByValue):
     wanted: Array
     solution: Solution
     rigid: Solution
-    reach: Reach
+    reach: PathMotion
     unrest: tuple[float, float]
 
     @cached_property
@@ -159,8 +159,8 @@ def follow(
     # Of the last run: its equations, and what moves at both ends of the window.
     runs: list[tuple[Horizon, tuple[float, float]]] = []
 
-    def way_of(meshed: Mechanism) -> RigidWay:
-        return RigidWay(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
+    def way_of(meshed: Mechanism) -> RigidPath:
+        return RigidPath(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
         way = way_of(meshed)
@@ -205,14 +205,14 @@ def _solve_inversion(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), compute_end_speeds(trajectory)
 
 
-def _build_rigid_following(way: RigidWay, reach: Reach, time: Array) -> Following:
+def _build_rigid_following(way: RigidPath, reach: PathMotion, time: Array) -> Following:
     """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
     first = build_rigid_first_step(way.mesh, time, (reach.q, reach.qd, reach.qdd))
     rigid = assemble_solution(way.mesh, first, _make_settings(float(time[1] - time[0])))
     return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
-def _build_window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
+def _build_window(way: RigidPath, step: float, before: float | None, after: float | None) -> Array:
     """Instants (samples,) [s], 0 among them."""
     path = way.path
     for name, value in (("before", before), ("after", after)):
@@ -320,7 +320,7 @@ def _find_by_continuation(horizon: Horizon, swing: bool) -> tuple[Trajectory | N
     return (found[1], 1.0) if found is not None and stiffness == 1.0 else (None, stiffness)
 
 
-def _run_newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> tuple[Placed, Trajectory] | None:
+def _run_newton(horizon: Horizon, at: NodePoses, stiffness: float, swing: bool) -> tuple[NodePoses, Trajectory] | None:
     """Newton's method on all instants; None where it does not converge."""
     swings = find_swings(horizon, stiffness) if swing else None
     for iteration in range(1, MOST_ITERATIONS + 1):
@@ -330,7 +330,7 @@ def _run_newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> 
                 at, y = take_step(horizon, at, now, swings)
             else:
                 y = horizon.step(at, now)
-        except (TurnedTooMuch, np.linalg.LinAlgError):
+        except (RotationTooLarge, np.linalg.LinAlgError):
             return None
         size = float(np.abs(y / horizon.layout.solver.topology.scale).max(initial=0.0))
         if not size < LOST:

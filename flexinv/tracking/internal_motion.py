@@ -23,7 +23,7 @@ from flexinv.errors import InputError
 from flexinv.typing import Array
 
 if TYPE_CHECKING:
-    from flexinv.tracking.collocation import Horizon, Linearised, Placed
+    from flexinv.tracking.collocation import Horizon, LinearisedEquations, NodePoses
 
 # A rate whose real part is a smaller part of it swings: it has no end to wait for.
 SWINGING = 1e-3
@@ -121,7 +121,7 @@ def find_swings(horizon: Horizon, stiffness: float) -> Swings:
     return Swings(ends[0].inertia.T @ first, ends[1].inertia @ last, last.T @ horizon.layout.pick)
 
 
-def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> tuple[Placed, Array]:
+def take_step(horizon: Horizon, at: NodePoses, now: LinearisedEquations, swings: Swings) -> tuple[NodePoses, Array]:
     """Return poses with another acceleration at the last instant, and Newton's increments y (samples, unknowns) [m], [rad].
 
     What swings inside has no conditions at the end: its acceleration there is an unknown beside the others,

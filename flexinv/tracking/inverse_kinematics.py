@@ -72,7 +72,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Reach:
+class PathMotion:
     """The joint motion of the rigid mechanism on a path.
 
     q : (samples, nq), qd, qdd : (samples, nv) [rad], [m], [1/s]
@@ -122,7 +122,7 @@ def list_drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class RigidWay:
+class RigidPath:
     """The way of the undeformed mechanism along a path, for several sets of times.
 
     Angles are (samples, nv), a continuous joint's too; mesh, frame, path : what follows what
@@ -135,7 +135,7 @@ class RigidWay:
     path: Path
     start: Mapping[str, ArrayLike] | None = None
 
-    def reach(self, time: Array) -> Reach:
+    def reach(self, time: Array) -> PathMotion:
         """Return the joint motion with which the frame follows the path at ``time`` (samples,) [s].
         Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
         """
@@ -352,7 +352,7 @@ class RigidWay:
             "{...} of the joints"
         )
 
-    def _solve_path_motion(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
+    def _solve_path_motion(self, guess: list[Array], wanted: Poses, time: Array) -> PathMotion:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
         angles = self._settled(guess[0], wanted, time)
         drives = self._drives
@@ -376,7 +376,7 @@ class RigidWay:
         bent = self._compute_poses(angles, qd)
         fall = self._assemble_rows(wanted.a, wanted.alpha) - self._assemble_rows(bent.a, bent.alpha)
         qdd[:, drives] = _apply_matrices(inverse, fall) + _apply_matrices(stay, guess[2][:, drives])
-        return Reach(self._convert_angles(angles), qd, qdd, u[:, :, :rank], idle)
+        return PathMotion(self._convert_angles(angles), qd, qdd, u[:, :, :rank], idle)
 
 
 def _apply_matrices(matrices: NDArray[np.floating], vectors: Array) -> Array:

@@ -48,7 +48,7 @@ dynamics = beside("crosscheck_drake_dynamics", "dynamics")
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltPlant:
     """A plant with its context, its bodies by link, and the index of every velocity of the mechanism among Drake's."""
 
     plant: Any
@@ -127,7 +127,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def build(mechanism: Mechanism) -> Built:
+def build(mechanism: Mechanism) -> BuiltPlant:
     """Return Drake's model of a rigid tree [m, kg, kg m^2]."""
     plant = multibody.MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector(np.asarray(mechanism.gravity))
@@ -140,7 +140,7 @@ def build(mechanism: Mechanism) -> Built:
         made.append(hung(plant, parent, bodies[joint.child], joint))
     plant.Finalize()
     order = [one.velocity_start() for one, joint in zip(made, mechanism.joints, strict=True) if joint.nv]
-    return Built(plant, plant.CreateDefaultContext(), bodies, order)
+    return BuiltPlant(plant, plant.CreateDefaultContext(), bodies, order)
 
 
 def hung(plant: Any, parent: Any, child: Any, joint: Joint) -> Any:
@@ -168,7 +168,7 @@ def _moving(mechanism: Mechanism) -> list[Joint]:
     return [joint for joint in mechanism.joints if joint.nv]
 
 
-def put(built: Built, q: Array, v: Array) -> None:
+def put(built: BuiltPlant, q: Array, v: Array) -> None:
     """Put the plant where its coordinates are q [rad], [m] and their rates v, in the mechanism's order."""
     for send, values in ((built.plant.SetPositions, q), (built.plant.SetVelocities, v)):
         ordered = np.empty(len(built.order))
@@ -176,7 +176,7 @@ def put(built: Built, q: Array, v: Array) -> None:
         send(built.context, ordered)
 
 
-def inverse_dynamics(built: Built, q: Array, v: Array, a: Array) -> Array:
+def inverse_dynamics(built: BuiltPlant, q: Array, v: Array, a: Array) -> Array:
     """Return M a + bias of one state (nv,) [N m], [N]."""
     put(built, q, v)
     ordered = np.empty(len(built.order))

@@ -24,11 +24,11 @@ from crosscheck_drake_dynamics import dynamics_of
 from pydrake.multibody import parsing, tree
 from pydrake.multibody import plant as multibody
 
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.printed import printed_of_sdf
-from crosscheck.lifting.sdf import Stated, features_of, read_stated, with_stated
+from crosscheck.lifting.sdf import SdfStatements, features_of, read_stated, with_stated
 from crosscheck.lifting.urdf import mimics
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -62,7 +62,7 @@ def read_plant(path: Path, told: list[str]) -> Any:
     """Return the finalized plant of a file as Drake's parser reads it; told : takes what it logs.  Raises InputError."""
     kind = _format(path)
     plant = multibody.MultibodyPlant(0.0)
-    heard = _Told(told)
+    heard = _LogLines(told)
     logger = logging.getLogger("drake")
     logger.addHandler(heard)
     passed_on, logger.propagate = logger.propagate, False
@@ -85,7 +85,7 @@ def read_plant(path: Path, told: list[str]) -> Any:
     return plant
 
 
-class _Told(logging.Handler):
+class _LogLines(logging.Handler):
     """Lines that Drake logs, each once."""
 
     def __init__(self, lines: list[str]) -> None:
@@ -129,7 +129,7 @@ def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | 
     gravity = np.array(plant.gravity_field().gravity_vector())
     mechanism = assembled(label, bodies, joints, gravity, {})
     mechanism = _sprung(plant, mechanism, called)
-    stated = read_stated(path) if kind == "sdf" and path is not None else Stated()
+    stated = read_stated(path) if kind == "sdf" and path is not None else SdfStatements()
     scopes = _scoped(plant, called)
     mechanism, lost = with_stated(mechanism, stated, lambda name: scopes.get(name, ""))
     if kind != "sdf":
@@ -149,7 +149,7 @@ def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | 
         return replace(found, unproven=str(error))
 
 
-def _begun(plant: Any, joint: Between, number: int) -> Between:
+def _begun(plant: Any, joint: BodyJoint, number: int) -> BodyJoint:
     """A joint; a floating one counts from where its body is at the beginning, a screw has the axis that it turns about."""
     theirs = plant.get_joint(tree.JointIndex(number))
     context = plant.CreateDefaultContext()
@@ -255,7 +255,7 @@ def _actuators(plant: Any, called: list[str]) -> tuple[dict[str, float], dict[st
 
 def _joint(
     joint: Any, name: str, names: list[str], rotors: dict[str, float], efforts: dict[str, float]
-) -> Between:  # fmt: skip
+) -> BodyJoint:  # fmt: skip
     word = joint.type_name()
     if word not in KINDS:
         raise InputError(f"joint {name!r} is {word}: expected one of {', '.join(KINDS)}")
@@ -272,7 +272,7 @@ def _joint(
         axes = {"axis": np.array(getattr(joint, get)())}
     ends = names[int(joint.parent_body().index())], names[int(joint.child_body().index())]
     own = dict(_own(joint, kind, rotors.get(name, 0.0), efforts.get(name, np.inf)))
-    return Between(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, own=own)
+    return BodyJoint(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, own=own)
 
 
 def _own(joint: Any, kind: str, rotor: float, effort: float) -> Iterator[tuple[str, Any]]:

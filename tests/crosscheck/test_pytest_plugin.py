@@ -21,7 +21,7 @@ from crosscheck.commands.shared import terminal
 from crosscheck.measures.record import Record
 from crosscheck.report.failure import describe_failure
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.verdicts.baseline import Baseline, judge_by_baseline, make_comparison_key
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
@@ -235,7 +235,7 @@ def test_the_plugin_waits_until_it_is_needed() -> None:
 def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> None:
     folder = write_models(tmp_path / "models", root)
     (task,) = discover(folder.parent).tasks
-    kept = Attempts(tmp_path / "kept")
+    kept = AttemptFolder(tmp_path / "kept")
     skipped = Attempt(Record(engine="x", status="skipped", message="has no beams"), "printed", 1.5)
     with kept.alone(task, "x"):
         assert kept.find(task, "x") is None

@@ -12,12 +12,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from crosscheck.linting.lint import Linted, lint
+from crosscheck.linting.lint import LintReport, lint
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import find_robots_folder
 
 
-def linted(files: Iterable[Path]) -> Iterator[tuple[Path, Linted | str]]:
+def linted(files: Iterable[Path]) -> Iterator[tuple[Path, LintReport | str]]:
     """Yield findings by file, or the reason why one is not read."""
     for file in files:
         try:

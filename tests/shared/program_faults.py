@@ -66,7 +66,7 @@ MISTAKES = {
 
 
 @dataclass(frozen=True)
-class Found:
+class FaultOutcome:
     """What crosscheck said of a program with a mistake: causes that it named, and its words."""
 
     named: tuple[str, ...]
@@ -81,7 +81,7 @@ class Found:
         return bool(self.named) and not mistake.causes & set(self.named)
 
 
-def campaign(names: Iterable[str], folder: Path) -> dict[str, Found]:
+def campaign(names: Iterable[str], folder: Path) -> dict[str, FaultOutcome]:
     """What crosscheck says of the programs with these mistakes, which are written into a folder."""
     chosen, rows = list(names), []
     for number, name in enumerate(chosen):
@@ -104,11 +104,11 @@ def campaign(names: Iterable[str], folder: Path) -> dict[str, Found]:
     return {name: heard(found[f"program{k}"]) for k, name in enumerate(chosen)}
 
 
-def heard(diagnosis: dict[str, object]) -> Found:
+def heard(diagnosis: dict[str, object]) -> FaultOutcome:
     """A diagnosis of results.json."""
     named = diagnosis["named"]
     assert isinstance(named, list)
-    return Found(tuple(str(one["cause"]) for one in named), str(diagnosis["words"]))
+    return FaultOutcome(tuple(str(one["cause"]) for one in named), str(diagnosis["words"]))
 
 
 def drawn(count: int, seed: int) -> list[str]:

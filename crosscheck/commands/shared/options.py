@@ -20,7 +20,7 @@ from crosscheck.commands.shared.terminal import (
     match_entries,
     plan_of,
 )
-from crosscheck.doors.registry import Doors, add_engine_limits, collect_doors, compute_answer_digest
+from crosscheck.doors.registry import ProjectEngines, add_engine_limits, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.run.work import Options, Work
 from crosscheck.studies import STUDIES, Study
@@ -63,7 +63,7 @@ OPTIONS = (
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunSelection:
     """Selection of mechanisms, engines and studies, in the words of the command line; timeout [s]."""
 
     names: tuple[str, ...]
@@ -104,7 +104,7 @@ class Asked:
         return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
 
 
-def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:
+def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> ProjectEngines:
     """Return the engines of a folder of models.  Raises Failure where a file is refused."""
     try:
         return collect_doors(models, config, named)
@@ -112,7 +112,7 @@ def collect_engines(models: Path, config: Path | None = None, named: Iterable[st
         raise Failure(str(error)) from error
 
 
-def check_trust(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
+def check_trust(known: ProjectEngines, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
     """Say which programs run.  Raises Failure where one is not trusted."""
     try:
         known.check_trust(chosen, trusting, say)
@@ -141,11 +141,11 @@ def read_study_patterns(models: Path) -> str:
 
 
 def add_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of what to run: it is called with them as one ``Asked``, and with its own by name."""
+    """Give a command the options of what to run: it is called with them as one ``RunSelection``, and with its own by name."""
 
     @functools.wraps(command)
     def called(**words: Any) -> Any:
-        asked = Asked(**{field.name: words.pop(field.name) for field in fields(Asked)})
+        asked = RunSelection(**{field.name: words.pop(field.name) for field in fields(RunSelection)})
         return command(asked, **words)
 
     for option in reversed(OPTIONS):

@@ -22,7 +22,7 @@ from exudyn.rigidBodyUtilities import T66toHT
 from exudyn.robotics import Robot
 
 from crosscheck.engines.exudyn.own_dynamics import build_dynamics
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
 from flexinv.errors import InputError
@@ -57,7 +57,7 @@ def lift(source: Any, label: str = "") -> Description:
     parts, gravity, told = _read_parts(source)
     name = label or type(source).__name__
     joints = [
-        Between(
+        BodyJoint(
             f"joint {k}", KINDS[one.type[0]], f"link {one.parent}" if one.parent >= 0 else WORLD, f"link {k}",
             one.placement, axis=AXES[one.type[1].lower()],
         )

@@ -18,12 +18,12 @@ from exudyn.itemInterface import NodeGenericODE2
 from exudyn.kinematicTree import KinematicTree66
 from exudyn.robotics import Robot
 
-from crosscheck.lifting.reader_dynamics import Answers
+from crosscheck.lifting.reader_dynamics import FunctionDynamics
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
 
-def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> Answers:
+def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> FunctionDynamics:
     """Return the dynamics of a tree in the coordinates of its mechanism.
 
     told : the dictionary of an object of a system, None for a ``KinematicTree66`` and a ``Robot``
@@ -31,7 +31,7 @@ def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanis
     """
     order = _find_joint_order(mechanism)
     if isinstance(source, KinematicTree66):
-        return Answers(f"Exudyn {exu.__version__}", _make_tree66_inverse(source, order))
+        return FunctionDynamics(f"Exudyn {exu.__version__}", _make_tree66_inverse(source, order))
     system = exu.SystemContainer().AddSystem()
     try:
         if isinstance(source, Robot):
@@ -41,7 +41,7 @@ def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanis
         system.Assemble()
     except (ValueError, RuntimeError, KeyError) as error:
         raise InputError(f"Exudyn: {' '.join(str(error).split())[:300]}") from None
-    return Answers(f"Exudyn {exu.__version__}", _make_system_inverse(system, order))
+    return FunctionDynamics(f"Exudyn {exu.__version__}", _make_system_inverse(system, order))
 
 
 def _find_joint_order(mechanism: Mechanism) -> Array:

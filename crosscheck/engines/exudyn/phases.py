@@ -41,7 +41,7 @@ from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, take_joint_q
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import DAE, Made, collect_link_series
+from crosscheck.engines.exudyn.run_in_time import DAE, TimedRun, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.phases import Phase, State
@@ -57,7 +57,7 @@ LOOSE = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismat
 
 
 @dataclass(frozen=True)
-class Switching:
+class SwitchingSchedule:
     """Schedule of the connectors: joints and closures that act in each phase.
 
     mechanism : with a closure for every variant; held : equations that each keeps; free : joints that never have a drive
@@ -90,7 +90,7 @@ def _solve_phases(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]
     return found
 
 
-def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
+def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> SwitchingSchedule:
     """Return the variants of closures and which connectors act in which phase."""
     variants: dict[tuple[str, tuple[int, ...]], Closure] = {}
     acting = []
@@ -109,7 +109,7 @@ def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase,
             variants[closure.name, axes] = replace(closure, name=name)
             on.add(name)
         acting.append(frozenset(on))
-    return Switching(
+    return SwitchingSchedule(
         mechanism=replace(mechanism, closures=tuple(variants.values())),
         held={c.name: list(axes) for (_, axes), c in variants.items()},
         free=frozenset(assembly.find_unprescribed_joints(mechanism, case)),
@@ -162,14 +162,14 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     return exudyn_loops.unsupported(replace(mechanism, closures=always), case, DAE)
 
 
-def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> Made:
+def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> TimedRun:
     """Return torque [N m] or [N], tip [m] and determinate reactions [N], [N m], each with its bar."""
     start = clock.perf_counter()
-    run = Run(mechanism, case, solve_phases(mechanism, case))
+    run = ClosedRun(mechanism, case, solve_phases(mechanism, case))
     done = [run.march(plan) for plan in plan_runs(mechanism, case, options)]
     runs = [run.series(outcome) for outcome, _ in done]
     made, budget = add_error_bars(compute_richardson_limit(runs), [Family("step", runs, "limit")])
-    return Made(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
+    return TimedRun(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
 
 
 def plan_runs(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
@@ -189,7 +189,7 @@ def plan_runs(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
 
 
 @dataclass(frozen=True)
-class Run:
+class ClosedRun:
     """A mechanism and its case with the closed motion of all phases."""
 
     mechanism: Mechanism
@@ -197,7 +197,7 @@ class Run:
     followed: list[tuple[Phase, State]]
 
     @cached_property
-    def switching(self) -> Switching:
+    def switching(self) -> SwitchingSchedule:
         """Return the schedule of the connectors."""
         return plan_switching(self.mechanism, self.case, self.followed)
 
@@ -256,7 +256,7 @@ class Run:
         }
 
 
-def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switching, plan: Plan) -> None:
+def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: SwitchingSchedule, plan: Plan) -> None:
     """Let only those connectors (name -> object numbers) act whose phase it is, from the start and before every step."""
 
     def turn(on: frozenset[str], before: frozenset[str] | None) -> None:

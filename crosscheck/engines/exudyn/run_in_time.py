@@ -54,7 +54,7 @@ TRIES = 3
 
 
 @dataclass(frozen=True)
-class Made:
+class TimedRun:
     """Series, what the engine was told, how long it took [s], and where its error bars come from."""
 
     series: dict[str, Series]
@@ -70,7 +70,7 @@ def build_start_layout(mechanism: Mechanism, case: Case) -> Layout:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ModelChoice:
     """Model to run: its engine, the plane (or None in space), elements per beam and integration of every run.
 
     The runs go from coarse to fine; reported is the last one, or in space (beams of low order) the limit of the last two.
@@ -83,7 +83,7 @@ class Choice:
     limit: bool = False
 
 
-def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Choice:
+def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> ModelChoice:
     """Return the model and the refinements of a case; every refinement doubles the elements and halves the step [s].
 
     In the plane index 2 for smooth motions from rest: it has no transient where the jerk jumps, but rings for ever
@@ -116,7 +116,7 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     runs = range(behind + ahead + 1)
     plans = tuple(replace(plan, step=plan.step / 2**k) for k in runs)
     meshes = tuple(max(1, elements * 2**k // 2**behind) for k in runs)
-    return Choice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
+    return ModelChoice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
 
 
 def compute_coarsest_step(case: Case, wanted: float, times: int) -> float:
@@ -135,7 +135,7 @@ def compute_coarsest_step(case: Case, wanted: float, times: int) -> float:
     return compute_step_size(case.step, wanted * times)
 
 
-def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Options) -> TimedRun:
     """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] by time integration."""
     choice = choose(mechanism, case, engine, options)
     layout = build_start_layout(mechanism, case)
@@ -151,11 +151,11 @@ def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Optio
     values = compute_richardson_limit(made) if choice.limit else made[-1]
     family = Family("step" if engine == DAE else "mesh and step", made, "limit" if choice.limit else -1)
     bars, budget = add_error_bars(values, [family])
-    return Made(bars, _describe_settings(choice, [plan for _, plan in done]), wall, budget)
+    return TimedRun(bars, _describe_settings(choice, [plan for _, plan in done]), wall, budget)
 
 
 def _integrate_with_retries(
-    mechanism: Mechanism, case: Case, layout: Layout, choice: Choice, n: int, plan: Plan
+    mechanism: Mechanism, case: Case, layout: Layout, choice: ModelChoice, n: int, plan: Plan
 ) -> tuple[Outcome, Plan]:
     """Integrate one model of n elements per beam; return its outcome and the plan whose Newton tolerance held."""
     plans = [replace(plan, tolerance=plan.tolerance * 10.0**k) for k in range(TRIES)]
@@ -166,7 +166,7 @@ def _integrate_with_retries(
 
 
 def integrate_model(
-    mechanism: Mechanism, motion: Motion, layout: Layout, choice: Choice, elements: int, plan: Plan
+    mechanism: Mechanism, motion: Motion, layout: Layout, choice: ModelChoice, elements: int, plan: Plan
 ) -> Outcome:
     """Return the outcome of a model with so many elements per beam [-] along a motion [m, rad, s, N]."""
     q, qd, _ = motion.evaluate(mechanism, compute_step_times(plan))
@@ -176,7 +176,7 @@ def integrate_model(
     return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, elements), plan, q, qd)
 
 
-def _describe_settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
+def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> dict[str, Any]:
     """Return the engine's settings, for the reader of the report."""
     plan = plans[0]
     flat = choice.plane is not None

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import Options, beside, make_lazy_module, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.mujoco.joints import (
-    Built,
+    BuiltModel,
     State,
     convert_effort_from_engine,
     convert_from_engine,
@@ -162,13 +162,13 @@ class Dynamics:
     closures: dict[str, Array] = field(default_factory=dict)
 
 
-def compute_inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
+def compute_inverse_dynamics(mechanism: Mechanism, built: BuiltModel, q: Array, qd: Array, qdd: Array) -> Dynamics:
     """Return mj_inverse of every sample: q (samples, nq), qd, qdd (samples, nv) [rad or m, s], in mechanism order."""
     state = convert_to_engine(mechanism, built, q, qd, qdd)
     return _convert_results(mechanism, built, q, _evaluate(built.model, state))
 
 
-def _convert_results(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
+def _convert_results(mechanism: Mechanism, built: BuiltModel, q: Array, raw: RawArrays) -> Dynamics:
     carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
     return Dynamics(
         torque=convert_effort_from_engine(mechanism, built, q, raw.effort),
@@ -177,7 +177,7 @@ def _convert_results(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> 
     )
 
 
-def _compute_dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
+def _compute_dynamics(mechanism: Mechanism, case: Case, built: BuiltModel, time: Array, engine: str) -> Dynamics:
     if not describe_nontree_parts(mechanism):
         return compute_inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
 
@@ -197,7 +197,7 @@ def _compute_dynamics(mechanism: Mechanism, case: Case, built: Built, time: Arra
 
 
 def solve_phases(
-    mechanism: Mechanism, case: Case, built: Built, time: Array
+    mechanism: Mechanism, case: Case, built: BuiltModel, time: Array
 ) -> list[tuple[phases.Phase, phases.State]]:
     """Return every phase with its motion on the closures in MuJoCo's coordinates, (samples, ...) [rad], [m], [s]."""
 
@@ -212,7 +212,7 @@ def solve_phases(
     return phases.solve_phases(mechanism, case, time, solve_closed, lambda q: convert_from_engine(mechanism, built, q))
 
 
-def _build_tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
+def _build_tree(mechanism: Mechanism, case: Case, built: BuiltModel) -> mujoco_loops.Tree:
     return mujoco_loops.Tree(
         mechanism, built, mujoco_loops.build_data(built, mechanism), _make_motion(mechanism, case, built)
     )
@@ -240,7 +240,7 @@ def _solve_phase_efforts(tree: mujoco_loops.Tree, state: State, time: Array) -> 
     return replace(said, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
 
 
-def _make_motion(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
+def _make_motion(mechanism: Mechanism, case: Case, built: BuiltModel) -> mujoco_loops.Motion:
     """Return the motion in MuJoCo's coordinates, joints that it leaves out at their guess."""
 
     def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
@@ -269,7 +269,7 @@ def _compute_soft_efforts(tree: mujoco_loops.Tree, state: State, time: Array) ->
 
 
 @dataclass(frozen=True)
-class Raw:
+class RawArrays:
     """Arrays that MuJoCo leaves in its data, by sample.
 
     effort : (samples, nv); cfrc_int : (samples, bodies, 6); subtree_com, xpos : (samples, bodies, 3) [m];
@@ -283,7 +283,7 @@ class Raw:
     xmat: Array
 
 
-def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
+def _evaluate(model: mujoco.MjModel, state: State) -> RawArrays:
     data = mujoco.MjData(model)
     raw = make_empty_raw(model, len(state.q))
     for k in range(len(state.q)):
@@ -296,13 +296,13 @@ def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
     return raw
 
 
-def make_empty_raw(model: mujoco.MjModel, samples: int) -> Raw:
+def make_empty_raw(model: mujoco.MjModel, samples: int) -> RawArrays:
     """Return room for the data of all samples [N m], [N], [m]."""
     shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
-    return Raw(*(np.empty((samples, *shape)) for shape in shapes))
+    return RawArrays(*(np.empty((samples, *shape)) for shape in shapes))
 
 
-def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
+def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: RawArrays, k: int, effort: Array) -> None:
     """Write sample k: effort (nv,) [N m] or [N] as given, everything else from ``data``, whose qacc is set."""
     mujoco.mj_rnePostConstraint(model, data)
     raw.effort[k] = effort
@@ -312,7 +312,7 @@ def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, ef
     raw.xmat[k] = data.xmat.reshape(-1, 3, 3)
 
 
-def compute_body_wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
+def compute_body_wrench(model: mujoco.MjModel, raw: RawArrays, body: int) -> Array:
     """Return the wrench of the parent on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
     moment = raw.cfrc_int[:, body, :3]
     force = raw.cfrc_int[:, body, 3:]
@@ -321,7 +321,7 @@ def compute_body_wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
     return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))
 
 
-def compute_point_position(raw: Raw, body: int, point: Array) -> Array:
+def compute_point_position(raw: RawArrays, body: int, point: Array) -> Array:
     """Return the position of a body's point (3,) [m] in the world, (samples, 3) [m]."""
     return np.asarray(raw.xpos[:, body] + raw.xmat[:, body] @ point)
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.joints import Built, convert_effort_from_engine, convert_to_engine
+from crosscheck.engines.mujoco.joints import BuiltModel, convert_effort_from_engine, convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import describe_nontree_parts
@@ -62,7 +62,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def _read_passive_elements(mechanism: Mechanism, built: Built) -> dict[str, Any]:
+def _read_passive_elements(mechanism: Mechanism, built: BuiltModel) -> dict[str, Any]:
     """Damping and dry friction of joints, springs in joints and tendons, from the compiled model's own arrays."""
     model = built.model
     moving = [j for j in mechanism.joints if j.nv]
@@ -84,7 +84,7 @@ def _read_passive_elements(mechanism: Mechanism, built: Built) -> dict[str, Any]
     }
 
 
-def _read_closure_ends(mechanism: Mechanism, built: Built) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, built: BuiltModel) -> dict[str, Any]:
     """Return points and axes of MuJoCo's equalities on each link, in the link's frame: places of their sites."""
     model = built.model
     points = {}
@@ -100,7 +100,7 @@ def _read_closure_ends(mechanism: Mechanism, built: Built) -> dict[str, Any]:
     return {"closure_points": points, "closure_axes": axes}
 
 
-def _compute_joint_masses(mechanism: Mechanism, built: Built, mass: Array) -> dict[str, float]:
+def _compute_joint_masses(mechanism: Mechanism, built: BuiltModel, mass: Array) -> dict[str, float]:
     """Mass of all bodies welded to the child of each moving joint."""
     weld = built.model.body_weldid
     child = {j.name: built.body[j.child] for j in mechanism.joints if j.name in collect_joint_bodies(mechanism)}
@@ -108,7 +108,7 @@ def _compute_joint_masses(mechanism: Mechanism, built: Built, mass: Array) -> di
 
 
 def _compute_joint_inertias(
-    mechanism: Mechanism, built: Built, data: mujoco.MjData, mass: Array
+    mechanism: Mechanism, built: BuiltModel, data: mujoco.MjData, mass: Array
 ) -> dict[str, tuple[Array, Array]]:
     """First moment and tensor about the child's origin, along its axes, of all bodies welded to it, by moving joint."""
     model = built.model
@@ -128,7 +128,7 @@ def _compute_joint_inertias(
     return found
 
 
-def _convert_mass_matrix(mechanism: Mechanism, built: Built, q: Array, matrix: Array) -> Array:
+def _convert_mass_matrix(mechanism: Mechanism, built: BuiltModel, q: Array, matrix: Array) -> Array:
     """The mass matrix in the mechanism's coordinates: the dual of the map, on both sides."""
     half = [convert_effort_from_engine(mechanism, built, q, matrix[:, :, k]) for k in range(matrix.shape[2])]
     rows = np.stack(half, axis=2)  # (configuration, coordinate, MuJoCo's coordinate)
@@ -136,11 +136,11 @@ def _convert_mass_matrix(mechanism: Mechanism, built: Built, q: Array, matrix: A
     return np.stack(whole, axis=1)
 
 
-def _list_joint_order(mechanism: Mechanism, built: Built) -> tuple[str, ...]:
+def _list_joint_order(mechanism: Mechanism, built: BuiltModel) -> tuple[str, ...]:
     return tuple(sorted(built.v_at, key=lambda name: built.v_at[name]))
 
 
-def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+def _compute_closure_residual(mechanism: Mechanism, case: Case, built: BuiltModel) -> tuple[float | None, int | None]:
     """Largest residual of the closures' equations and the rank of MuJoCo's own rows, where the motion starts; as guessed
     where they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.mujoco.adapter import (
-    Raw,
+    RawArrays,
     collect_warnings,
     compute_body_wrench,
     compute_point_position,
@@ -26,7 +26,7 @@ from crosscheck.engines.mujoco.adapter import (
     make_empty_raw,
     version,
 )
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.rod import (
     DRIVE,
     NO_FRAME,
@@ -153,7 +153,9 @@ def convert_to_angles(mechanism: Mechanism, q: Array) -> Array:
     return np.column_stack([np.arctan2(c[:, 1], c[:, 0]) if c.shape[1] == 2 else c[:, 0] for c in columns])
 
 
-def _integrate_points(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], stride: int) -> Raw:
+def _integrate_points(
+    mechanism: Mechanism, built: BuiltModel, hub: tuple[Array, Array, Array], stride: int
+) -> RawArrays:
     """Integrate the points while the joints move as given; hub: places, speeds, accelerations (steps, joints)."""
     model = built.model
     data = mujoco.MjData(built.model)
@@ -184,7 +186,9 @@ def _make_slice(places: list[int]) -> slice | list[int]:
     return slice(first, first + len(places)) if places == list(range(first, first + len(places))) else places
 
 
-def _collect_series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torque: Array) -> dict[str, Series]:
+def _collect_series(
+    mechanism: Mechanism, built: BuiltModel, rod: Rod, raw: RawArrays, torque: Array
+) -> dict[str, Series]:
     made = torque_series(mechanism, torque)
     for joint in mechanism.joints:
         body = built.body[joint.child]

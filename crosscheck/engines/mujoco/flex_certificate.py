@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.flex import ELEMENTS, plan_steps
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.rod import Rod, build_flexible_model, build_rod
 from crosscheck.engines.shared.probe_states import Array
 from crosscheck.measures.certificate import Certificate
@@ -65,7 +65,7 @@ def _compute_arc(rod: Rod) -> tuple[Array, Array]:
     return along, across
 
 
-def _compute_elastic_force(built: Built, rod: Rod, along: Array, across: Array, axis: str) -> float:
+def _compute_elastic_force(built: BuiltModel, rod: Rod, along: Array, across: Array, axis: str) -> float:
     """Return the elastic force on the last point along an axis of the section [N] with all points moved."""
     model = built.model
     data = mujoco.MjData(model)

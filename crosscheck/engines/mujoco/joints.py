@@ -47,7 +47,7 @@ STIFF_FRICTION = (-1.0, -1e12)
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltModel:
     """A compiled model and where the mechanism's coordinates stand in it.
 
     q_at, v_at : first index in qpos and in qvel, by joint name; body : index by link name
@@ -114,7 +114,7 @@ class State:
     a: Array
 
 
-def convert_to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
+def convert_to_engine(mechanism: Mechanism, built: BuiltModel, q: Array, qd: Array, qdd: Array) -> State:
     """Return MuJoCo's qpos, qvel and qacc of q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
     model = built.model
     out = State(np.empty((len(q), model.nq)), np.empty((len(q), model.nv)), np.empty((len(q), model.nv)))
@@ -162,7 +162,7 @@ def _compute_world_rotation(joint: Joint, q: Array) -> scipy.spatial.transform.R
     return rotation.from_matrix(joint.placement.rotation) * rotation.from_quat(q[:, 3:])
 
 
-def convert_from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
+def convert_from_engine(mechanism: Mechanism, built: BuiltModel, position: Array) -> Array:
     """Return the mechanism's q (samples, nq) [rad], [m] of MuJoCo's qpos (samples, nq of the model)."""
     out = np.empty((len(position), mechanism.nq))
     for joint in mechanism.joints:
@@ -183,7 +183,7 @@ def convert_from_engine(mechanism: Mechanism, built: Built, position: Array) -> 
     return out
 
 
-def convert_effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
+def convert_effort_from_engine(mechanism: Mechanism, built: BuiltModel, q: Array, force: Array) -> Array:
     """Return the mechanism's efforts (samples, nv) [N m] or [N] of MuJoCo's generalized forces: the dual of the map."""
     out = np.empty((len(force), mechanism.nv))
     for joint in mechanism.joints:

@@ -8,11 +8,11 @@ import numpy as np
 from crosscheck.engines.mujoco.joints import convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.prescribed import passive_effort
-from crosscheck.engines.shared.replay import Array, Drive
+from crosscheck.engines.shared.replay import Array, DriveTorques
 from flexinv.model.mechanism import Mechanism
 
 
-def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
+def replay(mechanism: Mechanism, drive: DriveTorques) -> dict[str, Array]:
     """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque; one step between two."""
     built = build(mechanism)
     model = built.model

@@ -24,7 +24,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.model import FLOOR, build, convert_to_quaternion
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Link, Mechanism
@@ -128,7 +128,7 @@ def find_bending_axis(mechanism: Mechanism, link: Link) -> int | None:
     return None
 
 
-def build_flexible_model(mechanism: Mechanism, rod: Rod, step: float) -> Built:
+def build_flexible_model(mechanism: Mechanism, rod: Rod, step: float) -> BuiltModel:
     """Return MuJoCo's model of the mechanism without drives, with a flex for the rod; step [s]."""
     return build(_build_rigid_part(mechanism, rod), extend=lambda spec: _add_rod(spec, rod, step))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
-from crosscheck.engines.pinocchio.model import Built, build, convert_to_engine
+from crosscheck.engines.pinocchio.model import BuiltModel, build, convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import collect_passive_elements
 from crosscheck.engines.shared.probe_states import Array, configurations, move_inertia_to_origin
@@ -57,7 +57,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def _read_closure_ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, case: Case, built: BuiltModel) -> dict[str, Any]:
     """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
     tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
     place, rate, _ = tree.given(np.zeros(1))
@@ -78,7 +78,7 @@ def _resolve_joint_name(mechanism: Mechanism, name: str) -> str:
     return mechanism.joints[0].name if name == "root_joint" else name
 
 
-def _compute_joint_axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
+def _compute_joint_axes(mechanism: Mechanism, built: BuiltModel, places: Array) -> dict[str, Array]:
     """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
     model = built.model
     data = built.model.createData()
@@ -94,7 +94,7 @@ def _compute_joint_axes(mechanism: Mechanism, built: Built, places: Array) -> di
     return {name: np.array(rows) for name, rows in found.items()}
 
 
-def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+def _compute_closure_residual(mechanism: Mechanism, case: Case, built: BuiltModel) -> tuple[float | None, int | None]:
     """Largest residual of the closures' equations and their rank, where the motion starts; as guessed if they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):
         return None, None

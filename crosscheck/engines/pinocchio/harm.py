@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from crosscheck.engines.pinocchio.model import Built
+from crosscheck.engines.pinocchio.model import BuiltModel
 
 
-def replace_inertia_order(built: Built, joint: str) -> None:
+def replace_inertia_order(built: BuiltModel, joint: str) -> None:
     """Give xx, yy, zz, xy, xz, yz [kg m^2] of what a joint carries where xx, xy, yy, xz, yz, zz are wanted."""
     index, _ = built.joint[joint]
     old = built.model.inertias[index]
@@ -22,13 +22,13 @@ def replace_inertia_order(built: Built, joint: str) -> None:
     built.model.inertias[index] = pin.Inertia(old.mass, old.lever, np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]]))
 
 
-def scale_mass_lever(built: Built, joint: str, factor: float) -> None:
+def scale_mass_lever(built: BuiltModel, joint: str, factor: float) -> None:
     """Put the centre of mass of what a joint carries farther out by a factor [-]."""
     index, _ = built.joint[joint]
     old = built.model.inertias[index]
     built.model.inertias[index] = pin.Inertia(old.mass, old.lever * factor, old.inertia)
 
 
-def remove_armature(built: Built) -> None:
+def remove_armature(built: BuiltModel) -> None:
     """Forget all rotors."""
     built.model.armature[:] = 0.0

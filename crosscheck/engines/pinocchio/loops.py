@@ -19,11 +19,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines.pinocchio.model import Built, Dynamics, compute_inverse_dynamics, convert_to_engine
+from crosscheck.engines.pinocchio.model import BuiltModel, Dynamics, compute_inverse_dynamics, convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
-from crosscheck.engines.shared.loop_closure import Moving, Task
+from crosscheck.engines.shared.loop_closure import ClosureTask, FrameMotion
 from crosscheck.engines.shared.prescribed import compute_spring_effort, passive_effort
-from crosscheck.engines.shared.wrenches import Push, compute_applied_forces, compute_closure_forces, compute_reactions
+from crosscheck.engines.shared.wrenches import (
+    AppliedWrench,
+    compute_applied_forces,
+    compute_closure_forces,
+    compute_reactions,
+)
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Mechanism
 
@@ -36,7 +41,7 @@ class Tree:
     """The cut tree as `loop_closure` wants it; coordinates in the model's order."""
 
     mechanism: Mechanism
-    built: Built
+    built: BuiltModel
     data: Any
     case: Case | None = None
 
@@ -50,7 +55,7 @@ class Tree:
         """Return q after a step (nv,) [rad], [m]."""
         return np.asarray(pin.integrate(self.built.model, q, step))
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+    def pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure."""
         self.place(q, v)
         return [
@@ -72,7 +77,7 @@ class Tree:
         pin.forwardKinematics(model, self.data, q, v, np.zeros(model.nv))
         pin.computeJointJacobians(model, self.data, q)
 
-    def look(self, at: Attachment) -> Moving:
+    def look(self, at: Attachment) -> FrameMotion:
         """Return a frame where the tree has been put."""
         model = self.built.model
         data = self.data
@@ -81,19 +86,19 @@ class Tree:
         if joint == 0:
             none = np.zeros((3, model.nv))
             still = np.zeros(3)
-            return Moving(place.translation, place.rotation, none, none, still, still, still, still)
+            return FrameMotion(place.translation, place.rotation, none, none, still, still, still, still)
         pose = data.oMi[joint] * place
         jacobian = pin.getFrameJacobian(model, data, joint, place, WORLD_AXES)
         jacobian = jacobian.reshape(6, model.nv)  # a single column comes as a vector
         speed = pin.getFrameVelocity(model, data, joint, place, WORLD_AXES)
         rate = pin.getFrameClassicalAcceleration(model, data, joint, place, WORLD_AXES)
-        return Moving(
+        return FrameMotion(
             pose.translation, pose.rotation, jacobian[:3], jacobian[3:],
             speed.linear, speed.angular, rate.linear, rate.angular,
         )  # fmt: skip
 
 
-def solve_motion(mechanism: Mechanism, case: Case, built: Built, time: Array) -> tuple[Array, Array, Array]:
+def solve_motion(mechanism: Mechanism, case: Case, built: BuiltModel, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] in the mechanism's order, on its closures."""
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
@@ -103,12 +108,12 @@ def solve_motion(mechanism: Mechanism, case: Case, built: Built, time: Array) ->
         unknown[built.v_order[mechanism.v_slices[name]]] = True
         unknown_q[built.q_order[mechanism.q_slices[name]]] = True
     tree = Tree(mechanism, built, built.model.createData(), case)
-    q, v, a = assembly.solve_closed_motion(Task(mechanism, tree, unknown, unknown_q), time)
+    q, v, a = assembly.solve_closed_motion(ClosureTask(mechanism, tree, unknown, unknown_q), time)
     return q[:, built.q_order], v[:, built.v_order], a[:, built.v_order]
 
 
 @dataclass(frozen=True)
-class Held:
+class ClosedDynamics:
     """Efforts (samples, nv) [N m] or [N], what Pinocchio says with all forces on, closures' wrenches on second frames."""
 
     torque: Array
@@ -116,7 +121,9 @@ class Held:
     closures: dict[str, Array] = field(default_factory=dict)
 
 
-def solve_efforts(mechanism: Mechanism, built: Built, time: Array, state: tuple[Array, Array, Array]) -> Held:
+def solve_efforts(
+    mechanism: Mechanism, built: BuiltModel, time: Array, state: tuple[Array, Array, Array]
+) -> ClosedDynamics:
     """Return the drives' efforts [N m], [N] and all wrenches under springs, forces and closures."""
     q, qd, qdd = state
     tree = Tree(mechanism, built, built.model.createData())
@@ -130,10 +137,10 @@ def solve_efforts(mechanism: Mechanism, built: Built, time: Array, state: tuple[
     if mechanism.closures:
         outside, torque, wrenches = _split_loop_efforts(tree, outside, torque)
     dynamics = compute_inverse_dynamics(built, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside])
-    return Held(torque, dynamics, wrenches)
+    return ClosedDynamics(torque, dynamics, wrenches)
 
 
-Outside = list[tuple[Array, Array, list[Push]]]
+Outside = list[tuple[Array, Array, list[AppliedWrench]]]
 
 
 def _collect_external_forces(tree: Tree, time: Array, state: tuple[Array, Array, Array]) -> Outside:
@@ -145,7 +152,7 @@ def _collect_external_forces(tree: Tree, time: Array, state: tuple[Array, Array,
     return out
 
 
-def _build_external_forces(tree: Tree, q: Array, v: Array, acting: list[Push]) -> Any:
+def _build_external_forces(tree: Tree, q: Array, v: Array, acting: list[AppliedWrench]) -> Any:
     """Return the external forces on every joint's body, in its frame, as rnea takes them."""
     pin.forwardKinematics(tree.built.model, tree.data, q)
     total = [pin.Force.Zero() for _ in range(tree.built.model.njoints)]

@@ -49,7 +49,7 @@ class AssemblyError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Moving:
+class FrameMotion:
     """A frame in the world.
 
     x (3,) [m], r (3, 3) : pose; linear, angular (3, nv) : Jacobians; v, w (3,) [m/s], [rad/s]
@@ -67,7 +67,7 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Rows:
+class ClosureRows:
     """Equations of all closures: phi [m], [-]; g (rows, nv); bias (rows,): phi'' at zero acceleration of coordinates.
 
     closure : (rows,) index; force, moment : (rows, 3) in the world, on the second frame per unit of the multiplier
@@ -84,7 +84,7 @@ class Rows:
 class Tree(Protocol):
     """Interface of an engine's open tree, in its own coordinates."""
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+    def pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return first and second frame of every closure."""
 
     def moved(self, q: Array, step: Array) -> Array:
@@ -127,7 +127,7 @@ def build_equation_vectors(closure: Closure) -> tuple[list[Array], list[tuple[Ar
 
 def build_coupling_frames(
     closure: Closure, place: Callable[[str], tuple[int, int]], q: Array, v: Array
-) -> tuple[Moving, Moving]:
+) -> tuple[FrameMotion, FrameMotion]:
     """Return a coupling, sum factor q = offset [rad], [m], as two points on a line: the second is where the sum is.
 
     place : joint -> where its number stands in q (nq,) and in v (nv,).  Both points are the world's: a force between
@@ -141,11 +141,11 @@ def build_coupling_frames(
         at, column = place(name)
         sum_of[0] += factor * q[at]
         rate[0, column] += factor
-    fixed = Moving(still, np.eye(3), none, none, still, still, still, still)
-    return fixed, Moving(sum_of, np.eye(3), rate, none, rate @ v, still, still, still)
+    fixed = FrameMotion(still, np.eye(3), none, none, still, still, still, still)
+    return fixed, FrameMotion(sum_of, np.eye(3), rate, none, rate @ v, still, still, still)
 
 
-def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -> Rows:
+def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[FrameMotion, FrameMotion]]) -> ClosureRows:
     """Return all equations [m], [-] at one state."""
     rows: list[tuple[Any, ...]] = []
     for index, (closure, (first, second)) in enumerate(zip(closures, pairs, strict=True)):
@@ -153,10 +153,10 @@ def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Movin
         rows += [(*compute_position_row(first, second, first.r @ u), index) for u in positions]
         rows += [(*compute_direction_row(first, second, first.r @ u, second.r @ w), index) for u, w in directions]
     phi, g, bias, force, moment, owner = (np.array(column) for column in zip(*rows, strict=True))
-    return Rows(phi, g, bias, owner, force, moment)
+    return ClosureRows(phi, g, bias, owner, force, moment)
 
 
-def compute_position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
+def compute_position_row(first: FrameMotion, second: FrameMotion, u: Array) -> tuple[Any, ...]:
     """Return phi [m], its Jacobian (nv,), its bias, force and moment of u . (x_2 - x_1) = 0; u : (3,) [-], world."""
     d = second.x - first.x
     v = second.v - first.v
@@ -167,7 +167,7 @@ def compute_position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, 
     return u @ d, g, bias, u, np.zeros(3)
 
 
-def compute_direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
+def compute_direction_row(first: FrameMotion, second: FrameMotion, u: Array, w: Array) -> tuple[Any, ...]:
     """Return phi [-], its Jacobian (nv,), its bias, force and moment of u . w = 0; u, w : (3,) [-], world."""
     u1 = cross(first.w, u)
     w1 = cross(second.w, w)
@@ -181,7 +181,7 @@ def compute_direction_row(first: Moving, second: Moving, u: Array, w: Array) -> 
 
 
 @dataclass(frozen=True)
-class Task:
+class ClosureTask:
     """A mechanism whose motion leaves joints to the closures.
 
     unknown : (nv,) and unknown_q : (nq,) which of the tree's coordinates follow from the closures
@@ -193,7 +193,7 @@ class Task:
     unknown_q: NDArray[np.bool_]
 
 
-def solve_closed_motion(task: Task, time: Array) -> tuple[Array, Array, Array]:
+def solve_closed_motion(task: ClosureTask, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), v, a (samples, nv) [rad], [m], [s] of the tree on its closures.
 
     Raises AssemblyError where the loops do not close, where the branch is lost, and where they stay movable.
@@ -222,7 +222,7 @@ def compute_extent(mechanism: Mechanism) -> float:
     return float(np.abs(offsets).sum() + beams) or 1.0
 
 
-def _compute_scales(task: Task, rows: Rows) -> Array:
+def _compute_scales(task: ClosureTask, rows: ClosureRows) -> Array:
     """Return the divisor of each equation, (rows,): a length [m] for positions, 1 for directions.
 
     Where closures are redundant and the given motion meets them to its digits only, this weighs what is left open.
@@ -230,7 +230,7 @@ def _compute_scales(task: Task, rows: Rows) -> Array:
     return np.where(rows.force.any(axis=1), compute_extent(task.mechanism), 1.0)
 
 
-def _solve_newton(task: Task, guess: Array) -> Array | None:
+def _solve_newton(task: ClosureTask, guess: Array) -> Array | None:
     """Return the closed configuration near a guess, or None."""
     q = guess
     rest = np.zeros(len(task.unknown))
@@ -248,7 +248,7 @@ def _solve_newton(task: Task, guess: Array) -> Array | None:
     return q if np.abs(rows.phi).max() < CLOSED else None
 
 
-def _solve_rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Array]:
+def _solve_rates(task: ClosureTask, q: Array, time: float, given: State) -> tuple[Array, Array]:
     """Return v and a (nv,) [1/s], [1/s^2]: G v = 0 and G a + bias = 0 with the given coordinates as they are at a time [s]."""
     _, v, a = given
     free = task.unknown
@@ -269,13 +269,13 @@ def _solve_rates(task: Task, q: Array, time: float, given: State) -> tuple[Array
     return v, a
 
 
-def _evaluate_motion(task: Task, time: float) -> State:
+def _evaluate_motion(task: ClosureTask, time: float) -> State:
     q, v, a = task.tree.given(np.array([time]))
     return q[0], v[0], a[0]
 
 
 def _integrate_step(
-    task: Task, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
+    task: ClosureTask, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
 ) -> tuple[Array, tuple[Array, Array]]:
     """Follow the loops from one time to the next, at which the given coordinates are ``end``."""
     before, after = times

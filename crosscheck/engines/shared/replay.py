@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveTorques:
     """Torques of the drives over time, linear between the samples; the mechanism starts at rest.
 
     q : (nq,) where it starts [rad], [m]; spacing : of the samples [s]; torque : (samples, drives) [N m], [N]

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.lengths import Lengths
-from crosscheck.equivalence.alignment.poses import Poses
-from crosscheck.equivalence.alignment.seats import Aligned, make_joint_alignment
+from crosscheck.equivalence.alignment.lengths import DescriptionLengths
+from crosscheck.equivalence.alignment.poses import MemberPoses
+from crosscheck.equivalence.alignment.seats import MemberAlignment, make_joint_alignment
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Placement
 
@@ -33,7 +33,7 @@ TIE = 1e-3
 class Alignment:
     """Seats of all pairs, parents first, and the pose of B's world in A's [m]; length : of the list of what differs [-]."""
 
-    seats: list[Aligned]
+    seats: list[MemberAlignment]
     motion: Placement = field(default_factory=Placement)
     length: float = 0.0
 
@@ -44,8 +44,8 @@ def find_alignment(first: Tree, second: Tree, pairs: list[tuple[int, int]], size
     First all stands as it is, and a member in which that leaves no difference is not looked at again.  Where differences are
     left, they may be owed to any member before them, and to the base: for those all poses are tried.
     """
-    lengths = Lengths(first, second, dict(pairs), size)
-    search = Search(lengths, Poses(lengths))
+    lengths = DescriptionLengths(first, second, dict(pairs), size)
+    search = AlignmentSearch(lengths, MemberPoses(lengths))
     best = search.find_best_alignment(Placement())
     search.doubted = search.left(best)
     if not search.doubted and not lengths.compute_base_code_length(Placement()):
@@ -60,14 +60,14 @@ def find_alignment(first: Tree, second: Tree, pairs: list[tuple[int, int]], size
 
 
 @dataclass
-class Search:
+class AlignmentSearch:
     """The search for the shortest list of differences; the poses of each member that are followed are kept by its number.
 
     doubted : members of which all poses are tried, also where nothing differs in them
     """
 
-    lengths: Lengths
-    poses: Poses
+    lengths: DescriptionLengths
+    poses: MemberPoses
     doubted: set[int] = field(default_factory=set)
     kept: dict[int, list[Placement]] = field(default_factory=dict)
 
@@ -82,7 +82,7 @@ class Search:
         chosen: dict[tuple[int, int], int] = {}
         for a in [*sorted(partner, reverse=True), -1]:
             sums[a] = [self._compute_subtree_length(a, k, pose, sums, chosen) for k, pose in enumerate(self.kept[a])]
-        seats: list[Aligned] = []
+        seats: list[MemberAlignment] = []
         taken = {-1: 0}
         for a in sorted(partner):
             carrier = first.members[a].parent

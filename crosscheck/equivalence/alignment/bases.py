@@ -12,7 +12,7 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair, format_placement
+from crosscheck.equivalence.members import MemberPair, format_placement
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import compute_angle, inverse
 from flexinv.model.mechanism import Array, Placement
@@ -22,7 +22,9 @@ FELT = "gravity has another direction in it"
 UNFELT = "no torque feels it: gravity has the same direction in it"
 
 
-def list_base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterable[Pair]) -> Iterator[Difference]:
+def list_base_differences(
+    first: Tree, second: Tree, motion: Placement, pairs: Iterable[MemberPair]
+) -> Iterator[Difference]:
     """Yield what differs of where both machines stand [m], [rad], and of gravity [m/s^2]; motion : of B's world in A's."""
     ours = first.gravity
     theirs = second.gravity

@@ -27,7 +27,7 @@ import numpy as np
 from crosscheck.equivalence.alignment.seats import (
     SAME,
     SEEN,
-    Aligned,
+    MemberAlignment,
     has_same_limits,
     is_same_as_printed,
     make_joint_alignment,
@@ -56,7 +56,7 @@ def compute_code_length(size: float) -> float:
 
 
 @dataclass(frozen=True)
-class Content:
+class RigidPartContent:
     """A rigid part of both trees as it shows its frame: bodies, and joints that hang on it, in the frame of its first member.
 
     bodies : inertias of both [kg, m, kg m^2]; hung : kind, placements [m] and axes [-] of both
@@ -67,14 +67,14 @@ class Content:
 
 
 @dataclass
-class Lengths:
+class DescriptionLengths:
     """Two trees whose members are matched, partner by number in the first, and what differs in poses; size : of both [m]."""
 
     first: Tree
     second: Tree
     partner: dict[int, int]
     size: float
-    known: dict[int, Content] = field(default_factory=dict)
+    known: dict[int, RigidPartContent] = field(default_factory=dict)
 
     def compute_frame_code_length(self, frame: Placement) -> float:
         """Return the length of a frame of B that stands so in A's [m]."""
@@ -97,7 +97,7 @@ class Lengths:
             total += self._compute_limit_code_length(one, two, seat)
         return total
 
-    def _compute_limit_code_length(self, one: Member, two: Member, seat: Aligned) -> float:
+    def _compute_limit_code_length(self, one: Member, two: Member, seat: MemberAlignment) -> float:
         """The length of limits and rests of springs that do not agree in these coordinates."""
         total = 0.0
         ours = one.limits.lower, one.limits.upper
@@ -141,17 +141,17 @@ class Lengths:
         total = compute_code_length(compute_norm(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
         return total + (compute_code_length(compute_norm(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
-    def collect_rigid_content(self, a: int) -> Content:
+    def collect_rigid_content(self, a: int) -> RigidPartContent:
         """Return the bodies and joints by which a member and all that is fixed to it show how they stand, found once [kg, m]."""
         if a not in self.known:
             one = self.first.members[a]
             two = self.second.members[self.partner[a]]
-            found = Content([(one.inertia, two.inertia)], [])
+            found = RigidPartContent([(one.inertia, two.inertia)], [])
             self._collect_children(a, Placement(), Placement(), found)
             self.known[a] = found
         return self.known[a]
 
-    def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: Content) -> None:
+    def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: RigidPartContent) -> None:
         for c in self.first.children(a):
             if c not in self.partner:
                 continue

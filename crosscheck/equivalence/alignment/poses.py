@@ -1,7 +1,7 @@
 """Poses that are tried for B's frame in A's: those that the joint, the body and what hangs on it suggest.
 
-A pose is fixed by what a rigid part shows (`lengths.Content`): its own axis, centres of mass, tensors, lines of joints.  From
-a pose in which one direction agrees, each of the others gives an angle about it, and each point a way along it.
+A pose is fixed by what a rigid part shows (`lengths.RigidPartContent`): its own axis, centres of mass, tensors, lines of joints.
+From a pose in which one direction agrees, each of the others gives an angle about it, and each point a way along it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.lengths import HINGES, Lengths
+from crosscheck.equivalence.alignment.lengths import HINGES, DescriptionLengths
 from crosscheck.equivalence.alignment.seats import SEEN
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import apply_placement, compute_norm, compute_relative_pose, cross, inverse, turned
@@ -24,10 +24,10 @@ PRIMARY = 4  # directions of which one is taken to agree
 
 
 @dataclass
-class Poses:
+class MemberPoses:
     """The poses of the members of two trees; known : by member what it suggests whatever carries it."""
 
-    lengths: Lengths
+    lengths: DescriptionLengths
     known: dict[int, list[Placement]] = field(default_factory=dict)
 
     def still(self, a: int, before: Placement) -> Placement:

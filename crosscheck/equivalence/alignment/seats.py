@@ -28,7 +28,7 @@ APART = 0.1
 
 
 @dataclass(frozen=True)
-class Aligned:
+class MemberAlignment:
     """A member of A and the one of B that it is.
 
     frame : B's frame in A's [m]; shift : pose of B's zero in A's joint frame, the identity where zeros agree [m]
@@ -46,13 +46,13 @@ class Aligned:
 
 def make_joint_alignment(
     one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement
-) -> Aligned:
+) -> MemberAlignment:
     """Return the seat that follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
     shift = apply_placement(
         compute_relative_pose(one.placement, apply_placement(before, two.placement)), inverse(frame)
     )
     sign, offset, rest = _fit_coordinate(one, two, frame, shift)
-    return Aligned(*numbers, frame, rest, sign, offset)
+    return MemberAlignment(*numbers, frame, rest, sign, offset)
 
 
 def _fit_coordinate(one: Member, two: Member, frame: Placement, shift: Placement) -> tuple[float, float, Placement]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.alignment.seats import SAME
-from crosscheck.equivalence.beams.sampled import Sampled, collect_stations, sample_beam
+from crosscheck.equivalence.beams.sampled import SampledBeam, collect_stations, sample_beam
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import describe_factor
 from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism, ModalDamping
@@ -41,7 +41,7 @@ Edit = Callable[[Mechanism], Mechanism]
 
 
 @dataclass(frozen=True)
-class Bent:
+class BeamDifference:
     """A difference of beams, and the edit that gives B's value to a mechanism with A's."""
 
     difference: Difference
@@ -49,7 +49,7 @@ class Bent:
 
 
 @dataclass(frozen=True)
-class Beams:
+class MatchedBeams:
     """Two mechanisms and B's links by those of A, where both are matched; joints : B's by those of A."""
 
     first: Mechanism
@@ -104,7 +104,7 @@ class Beams:
             modal_damping=_drop_damping_time(self.first.modal_damping),
         )  # fmt: skip
 
-    def differences(self) -> Iterator[Bent]:
+    def differences(self) -> Iterator[BeamDifference]:
         """Yield every difference of beams with its edit [unit of each]."""
         for ours, theirs, a, b in self.both:
             stations = collect_stations(a, b)
@@ -114,7 +114,7 @@ class Beams:
             yield from self._list_station_changes(ours, theirs)
         yield from self._list_damping_changes()
 
-    def _list_station_changes(self, ours: str, theirs: str) -> Iterator[Bent]:
+    def _list_station_changes(self, ours: str, theirs: str) -> Iterator[BeamDifference]:
         mine = self.first.link_of[ours]
         other = self.second.link_of[theirs]
         at = {body.name: body.station for body in other.bodies}
@@ -123,7 +123,7 @@ class Beams:
                 found = _make_station_difference(
                     "station of body", f"body {body.name} (on link {ours})", body.station, at[body.name]
                 )
-                yield Bent(found, _make_body_edit(theirs, body.name, at[body.name]))
+                yield BeamDifference(found, _make_body_edit(theirs, body.name, at[body.name]))
         for joint, partner in self.joints.items():
             one = self.first.joint_of[joint]
             two = self.second.joint_of[partner]
@@ -131,14 +131,14 @@ class Beams:
                 found = _make_station_difference(
                     "station of joint", f"joint {joint}", _end(one.station), _end(two.station)
                 )
-                yield Bent(found, _make_joint_edit(partner, two.station))
+                yield BeamDifference(found, _make_joint_edit(partner, two.station))
 
     @property
     def _stated(self) -> bool:
         """Both state the ratio of a mode: retardation times follow from it."""
         return self.first.modal_damping is not None and self.second.modal_damping is not None
 
-    def _list_damping_changes(self) -> Iterator[Bent]:
+    def _list_damping_changes(self) -> Iterator[BeamDifference]:
         one = self.first.modal_damping
         two = self.second.modal_damping
         if one is None or two is None or (one.ratio, one.mode) == (two.ratio, two.mode):
@@ -147,7 +147,7 @@ class Beams:
         shown = (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}")
         hints = describe_factor(two.ratio, one.ratio) if one.mode == two.mode else ()
         found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
-        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
+        yield BeamDifference(found, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
 
 
 def _drop_damping_time(stated: ModalDamping | None) -> ModalDamping | None:
@@ -155,7 +155,9 @@ def _drop_damping_time(stated: ModalDamping | None) -> ModalDamping | None:
     return None if stated is None else replace(stated, seconds=None)
 
 
-def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
+def _list_table_changes(
+    ours: str, theirs: str, name: str, one: SampledBeam, two: SampledBeam
+) -> Iterator[BeamDifference]:
     """Yield the differences of one field of a beam's numbers: as one where a factor is common, else by column."""
     a = getattr(one, name)
     b = getattr(two, name)
@@ -168,7 +170,7 @@ def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sa
         hints = (words, *describe_factor(factor, 1.0))
         shown = ("stated", f"{factor:.9g} times that of A")
         found = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
-        yield Bent(found, _make_table_edit(theirs, name, slice(None), b))
+        yield BeamDifference(found, _make_table_edit(theirs, name, slice(None), b))
         return
     for k, (cause, unit) in enumerate(COLUMNS[name]):
         mine = a[:, k]
@@ -190,7 +192,7 @@ def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sa
                 _format_station_values(other),
                 hints=hints,
             )
-            yield Bent(found, _make_table_edit(theirs, name, slice(k, k + 1), other[:, None]))
+            yield BeamDifference(found, _make_table_edit(theirs, name, slice(k, k + 1), other[:, None]))
 
 
 def _find_common_factor(a: Array, b: Array) -> float | None:

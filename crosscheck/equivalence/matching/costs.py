@@ -1,7 +1,7 @@
 """Costs of taking a joint of one tree for a joint of another: how far their axes lie apart at zero, how their masses differ.
 
 Where axes stand at zero is a convention.  What is none is how an axis lies to the one before it: the least distance  a  of both
-lines and the angle  alpha  between them, Denavit's and Hartenberg's link length and twist.  `Costs.step` compares these.
+lines and the angle  alpha  between them, Denavit's and Hartenberg's link length and twist.  `PairCosts.step` compares these.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _compute_limit_range(limits: Limits) -> float:
 
 
 @dataclass(frozen=True)
-class Costs:
+class PairCosts:
     """Two trees, and what a pair of their members costs."""
 
     first: Tree
@@ -46,8 +46,8 @@ class Costs:
         return self.first.poses(), self.second.poses()
 
     @cached_property
-    def _axes(self) -> tuple[Axes, Axes]:
-        return Axes(self.first, self.poses[0]), Axes(self.second, self.poses[1])
+    def _axes(self) -> tuple[JointAxes, JointAxes]:
+        return JointAxes(self.first, self.poses[0]), JointAxes(self.second, self.poses[1])
 
     @cached_property
     def size(self) -> float:
@@ -122,7 +122,7 @@ class Costs:
 
 
 @dataclass
-class Axes:
+class JointAxes:
     """Axes of the joints of a tree in space, all at zero; poses : the frames of its members, known : what `between` has found."""
 
     tree: Tree

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.equivalence.alignment.lengths import Lengths
-from crosscheck.equivalence.alignment.poses import Poses
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
+from crosscheck.equivalence.alignment.lengths import DescriptionLengths
+from crosscheck.equivalence.alignment.poses import MemberPoses
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, PairCosts
 from crosscheck.equivalence.tree import SCALARS, Tree, join_into_carriers
 from crosscheck.lifting.rigid import apply_placement, compute_norm, cross
 from flexinv.model.mechanism import Array, Placement
@@ -30,19 +30,19 @@ def join_fixed_links(tree: Tree) -> tuple[Tree, dict[int, int]]:
 
 
 @dataclass(frozen=True)
-class LaidOn:
+class OverlaidTrees:
     """Two trees without fixed links, their costs, and the numbers that members have there by those that they had."""
 
-    plain: Costs
+    plain: PairCosts
     first: Mapping[int, int]
     second: Mapping[int, int]
 
     @classmethod
-    def of(cls, first: Tree, second: Tree) -> LaidOn:
+    def of(cls, first: Tree, second: Tree) -> OverlaidTrees:
         """Return two trees that are laid on one another [-]."""
         one, ours = join_fixed_links(first)
         two, theirs = join_fixed_links(second)
-        return cls(Costs(one, two), ours, theirs)
+        return cls(PairCosts(one, two), ours, theirs)
 
     def costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
         """Return the costs [-] of joints of two members, (ours, theirs): what they show, and where they stand.
@@ -76,8 +76,8 @@ class LaidOn:
 
     def _told(self, k: int, m: int, frame: Placement) -> float:
         """The length of what has to be told of a joint and its body in a pose of its carrier: between poses that are as near."""
-        lengths = Lengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
-        poses = Poses(lengths)
+        lengths = DescriptionLengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
+        poses = MemberPoses(lengths)
         still = poses.still(k, frame)
         if self.plain.first.members[k].kind != self.plain.second.members[m].kind:
             return 0.0
@@ -93,11 +93,11 @@ class LaidOn:
         trials = [(k, m) for k in ours for m in theirs if one.members[k].kind == two.members[m].kind]
         if a < 0:
             for k, m in trials:
-                yield from Poses(Lengths(one, two, {k: m}, size)).list_base_motions([k])
+                yield from MemberPoses(DescriptionLengths(one, two, {k: m}, size)).list_base_motions([k])
             return
-        yield from Poses(Lengths(one, two, {a: b}, size)).alone(a)
+        yield from MemberPoses(DescriptionLengths(one, two, {a: b}, size)).alone(a)
         for k, m in trials:
-            yield from Poses(Lengths(one, two, {a: b, k: m}, size)).alone(a)
+            yield from MemberPoses(DescriptionLengths(one, two, {a: b, k: m}, size)).alone(a)
 
     def _compute_joint_gap(self, k: int, m: int, frame: Placement) -> float:
         """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
@@ -119,7 +119,7 @@ class LaidOn:
         return min(total, FAR)
 
 
-def compute_subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float:
+def compute_subtree_cost(costs: PairCosts, before: tuple[int, int], a: int, b: int) -> float:
     """Return the cost [-] of what two members and all that they carry show; before : the moving pair before, -1 the world."""
     own = costs.shown(before, a, b)
     if own >= IMPOSSIBLE:

@@ -3,7 +3,7 @@
 Where one machine has a joint more, numbers in names may count otherwise: `numbers` says where structure is believed instead.
 
 Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
-cost of a pair is what they show wherever zeros and frames stand (`Costs.shown`), and how far their axes lie apart on carriers
+cost of a pair is what they show wherever zeros and frames stand (`PairCosts.shown`), and how far their axes lie apart on carriers
 that are laid on one another (`laid_on`).  An assignment whose exchange of two costs about as little is a guess, and none is made.
 """
 
@@ -17,8 +17,8 @@ from itertools import combinations, takewhile
 
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
-from crosscheck.equivalence.matching.laid_on import LaidOn
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, PairCosts
+from crosscheck.equivalence.matching.laid_on import OverlaidTrees
 from crosscheck.equivalence.matching.numbers import find_renumbered_joints
 from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
@@ -69,7 +69,7 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
     pairs = {a: b for a, (b, _) in names.items()}
     how = {a: way for a, (_, way) in names.items()}
     certainty = dict.fromkeys(pairs, 1.0)
-    other, doubt = find_renumbered_joints(Costs(first, second), pairs) if not stated else ({}, 1.0)
+    other, doubt = find_renumbered_joints(PairCosts(first, second), pairs) if not stated else ({}, 1.0)
     if other:
         kept = {a: b for a, b in pairs.items() if a not in other and b not in other.values()}
         pairs = kept | other
@@ -154,9 +154,9 @@ class Assignment:
                 self.extend(k, other)
 
     @cached_property
-    def laid_on(self) -> LaidOn:
+    def laid_on(self) -> OverlaidTrees:
         """Return both trees, whose carriers can be laid on one another."""
-        return LaidOn.of(self.first, self.second)
+        return OverlaidTrees.of(self.first, self.second)
 
     def _solve_assignment(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
         above = _find_moving_member(self.first, before[0]), _find_moving_member(self.second, before[1])

@@ -1,9 +1,9 @@
 """Numbers in names count joints, they do not name them: where one machine has a joint more, the third of both is two joints.
 
 An arm of six joints and one of seven with a joint more in its upper arm both have a ``joint_3``; the first one's is the other's
-``joint_4``.  Both trees are laid over one another anew: each pair of members costs what `Costs.step` says of it after the pair
-before, p, which zeros of coordinates do not change; a member that is left out of either costs one.  With  F  the least cost of
-what two members carry, over all assignments,
+``joint_4``.  Both trees are laid over one another anew: each pair of members costs what `PairCosts.step` says of it after the
+pair before, p, which zeros of coordinates do not change; a member that is left out of either costs one.
+With  F  the least cost of what two members carry, over all assignments,
 
     C(p; a, b) = min( step(p; a, b) + F(a, b),  1 + C(p; next of a, b),  1 + C(p; a, next of b),  joints from a and from b on )
 
@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, PairCosts
 from crosscheck.equivalence.tree import Tree
 
 LEFT_OUT = 1.0  # cost of a joint that the other machine has not
@@ -28,7 +28,7 @@ LESS = 0.5  # of the cost of the names, below which structure is believed
 Laid = tuple[float, tuple[tuple[int, int], ...]]
 
 
-def find_renumbered_joints(costs: Costs, named: Mapping[str, str]) -> tuple[dict[str, str], float]:
+def find_renumbered_joints(costs: PairCosts, named: Mapping[str, str]) -> tuple[dict[str, str], float]:
     """Return the joints of the second by those of the first, where structure reads numbers otherwise than names, and the doubt.
 
     named : joints by name; the doubt is the cost over that of the names [-].  What agrees with the names is left out.
@@ -52,7 +52,7 @@ def find_renumbered_joints(costs: Costs, named: Mapping[str, str]) -> tuple[dict
     return {a: found[a] for a in ours if a in about and a in found}, doubt
 
 
-def _compute_naming_cost(costs: Costs, named: Mapping[int, int]) -> float:
+def _compute_naming_cost(costs: PairCosts, named: Mapping[int, int]) -> float:
     """Cost of pairs of members by name [-], those that are left out aside."""
     total = 0.0
     for a, b in named.items():
@@ -79,7 +79,7 @@ def _has_common_number(one: str, other: str) -> bool:
 class Overlay:
     """Two trees laid over one another: the least cost and the pairs of two members with all they carry, kept once found."""
 
-    costs: Costs
+    costs: PairCosts
     known: dict[tuple[int, int, int, int], Laid] = field(default_factory=dict)
 
     def find_best_overlay(self, before: tuple[int, int], a: int, b: int) -> Laid:

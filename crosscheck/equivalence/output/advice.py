@@ -12,15 +12,15 @@ import numpy as np
 
 from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 from crosscheck.equivalence.alignment.bases import BASE
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.groups import counterpart
-from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import convert_to_quaternion, inverse, move_inertia
-from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.bodies import LinkStatements, check_bodies
 from flexinv.model.mechanism import WORLD, Placement
 
 SIGN_ALONE = f"{SIGN} alone"  # where the limits of both files are the same numbers
@@ -134,7 +134,7 @@ PLACED = (*FRAMED, "joint axis", SIGN, ZERO, "centre of mass", "inertia tensor")
 
 
 @dataclass(frozen=True)
-class Sides:
+class ComparedDescriptions:
     """Both descriptions, their reduced trees, and the alignment by member of the first.
 
     rehung : links of the second whose frames stand elsewhere than in its file, because it is told from another root
@@ -142,10 +142,10 @@ class Sides:
 
     descriptions: tuple[Description, Description]
     trees: tuple[Tree, Tree]
-    seats: Mapping[int, Aligned]
+    seats: Mapping[int, MemberAlignment]
     rehung: frozenset[str] = frozenset()
 
-    def members(self, difference: Difference) -> tuple[Member, Member, Aligned] | None:
+    def members(self, difference: Difference) -> tuple[Member, Member, MemberAlignment] | None:
         """Return the members of both that a difference is about, and their alignment; None for one of several or of none."""
         k = self._number(difference)
         if k is None or k not in self.seats:
@@ -160,7 +160,7 @@ class Sides:
             else (one, two, seat)
         )
 
-    def find_merged_alignment(self, difference: Difference) -> Aligned | None:
+    def find_merged_alignment(self, difference: Difference) -> MemberAlignment | None:
         """Return the seat of two members where a difference is about one of their bodies, and one file alone states it apart."""
         k = self._number(difference)
         if not difference.place.startswith("body ") or k is None or k not in self.seats:
@@ -188,7 +188,7 @@ def make_single_body_member(member: Member, part: str) -> Member:
     return replace(member, name=part, mass=body.mass, com=body.com, tensor=body.tensor, parts=((part, body),))
 
 
-def collect_advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def collect_advice(judged: Judgement, sides: ComparedDescriptions) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return by difference which file looks wrong, and what to write in A to have B's machine, in B to have A's [any unit]."""
     odd = [_collect_odd_numbers(description) for description in sides.descriptions]
     found = []
@@ -223,7 +223,9 @@ def _collect_odd_numbers(description: Description) -> dict[str, list[tuple[str, 
     """By link the check and the words of what looks odd in its numbers."""
     mechanism = description.mechanism
     links = {
-        link.name: Stated(link.name, join_bodies([part.inertia for part in link.bodies]), True, bool(link.bodies))
+        link.name: LinkStatements(
+            link.name, join_bodies([part.inertia for part in link.bodies]), True, bool(link.bodies)
+        )
         for link in mechanism.links
     }
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
@@ -240,7 +242,7 @@ def _describe_doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member
     return words[0] if words else ""
 
 
-def _describe_common_change(difference: Difference, sides: Sides) -> Iterator[str]:
+def _describe_common_change(difference: Difference, sides: ComparedDescriptions) -> Iterator[str]:
     """Yield the lines for one factor on all numbers of a kind, or for the same number in several joints."""
     if difference.place.startswith("joints ") and difference.changes:
         members = [sides.trees[0].members[k] for k, _, _ in difference.changes]
@@ -258,7 +260,7 @@ def _describe_common_change(difference: Difference, sides: Sides) -> Iterator[st
         yield f"to make B like A, divide it by {factor} everywhere"
 
 
-def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
+def _describe_merged_body(difference: Difference, sides: ComparedDescriptions, seat: MemberAlignment) -> Iterator[str]:
     """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
     members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
     names = _names(difference, members, seat)
@@ -280,7 +282,7 @@ def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -
             yield f"{head} link {members[n].name}{apart}: {numbers}"
 
 
-def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned) -> tuple[str, str]:
+def _names(difference: Difference, members: tuple[Member, Member], seat: MemberAlignment) -> tuple[str, str]:
     """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
     parts = dict(members[0].parts), {own: move_inertia(seat.frame, body) for own, body in members[1].parts}
@@ -292,7 +294,7 @@ def _names(difference: Difference, members: tuple[Member, Member], seat: Aligned
     return (other, name) if mine else (name, other)
 
 
-def _describe_base_change(difference: Difference, sides: Sides) -> Iterator[str]:
+def _describe_base_change(difference: Difference, sides: ComparedDescriptions) -> Iterator[str]:
     """Yield what stands before the root of either file so that it stands as the other does."""
     motion = difference.motion or Placement()
     for description, side, other, frame in zip(sides.descriptions, "AB", "BA", (motion, inverse(motion)), strict=True):
@@ -308,7 +310,7 @@ def _describe_base_change(difference: Difference, sides: Sides) -> Iterator[str]
 
 
 def _describe_member_change(
-    difference: Difference, sides: Sides, both: tuple[Member, Member, Aligned]
+    difference: Difference, sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]
 ) -> Iterator[str]:
     one, two, seat = both
     values = _convert_values(difference, both)
@@ -333,25 +335,25 @@ def _describe_member_change(
             yield f"{head}: {text}"
 
 
-def _has_moved_frame(sides: Sides, both: tuple[Member, Member, Aligned]) -> bool:
+def _has_moved_frame(sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]) -> bool:
     """Return True if a frame of the member or of its carrier stands elsewhere in B."""
     carrier = sides.seats.get(both[0].parent)
     return any(not _is_same_frame(seat) for seat in (both[2], carrier) if seat is not None)
 
 
-def _has_reframed_link(sides: Sides, seat: Aligned) -> bool:
+def _has_reframed_link(sides: ComparedDescriptions, seat: MemberAlignment) -> bool:
     """Return True if B's link or the one that carries it has another frame here than in its file."""
     members = sides.trees[1].members
     own = members[seat.second]
     return own.name in sides.rehung or (own.parent >= 0 and members[own.parent].name in sides.rehung)
 
 
-def _is_same_frame(seat: Aligned) -> bool:
+def _is_same_frame(seat: MemberAlignment) -> bool:
     off = max(np.abs(seat.frame.position).max(), np.abs(seat.frame.rotation - np.eye(3)).max())
     return bool(off <= SAME) and seat.sign > 0 and not seat.offset
 
 
-def _resolve_cause_name(difference: Difference, seat: Aligned, side: int) -> str:
+def _resolve_cause_name(difference: Difference, seat: MemberAlignment, side: int) -> str:
     """The cause as a side calls it: B's lower limit is A's upper one where the coordinate counts the other way."""
     cause = difference.cause
     if cause == SIGN and LEFT_LIMITS in difference.hints:
@@ -361,7 +363,7 @@ def _resolve_cause_name(difference: Difference, seat: Aligned, side: int) -> str
     return cause
 
 
-def _convert_values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tuple[str, str]:
+def _convert_values(difference: Difference, both: tuple[Member, Member, MemberAlignment]) -> tuple[str, str]:
     """Return the value of B in A's frame and coordinate, and that of A in B's."""
     one, _, seat = both
     cause = difference.cause

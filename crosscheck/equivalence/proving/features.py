@@ -16,11 +16,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import Aligned
+from crosscheck.equivalence.alignment.seats import MemberAlignment
 from crosscheck.equivalence.beams.held import make_rigid_mechanism
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states
-from crosscheck.equivalence.judge import Judged, Share, compute_effort_share
+from crosscheck.equivalence.judge import Judgement, Share, compute_effort_share
 from crosscheck.equivalence.proof import evaluate_reader_efforts, list_feature_names, remove_ties
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.description import Description
@@ -35,7 +35,7 @@ Efforts = dict[str, Array]
 
 
 @dataclass(frozen=True)
-class Ground:
+class CommonGround:
     """Common ground of two descriptions: A's reduced tree, states, alignment by joint of A.
 
     names : of B's joints by those of A
@@ -45,14 +45,14 @@ class Ground:
 
     tree: Tree
     states: States
-    seats: Mapping[str, Aligned]
+    seats: Mapping[str, MemberAlignment]
     names: Mapping[str, str]
     starts: Mapping[str, Placement] = field(default_factory=dict)
     common: bool = True
 
 
 @dataclass(frozen=True)
-class Added:
+class FeatureEfforts:
     """Efforts that the features of one side add, in A's coordinates: all together, and by name [N m], [N]."""
 
     whole: Efforts
@@ -61,15 +61,19 @@ class Added:
 
 
 def add_feature_differences(
-    judged: Judged, sides: tuple[Description, Description], ground: Ground, ignored: Collection[str], tolerance: float
-) -> Judged:
+    judged: Judgement,
+    sides: tuple[Description, Description],
+    ground: CommonGround,
+    ignored: Collection[str],
+    tolerance: float,
+) -> Judgement:
     """Return the judgement with the differences of features; ignored : names that are left out.
 
     tolerance : relative to the range of an effort [-]
     """
     names = sorted({name for side in sides for name in list_feature_names(side)} - set(ignored))
     exact = not (judged.causes or judged.rounding)
-    added: list[Added | None] = [None, None]
+    added: list[FeatureEfforts | None] = [None, None]
     if ground.common and any(side.dynamics is not None for side in sides):
         added = [_compute_added_efforts(side, ground, names, ignored, n) for n, side in enumerate(sides)]
     causes: list[Difference] = []
@@ -96,8 +100,8 @@ def add_feature_differences(
 
 
 def _compute_added_efforts(
-    side: Description, ground: Ground, names: Iterable[str], ignored: Collection[str], number: int
-) -> Added | None:
+    side: Description, ground: CommonGround, names: Iterable[str], ignored: Collection[str], number: int
+) -> FeatureEfforts | None:
     """Efforts that a side's reader adds to its mechanism; zero where that is the source, None where it cannot be asked."""
     states = ground.states if number else _apply_start_poses(ground.states, ground.starts)
     if number:
@@ -107,7 +111,7 @@ def _compute_added_efforts(
     if side.dynamics is None:
         if side.unproven:
             return None
-        return _map_to_first(Added({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
+        return _map_to_first(FeatureEfforts({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
     try:
         whole = evaluate_reader_efforts(side, states, joints, ignored)
         without = {
@@ -118,10 +122,10 @@ def _compute_added_efforts(
     except InputError:
         return None
     by_name = {name: _compute_effort_difference(whole, less) for name, less in without.items()}
-    return _map_to_first(Added(_compute_effort_difference(whole, bare), by_name, whole), ground, number)
+    return _map_to_first(FeatureEfforts(_compute_effort_difference(whole, bare), by_name, whole), ground, number)
 
 
-def _map_to_first(added: Added, ground: Ground, number: int) -> Added:
+def _map_to_first(added: FeatureEfforts, ground: CommonGround, number: int) -> FeatureEfforts:
     """Efforts of B as efforts of A's coordinates."""
     if not number:
         return added
@@ -129,7 +133,7 @@ def _map_to_first(added: Added, ground: Ground, number: int) -> Added:
     def map_back(found: Efforts) -> Efforts:
         return map_efforts_back(found, ground.tree, ground.seats)
 
-    return Added(
+    return FeatureEfforts(
         map_back(added.whole), {name: map_back(own) for name, own in added.by_name.items()}, map_back(added.scale)
     )
 
@@ -156,14 +160,14 @@ def _compute_effort_difference(one: Efforts, other: Efforts) -> Efforts:
     return {name: one[name] - other[name] for name in one}
 
 
-def _compute_feature_share(one: Efforts, two: Efforts, first: Added, second: Added) -> Share:
+def _compute_feature_share(one: Efforts, two: Efforts, first: FeatureEfforts, second: FeatureEfforts) -> Share:
     scale = {k: np.maximum(np.abs(first.scale[k]), np.abs(second.scale[k])) for k in first.scale}
     return compute_effort_share(one, two, scale)
 
 
 def _find_feature_difference(
-    name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[Added | None], tolerance: float,
-    exact: bool,
+    name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[FeatureEfforts | None],
+    tolerance: float, exact: bool,
 ) -> Difference | None:  # fmt: skip
     """The difference of the features of one name, None where there is none."""
     ours = [feature for feature in sides[0].features if feature.name == name]

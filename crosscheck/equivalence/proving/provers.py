@@ -42,7 +42,7 @@ def add_dynamics(description: Description) -> Description:
             continue
         tied = not description.mechanism.closures or found.closing(description.mechanism.neutral) is not None
         if tied:
-            return replace(description, dynamics=found if first is None else Joined(first, found))
+            return replace(description, dynamics=found if first is None else CombinedDynamics(first, found))
         first = found if first is None else first
     if first is not None:
         return replace(description, dynamics=first)
@@ -51,7 +51,7 @@ def add_dynamics(description: Description) -> Description:
 
 
 @dataclass(frozen=True)
-class Joined:
+class CombinedDynamics:
     """`ReaderDynamics` of two engines: efforts of the one, equations of closures of the other."""
 
     moved: ReaderDynamics

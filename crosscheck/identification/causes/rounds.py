@@ -13,7 +13,7 @@ from crosscheck.identification.causes.wide import WideRows, build_wide_rows
 from crosscheck.identification.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.noise import count_agreeing_samples
-from crosscheck.identification.parameters import Space
+from crosscheck.identification.parameters import ParameterSpace
 from crosscheck.identification.readings import Machine, Run, compute_wide_responses, make_run, read_measured_channels
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Search:
+class CauseSearch:
     """A machine with the parameters found; cut : samples that are clipped (samples, channels).
 
     before : runs that say what efforts look like above the bandwidth
@@ -62,7 +62,7 @@ class Search:
         return replace(level, machine=changed, runs=(run,))
 
 
-def update_space(machine: Machine, mechanism: Mechanism) -> Space:
+def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
     """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
@@ -74,14 +74,14 @@ def update_space(machine: Machine, mechanism: Mechanism) -> Space:
     return replace(machine.space, more=more)
 
 
-class Round:
+class CauseRound:
     """A log under the causes named so far: residual and directions that the parameters cannot make up for.
 
     Rows of all channels behind the low-pass come first, those above the bandwidth then, and the parameters at the end.
     """
 
     def __init__(
-        self, search: Search, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
+        self, search: CauseSearch, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
     ) -> None:
         self.search = search
         self.log = log

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Run
 from crosscheck.identification.wide_response import (
-    Expected,
+    ExpectedResponse,
     WideResponse,
     build_expectation,
     compute_response_error,
@@ -36,7 +36,7 @@ class WideRows:
     """A channel above the bandwidth: what is expected of it, weights (frequencies,), and how many of its rows are news [-]."""
 
     channel: int
-    told: Expected
+    told: ExpectedResponse
     weights: Array
     news: float
 
@@ -76,7 +76,7 @@ def _count_smoothed_lines(frequency: Array) -> float:
     return len(frequency) / max(1.0, 2.0 * float(np.log2(frequency[-1] / frequency[0])))
 
 
-def _fit_delay_and_gain(seen: WideResponse, told: Expected, weight: Array) -> Array:
+def _fit_delay_and_gain(seen: WideResponse, told: ExpectedResponse, weight: Array) -> Array:
     """The differences (rows,) under the delay, lag and gain that leave least of them."""
     w = 2.0 * np.pi * seen.frequency
 

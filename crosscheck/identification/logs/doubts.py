@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged
+from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
@@ -48,7 +48,7 @@ def describe_log_doubts(machine: Machine, logs: list[Log], held: list[Log]) -> l
     return [w for w in words if w]
 
 
-def describe_log_failures(machine: Machine, logs: list[Log], rows: list[Judged]) -> list[str]:
+def describe_log_failures(machine: Machine, logs: list[Log], rows: list[ChannelJudgement]) -> list[str]:
     """Return words about logs that a model explains worse than a constant does [-], with the angles that may be in degrees."""
     out = []
     for log in logs:

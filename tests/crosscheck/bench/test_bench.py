@@ -212,7 +212,7 @@ def test_chains_are_the_same_in_both_engines() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", [flexible.ARMS[0], flexible.ARMS[2]], ids=["plane", "space"])
-def test_flexible_arms_have_error_beside_time(arm: flexible.Arm) -> None:
+def test_flexible_arms_have_error_beside_time(arm: flexible.FlexibleCase) -> None:
     # A twentieth of a second and a mesh of each kind: small, but the reference still has to be one.
     small = replace(arm, end=0.05, reference=(1, 2.5e-4), finest=(16, 2.5e-4))
     grid = flexible.Grid(exudyn=(4,), linear=(4,), spectral=(1,), steps=(1e-3,), finer=(2.5e-4,))

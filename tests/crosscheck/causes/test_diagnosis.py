@@ -17,7 +17,7 @@ from crosscheck.causes.diagnosis import Answer, check_by_full_runs, diagnose, ma
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fit import Fit
 from crosscheck.causes.model import apply_to_record, make_model
-from crosscheck.causes.naming import Naming
+from crosscheck.causes.naming import NamedCauses
 from crosscheck.causes.repair import add_to_reference, apply_repair
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -26,7 +26,7 @@ from crosscheck.measures.record import save
 from crosscheck.report import render
 from crosscheck.report.explanations import collect_warnings, list_certificates
 from crosscheck.report.markdown import escape
-from crosscheck.run.isolation import Children, ask
+from crosscheck.run.isolation import ChildProcesses, ask
 from crosscheck.run.questions import Question, list_questions, read_diagnosis, split_by_case
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
@@ -58,7 +58,7 @@ def harmed_question(folder: Path, place: str, cause: str, target: str, size: flo
 @pytest.mark.slow
 def test_a_cause_is_named_with_its_size_and_taken_out(tmp_path: Path) -> None:
     asked = harmed_question(tmp_path, "double_pendulum/swing", "viscous damping", "knee", 0.05)
-    answer, ending = ask(asked.job, 120.0, Children())
+    answer, ending = ask(asked.job, 120.0, ChildProcesses())
     assert ending.status == "ok", ending.printed
     found = read_diagnosis(asked, answer, ending.message)
     assert [one["cause"] for one in found.named] == ["viscous damping"]
@@ -136,7 +136,7 @@ def test_engines_of_one_case_are_diagnosed_together_and_told_the_same(tmp_path: 
         for k, (cause, target, size) in enumerate(HARMED)
     ]
     (together,) = split_by_case([asked[0], *(replace(one, place=(*asked[0].place[:2], "x", "y")) for one in asked[1:])])
-    answer, ending = ask(together.job, 120.0, Children())
+    answer, ending = ask(together.job, 120.0, ChildProcesses())
     assert ending.status == "ok", ending.printed
     alone = [diagnose(**one.options) for one in asked]
     assert [one["words"] for one in answer["answers"]] == [one["words"] for one in alone]
@@ -259,7 +259,7 @@ def test_a_cause_that_full_runs_refute_is_not_named() -> None:
     engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
     model = make_model(subject, reference)
     fit = Fit(DICTIONARY["viscous damping"], "knee", np.array([0.05]), 1e-3, np.zeros(model.torque.size))
-    naming = Naming((fit,), None, 0.1, 1e-9, "")
+    naming = NamedCauses((fit,), None, 0.1, 1e-9, "")
     settled, repaired = check_by_full_runs(Answer(model, engine, reference, naming, True, 0.0), "pinocchio", None)
     assert settled.named == ()
     assert repaired.left is not None

@@ -10,10 +10,10 @@ import pytest
 
 from crosscheck.causes.diagnosis import diagnose
 from crosscheck.causes.dictionary import DICTIONARY, collect_causes
-from crosscheck.causes.evidence import Heard
+from crosscheck.causes.evidence import CauseAssessment
 from crosscheck.causes.fit import Fit, list_candidates
 from crosscheck.causes.model import make_model
-from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, choose_causes, find_causes
+from crosscheck.causes.naming import MOST, UNEXPLAINED, ResidualQuestion, choose_causes, find_causes
 from crosscheck.causes.pairs import AND, find_pairs
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -97,7 +97,7 @@ def test_an_amplitude_explains_what_it_leaves_within_the_bars_or_a_tenth(
     model = make_model(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
     residual = np.ones(model.torque.size)
     residual[7] += missed
-    asked = Question(model, residual, np.full(residual.size, bar))
+    asked = ResidualQuestion(model, residual, np.full(residual.size, bar))
     half = 0.55 * np.ones(residual.size)
     left = float(np.linalg.norm(residual - half) / np.linalg.norm(residual))
     assert UNEXPLAINED < left < 0.5
@@ -117,8 +117,12 @@ def test_one_name_at_many_places_is_an_answer_and_many_pairs_are_none(name: str,
     model = make_model(Subject(found, load_cases(MODELS / "rigid_3r", found)["quintic"]))
     residual = np.ones(model.torque.size)
     cause = replace(DICTIONARY["payload"], name=name)
-    heard = tuple(Heard(Fit(cause, f"place {k}", np.ones(cause.parameters), 0.0, residual)) for k in range(count))
-    naming = choose_causes(Question(model, residual, np.zeros(residual.size)), [one.fit for one in heard], heard, None)
+    heard = tuple(
+        CauseAssessment(Fit(cause, f"place {k}", np.ones(cause.parameters), 0.0, residual)) for k in range(count)
+    )
+    naming = choose_causes(
+        ResidualQuestion(model, residual, np.zeros(residual.size)), [one.fit for one in heard], heard, None
+    )
     unknown = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
     assert len(naming.named) == named
     assert naming.words == ("" if named else unknown)
@@ -132,9 +136,9 @@ def test_a_pair_of_which_one_part_explains_all_is_that_part_alone() -> None:
     causes = ("time offset", "rotor inertia")
     known = list_candidates(model, {n: DICTIONARY[n] for n in causes})
     residual = model.difference(DICTIONARY["time offset"].change(subject, "", np.array([0.01])))
-    asked = Question(model, residual, np.full(residual.size, 1e-9))
+    asked = ResidualQuestion(model, residual, np.full(residual.size, 1e-9))
     explaining = find_pairs(model, residual, known, asked.can_explain, asked.part)
-    (one,) = choose_causes(asked, explaining, tuple(map(Heard, explaining)), None).named
+    (one,) = choose_causes(asked, explaining, tuple(map(CauseAssessment, explaining)), None).named
     assert (one.cause.name, one.size[0]) == ("time offset", pytest.approx(0.01, rel=1e-6))
 
 
@@ -164,10 +168,10 @@ def test_a_cause_that_bars_hide_is_named_only_where_it_explains_nearly_all(left:
     found = load_mechanism(MODELS / "flex_one_link")
     model = make_model(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
     residual = np.ones(model.torque.size)
-    asked = Question(model, residual, np.full(residual.size, 0.3))
+    asked = ResidualQuestion(model, residual, np.full(residual.size, 0.3))
     fit = Fit(DICTIONARY["rotor inertia"], "hub", np.ones(1), left, (1 - left) * residual)
     assert asked.can_explain(fit)
-    naming = choose_causes(asked, [fit], (Heard(fit),), None)
+    naming = choose_causes(asked, [fit], (CauseAssessment(fit),), None)
     assert bool(naming.named) is named
     assert ("the error bars are 30% of the difference" in naming.words) is not named
 

@@ -18,7 +18,7 @@ import pytest
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import Bench
 from crosscheck.causes.model import make_model
-from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.naming import NamedCauses, find_causes
 from crosscheck.causes.selftest import ROUNDING, ask
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -43,7 +43,7 @@ def loaded(place: str) -> Subject:
     return Subject(found, replace(whole, sample=spacing, step=spacing))
 
 
-def told(subject: Subject, harmed: Subject, engine: str) -> Naming:
+def told(subject: Subject, harmed: Subject, engine: str) -> NamedCauses:
     """What is said of an engine whose model was harmed."""
     reference = adapter(ENGINES["flexinv"]).run(subject.mechanism, subject.case, "flexinv", {"error": False})
     model = make_model(subject, reference)
@@ -51,7 +51,7 @@ def told(subject: Subject, harmed: Subject, engine: str) -> Naming:
     return find_causes(model, model.residual(record, reference), ROUNDING)
 
 
-def planted(subject: Subject, cause: str, target: str, size: object, engine: str) -> Naming:
+def planted(subject: Subject, cause: str, target: str, size: object, engine: str) -> NamedCauses:
     return told(
         subject, DICTIONARY[cause].change(subject, target, np.atleast_1d(np.asarray(size, dtype=float))), engine
     )

@@ -18,7 +18,7 @@ from crosscheck_examples import write_models
 from crosscheck.causes.dictionary import DICTIONARY, collect_causes
 from crosscheck.cli import main
 from crosscheck.doors import config, packages, trust
-from crosscheck.doors.registry import Doors, collect_doors, compute_answer_digest
+from crosscheck.doors.registry import ProjectEngines, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import MEMBERS, offered
 from crosscheck.verdicts.results import Results, read
@@ -356,6 +356,6 @@ def test_our_adapters_name_what_they_offer(name: str) -> None:
 
 def test_without_doors_nothing_changes(root: Path) -> None:
     known = collect_doors(root / "models")
-    assert isinstance(known, Doors)
+    assert isinstance(known, ProjectEngines)
     assert dict(known.engines) == {**ENGINES, **packages.list_installed_engines()}
     assert compute_answer_digest(ENGINES["pinocchio"], root / "models" / "ur5") == ""

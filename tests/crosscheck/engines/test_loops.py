@@ -212,7 +212,7 @@ def test_a_fault_in_the_rates_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference(example)
     right = assembly.assemble_rows
 
-    def without_bias(*arguments: object) -> assembly.Rows:
+    def without_bias(*arguments: object) -> assembly.ClosureRows:
         rows = right(*arguments)  # type: ignore[arg-type]
         return replace(rows, bias=0 * rows.bias)
 

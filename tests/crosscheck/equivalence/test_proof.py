@@ -24,7 +24,7 @@ from crosscheck.equivalence.proving.provers import add_dynamics
 from crosscheck.equivalence.result import Comparison
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.reader_dynamics import Answers
+from crosscheck.lifting.reader_dynamics import FunctionDynamics
 from flexinv.model.mechanism import Inertia, Joint, Mechanism
 
 DATA = Path(__file__).resolve().parents[2] / "data" / "lifting"
@@ -151,7 +151,7 @@ def test_a_wrong_number_in_a_lifted_mechanism_is_found(kind: str, bench: Descrip
 
 
 def test_a_reader_that_answers_no_number_reproduces_nothing(bench: Description) -> None:
-    silent = Answers("a reader", lambda q, qd, qdd, gravity, without: np.full_like(qd, np.nan))
+    silent = FunctionDynamics("a reader", lambda q, qd, qdd, gravity, without: np.full_like(qd, np.nan))
     found = prove(replace(bench, dynamics=silent))
     assert found.state == LOST
     assert {one.joint for one in found.lost} == {joint.name for joint in bench.mechanism.joints if joint.nv}
@@ -304,7 +304,7 @@ def test_another_feature_is_not_left_out_with_it(tmp_path: Path) -> None:
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files are read in this process, so that what a test changes in it is seen."""
-    monkeypatch.setattr("crosscheck.run.guarded.Guard.call", lambda guard, function, *words: function(*words))
+    monkeypatch.setattr("crosscheck.run.guarded.ReadingLimits.call", lambda guard, function, *words: function(*words))
 
 
 @pytest.mark.usefixtures("read_here")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Scatter, compute_margins, fit_scatter, judge, predict
+from crosscheck.identification.bands import ChannelJudgement, Scatter, compute_margins, fit_scatter, judge, predict
 from crosscheck.identification.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
@@ -66,7 +66,7 @@ def test_slow_and_fast_samples_of_other_logs_have_bands_of_their_own(tmp_path: P
     task = build_problem(machine, (one,))
     found = fit(task)
     margin = compute_margins(task, found)
-    slow, fast = list[Judged](), list[Judged]()
+    slow, fast = list[ChannelJudgement](), list[ChannelJudgement]()
     for run in others:
         rate, told = np.abs(run.motion.qd), predict(machine, found, margin, run)
         slow += judge(machine, run, told, run.counted & (rate < SLOW))

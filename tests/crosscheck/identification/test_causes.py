@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 import crosscheck
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
 from crosscheck.identification.causes.name_causes import find_causes, find_remaining_causes
-from crosscheck.identification.identify import Identified, read_machine, read_of
+from crosscheck.identification.identify import Identification, read_machine, read_of
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import apply_delay, apply_first_order_lag
@@ -26,7 +26,7 @@ STIFF, LATER = 2e4, 0.003  # [N m/rad], [s] of the link angle
 
 
 @pytest.fixture(scope="module")
-def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identified, Log]:
+def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Log]:
     """The arm identified on one log, and another log of it, with a second encoder at the shoulder."""
     folder: Path = tmp_path_factory.mktemp("models") / "arm"
     logged_arm.write_arm(folder)
@@ -51,12 +51,12 @@ def without_encoder(log: Log) -> Log:
     return replace(log, columns={k: v for k, v in log.columns.items() if k != "link1"})
 
 
-def test_nothing_is_named_on_an_untouched_log(known: tuple[Identified, Log]) -> None:
+def test_nothing_is_named_on_an_untouched_log(known: tuple[Identification, Log]) -> None:
     found, log = known
     assert find_causes(found, without_encoder(log)) == []
 
 
-def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identified, Log]) -> None:
+def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identification, Log]) -> None:
     found, log = known
     named = {one.name: one for one in find_causes(found, log)}
     assert set(named) == {TWIST, DELAY}
@@ -92,7 +92,7 @@ SPOIL: dict[str, Callable[[Array], Array]] = {
     ],
 )
 def test_a_planted_fault_is_named_first_with_its_size(
-    known: tuple[Identified, Log], name: str, place: str, column: str, spoiled: str, size: float | None
+    known: tuple[Identification, Log], name: str, place: str, column: str, spoiled: str, size: float | None
 ) -> None:
     """To a tenth: neighbours below 10 Hz, a delay and a lag, differ by their second order only."""
     found, log = known
@@ -105,7 +105,7 @@ def test_a_planted_fault_is_named_first_with_its_size(
 
 
 @pytest.mark.slow
-def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identified, Log]) -> None:
+def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identification, Log]) -> None:
     """A filter of the whole drive amplifier delays every joint: one name, and not one of each joint."""
     found, log = known
     late = log
@@ -117,7 +117,7 @@ def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identified, Log])
 
 
 @pytest.mark.slow
-def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identified, Log]) -> None:
+def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identification, Log]) -> None:
     """That link has one body alone, as every link of a URDF: the payload is told at its centre of mass."""
     found, log = known
     every = {one.name: one for one in planted_faults.planted(found, without_encoder(log))}
@@ -143,7 +143,7 @@ def test_a_motion_that_no_solver_can_follow_is_no_hypothesis(root: Path) -> None
     assert (first.name, first.place) == ("wrong sign of the effort", "shoulder")
 
 
-def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identified, Log]) -> None:
+def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identification, Log]) -> None:
     """What `python tests/shared/planted_faults.py` does with a real log: one of its faults, found and not found."""
     found, log = known
     every = {(one.name, one.place): one for one in planted_faults.planted(found, without_encoder(log))}
@@ -157,7 +157,7 @@ def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identified, L
     assert not planted_faults.verdict(sign, [], set())[0]
 
 
-def test_swapped_columns_are_named(known: tuple[Identified, Log]) -> None:
+def test_swapped_columns_are_named(known: tuple[Identification, Log]) -> None:
     found, log = known
     for one, other, kind in (("t1", "t2", "efforts"), ("q1", "q2", "angles")):
         swapped = changed(changed(log, one, log.columns[other]), other, log.columns[one])
@@ -166,7 +166,7 @@ def test_swapped_columns_are_named(known: tuple[Identified, Log]) -> None:
         assert len(named) == 1
 
 
-def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identified, Log], tmp_path: Path) -> None:
+def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identification, Log], tmp_path: Path) -> None:
     """3 degrees about y, which both axes turn about; about x gravity leaves the plane by its cosine only."""
     found, log = known
     tilt = np.radians(3.0)
@@ -179,7 +179,7 @@ def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identified, Log], tm
 
 
 @pytest.fixture(scope="module")
-def real(root: Path) -> tuple[Identified, Log, list[Named]]:
+def real(root: Path) -> tuple[Identification, Log, list[NamedCause]]:
     """The measured arm, its log, and what that shows as it is."""
     folder = root / "models" / "kuka_kr300"
     found = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
@@ -188,7 +188,7 @@ def real(root: Path) -> tuple[Identified, Log, list[Named]]:
 
 
 @pytest.mark.slow
-def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identified, Log, list[Named]]) -> None:
+def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identification, Log, list[NamedCause]]) -> None:
     found, log, as_it_is = real
     assert {one.name for one in as_it_is} == {DELAY, TWIST, SCALE}
     assert {one.name for one in find_causes(found, log, seen=True)} == {one.name for one in as_it_is}
@@ -210,7 +210,7 @@ def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identified, L
     ids=["delay", "lag"],
 )
 def test_small_faults_in_a_real_log_are_seen_above_the_bandwidth(
-    real: tuple[Identified, Log, list[Named]], axis: int, kind: str, spoil: Callable[..., Array], size: float
+    real: tuple[Identification, Log, list[NamedCause]], axis: int, kind: str, spoil: Callable[..., Array], size: float
 ) -> None:
     """Behind 10 Hz these are below evidence; above, the torque turns the motor's own inertia by whole radians too late."""
     found, log, as_it_is = real
@@ -222,7 +222,7 @@ def test_small_faults_in_a_real_log_are_seen_above_the_bandwidth(
 
 
 @pytest.mark.slow
-def test_what_would_hide_in_a_log_is_told(real: tuple[Identified, Log, list[Named]]) -> None:
+def test_what_would_hide_in_a_log_is_told(real: tuple[Identification, Log, list[NamedCause]]) -> None:
     """A fault twice as large as the least size that is told is named, one of a quarter is not."""
     found, log, _ = real
     told = {(one.name, one.place): one.size for one in find_remaining_causes(found, log).least}

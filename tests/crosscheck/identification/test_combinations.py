@@ -11,15 +11,15 @@ import pytest
 import crosscheck
 from crosscheck.identification.combinations import count_narrowed_directions, list_combinations
 from crosscheck.identification.fit import Fit
-from crosscheck.identification.parameters import Parameter, Space
+from crosscheck.identification.parameters import Parameter, ParameterSpace
 
 EMPTY = np.zeros(0)
 
 
-def seen(*columns: list[float]) -> tuple[Space, Fit]:
+def seen(*columns: list[float]) -> tuple[ParameterSpace, Fit]:
     """Four numbers, known to 1 before, and logs whose readings change by these columns."""
     names = [f"p{k}" for k in range(len(columns))]
-    space = Space(tuple(Parameter("effort offset", n, "N m", 0.0, 1.0, False) for n in names), {})
+    space = ParameterSpace(tuple(Parameter("effort offset", n, "N m", 0.0, 1.0, False) for n in names), {})
     slopes = np.array(columns).T
     covariance = np.linalg.inv(slopes.T @ slopes + np.eye(len(columns)))
     return space, Fit(np.zeros(len(columns)), covariance, EMPTY, EMPTY, 1.0, EMPTY, (), ())

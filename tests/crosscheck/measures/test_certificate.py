@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.model import Model, make_model
-from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.naming import NamedCauses, find_causes
 from crosscheck.causes.selftest import make_loose_closure
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -262,7 +262,7 @@ def model_at(place: str) -> Model:
     return make_model(Subject(*load(place)))
 
 
-def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -> Naming:
+def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -> NamedCauses:
     """What is named when Pinocchio's model of the harmed subject is asked, too (or of another one)."""
     base, residual = model.base, model.difference(harmed)
     theirs = says((asked or harmed).mechanism, base.case, "pinocchio")

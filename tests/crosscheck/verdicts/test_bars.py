@@ -18,8 +18,14 @@ from crosscheck.measures.record import Record, RecordError, Series, check, read_
 from crosscheck.report import junit, markdown, words
 from crosscheck.verdicts.bars import COARSE, PART
 from crosscheck.verdicts.baseline import choose_blessable
-from crosscheck.verdicts.compare import Comparison, Pair, compare
-from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, is_open, read_kind, update_open_rows
+from crosscheck.verdicts.compare import Comparison, RecordPair, compare
+from crosscheck.verdicts.refinement import (
+    RefinementHalvings,
+    find_wanted_refinement,
+    is_open,
+    read_kind,
+    update_open_rows,
+)
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.motion import Motion
@@ -57,7 +63,7 @@ def case(maximum: float = LIMIT) -> Case:
 
 
 def row(ours: Record, theirs: Record, maximum: float = LIMIT) -> Comparison:
-    (found,) = compare(Pair("arm", case(maximum), ours, theirs, rest=1.0, today=datetime.date(2026, 3, 1)))
+    (found,) = compare(RecordPair("arm", case(maximum), ours, theirs, rest=1.0, today=datetime.date(2026, 3, 1)))
     return found
 
 
@@ -240,13 +246,17 @@ def test_the_reference_is_refined_as_far_as_a_comparison_needs_and_no_further() 
     reference = replace(reference, budget={NAME: lines})
     open_ = row(bare(EXACT), reference, maximum=2e-2)
     assert is_open(open_)
-    assert find_wanted_refinement([open_], reference, Finer()) == Finer(step=2)  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
-    assert find_wanted_refinement([open_], reference, Finer(step=3)) is None  # no more halvings than that
-    assert find_wanted_refinement([replace(open_, verdict="deviation")], reference, Finer()) is None
-    assert read_kind(Finer(2, 1).kind) == Finer(2, 1)
+    assert find_wanted_refinement([open_], reference, RefinementHalvings()) == RefinementHalvings(
+        step=2
+    )  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
+    assert find_wanted_refinement([open_], reference, RefinementHalvings(step=3)) is None  # no more halvings than that
+    assert find_wanted_refinement([replace(open_, verdict="deviation")], reference, RefinementHalvings()) is None
+    assert read_kind(RefinementHalvings(2, 1).kind) == RefinementHalvings(2, 1)
     assert read_kind("again") is None
     closed = replace(reference, budget={NAME: {**lines, "bars": {"rounding": 1.0}}})
-    assert find_wanted_refinement([open_], closed, Finer()) is None  # closed formulas have nothing to refine
+    assert (
+        find_wanted_refinement([open_], closed, RefinementHalvings()) is None
+    )  # closed formulas have nothing to refine
 
 
 def test_only_open_comparisons_are_judged_anew() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from crosscheck.measures import limits
 from crosscheck.measures.record import Record, make_wrench_series, series, torque_series
-from crosscheck.verdicts.compare import Comparison, Pair, compare, compute_fraction, compute_signal_range
+from crosscheck.verdicts.compare import Comparison, RecordPair, compare, compute_fraction, compute_signal_range
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.model.motion import Motion
@@ -47,7 +47,7 @@ def checked(engine: str, torque: np.ndarray, bars: np.ndarray) -> Record:
 
 
 def rows(ours: Record, theirs: Record, one: Case) -> list[Comparison]:
-    return compare(Pair("arm", one, ours, theirs, rest=1.0, today=TODAY))
+    return compare(RecordPair("arm", one, ours, theirs, rest=1.0, today=TODAY))
 
 
 def test_errors_are_over_the_range_of_the_largest_series_of_the_unit() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from crosscheck.engines.shared.rounding import SHAKE, Shaken
+from crosscheck.engines.shared.rounding import SHAKE, PerturbedMotion
 from crosscheck.measures.record import Record, series
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts.baseline import Baseline
@@ -71,7 +71,7 @@ def test_inputs_are_moved_by_last_digits_only_and_in_other_ways(root: object) ->
     given = motion.evaluate(mechanism, TIME)[0][:, 0]
     starts = set()
     for way in SHAKEN:
-        moved = Shaken(motion, way).evaluate(mechanism, TIME)[0][:, 0]
+        moved = PerturbedMotion(motion, way).evaluate(mechanism, TIME)[0][:, 0]
         starts.add(float(moved[0]))
         factor = moved[given != 0.0] / given[given != 0.0] - 1.0
         np.testing.assert_allclose(

@@ -118,7 +118,7 @@ def _whole(part: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled(flexinv.Motion):
+class ScaledMotion(flexinv.Motion):
     """A motion that looks at the mechanism."""
 
     def evaluate(
@@ -131,7 +131,7 @@ class Scaled(flexinv.Motion):
 
 
 def test_a_motion_that_looks_at_the_mechanism_is_asked_for_each() -> None:
-    mechanisms, motion = [arm(), replace(arm(), name="half")], Scaled(HALF_TURN.tracks, HALF_TURN.duration)
+    mechanisms, motion = [arm(), replace(arm(), name="half")], ScaledMotion(HALF_TURN.tracks, HALF_TURN.duration)
     found = flexinv.solve_many(mechanisms, motion, STEP).all()
     for mechanism, solution in zip(mechanisms, found, strict=True):
         np.testing.assert_array_equal(solution.torque, flexinv.solve(mechanism, motion, STEP).torque)

@@ -81,7 +81,7 @@ def five_bar(a: sp.Symbol, b: sp.Symbol) -> dict[str, sp.Expr]:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownMotion:
     """Closed-form motion and virtual work: q, qd, qdd (samples, nv), work (samples, drives), J (samples, nv, drives)."""
 
     q: Array
@@ -93,7 +93,7 @@ class Known:
 
 def known(
     mechanism: Mechanism, drives: Sequence[str], form: Callable[..., dict[str, sp.Expr]], s: flexinv.Solution
-) -> Known:
+) -> KnownMotion:
     symbols = sp.symbols(f"x:{len(drives)}")
     table = form(*symbols)
     c = sp.Matrix([table[name] for name in mechanism.velocity_names])
@@ -108,7 +108,7 @@ def known(
     )
     qdd = np.einsum("sik,sk->si", j, s.qdd[:, columns]) + bend
     tree = flexinv.joint_torques(replace(mechanism, closures=()), q[:, :, 0], qd, qdd)
-    return Known(q[:, :, 0], qd, qdd, np.einsum("sik,si->sk", j, tree), j)
+    return KnownMotion(q[:, :, 0], qd, qdd, np.einsum("sik,si->sk", j, tree), j)
 
 
 PLANAR = {

@@ -17,7 +17,7 @@ ORDERS = (1, 2, 4)
 
 
 @dataclass(frozen=True)
-class Moving:
+class MovingElement:
     """An element in motion: poses, velocities (world) and angular velocities (own frames)."""
 
     at: Example
@@ -26,7 +26,7 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Seen:
+class DampedForces:
     """Nodal forces (6 count,), their derivatives by poses and velocities, energy and dissipated power."""
 
     forces: Array
@@ -36,13 +36,15 @@ class Seen:
     power: float
 
 
-def moving(order: int, damping: float = 1.0) -> Moving:
+def moving(order: int, damping: float = 1.0) -> MovingElement:
     case, rng = example(order), np.random.default_rng(order + 10)
     coefficients = damping * rng.uniform(0.5, 2.0, size=(1, order, 6))
-    return Moving(replace(case, arrays=case.arrays._replace(damping=coefficients)), *rng.normal(size=(2, order + 1, 3)))
+    return MovingElement(
+        replace(case, arrays=case.arrays._replace(damping=coefficients)), *rng.normal(size=(2, order + 1, 3))
+    )
 
 
-def seen(case: Moving) -> Seen:
+def seen(case: MovingElement) -> DampedForces:
     count = len(case.v)
     z, y, tangent = Scratch.of(count), Rates.of(count), np.zeros((6 * count, 6 * count + 6))
     z.x[:], z.r[:], y.v[:], y.w[:] = case.at.x, case.at.r, case.v, case.w
@@ -50,10 +52,10 @@ def seen(case: Moving) -> Seen:
     stored, gone = damped_element(
         0, count, case.at.arrays, z, y, np.arange(count), at_rest, np.zeros((count, 6)), tangent
     )
-    return Seen(z.forces.ravel().copy(), tangent[:, : 6 * count], y.by_velocity, stored, gone)
+    return DampedForces(z.forces.ravel().copy(), tangent[:, : 6 * count], y.by_velocity, stored, gone)
 
 
-def shifted(case: Moving, freedom: int, h: float) -> Moving:
+def shifted(case: MovingElement, freedom: int, h: float) -> MovingElement:
     """The same velocities, one node moved (world) or turned (own frame)."""
     node, axis = divmod(freedom, 6)
     x, r = case.at.x.copy(), case.at.r.copy()
@@ -64,14 +66,14 @@ def shifted(case: Moving, freedom: int, h: float) -> Moving:
     return replace(case, at=replace(case.at, x=x, r=r))
 
 
-def hurried(case: Moving, freedom: int, h: float) -> Moving:
+def hurried(case: MovingElement, freedom: int, h: float) -> MovingElement:
     node, axis = divmod(freedom, 6)
     v, w = case.v.copy(), case.w.copy()
     (v if axis < 3 else w)[node, axis % 3] += h
     return replace(case, v=v, w=w)
 
 
-def rigid(case: Moving, turn: Array, slide: Array) -> Moving:
+def rigid(case: MovingElement, turn: Array, slide: Array) -> MovingElement:
     """The same element with a rigid motion added to its velocities."""
     world = np.cross(turn, case.at.x) + slide
     return replace(case, v=case.v + world, w=case.w + np.einsum("nji,j->ni", case.at.r, turn))

@@ -17,7 +17,7 @@ from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Body, Inertia, Link
 from flexinv.tracking.collocation import FreeLayout, Horizon
 from flexinv.tracking.internal_motion import find_internal_rates
-from flexinv.tracking.inverse_kinematics import RigidWay, resolve_frame
+from flexinv.tracking.inverse_kinematics import RigidPath, resolve_frame
 
 STROKE = 0.01  # [rad] of the hub arm: small, so that the linear theory holds to its square
 
@@ -45,7 +45,7 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
-    way = RigidWay(mesh, resolve_frame(mesh, link), path, start)
+    way = RigidPath(mesh, resolve_frame(mesh, link), path, start)
     return Horizon(FreeLayout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
 
 

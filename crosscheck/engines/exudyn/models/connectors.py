@@ -25,7 +25,7 @@ from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models.frames import Array, build_frame_along, compose
 from crosscheck.engines.exudyn.models.layout import Frame, Layout, find_attachment_frame, list_attachments
 from crosscheck.engines.exudyn.models.parts import Model
-from crosscheck.engines.shared.loop_closure import REDUNDANT, Moving, compute_direction_row, compute_position_row
+from crosscheck.engines.shared.loop_closure import REDUNDANT, FrameMotion, compute_direction_row, compute_position_row
 from crosscheck.engines.shared.wrenches import evaluate_wrench
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement, Spring
@@ -121,7 +121,7 @@ def _compute_rank(rows: Array) -> int:
     return int(np.linalg.matrix_rank(rows, rtol=REDUNDANT))
 
 
-def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: Moving, second: Moving) -> Array:
+def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: FrameMotion, second: FrameMotion) -> Array:
     """Return the Jacobian (rows, nv) of the equations of a closure's connector that holds these axes."""
     zero, one = (m.r @ axes for m, axes in zip((first, second), compute_marker_axes(closure), strict=True))
     made = [compute_position_row(first, second, zero[:, k])[1] for k in range(3) if held[k]]
