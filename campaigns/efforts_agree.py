@@ -108,12 +108,12 @@ def _named(model: Any, name: str) -> str:
     return name if model.existJointName(name) else str(model.names[1])
 
 
-def _carried(first: Mechanism, told: RewrittenMechanism, state: State) -> State:
+def _carried(first: Mechanism, rewritten: RewrittenMechanism, state: State) -> State:
     """The state of the first machine in the coordinates of another that was told from it."""
     q: dict[str, Any] = {}
     qd: dict[str, Any] = {}
     qdd: dict[str, Any] = {}
-    for name, count in told.joints.items():
+    for name, count in rewritten.joints.items():
         if name not in state.q:
             continue
         joint = first.joint_of[name]
@@ -121,18 +121,18 @@ def _carried(first: Mechanism, told: RewrittenMechanism, state: State) -> State:
             q[count.name] = count.sign * (state.q[name] - count.offset)
             qd[count.name], qdd[count.name] = count.sign * state.qd[name], count.sign * state.qdd[name]
         elif joint.kind == "spherical":
-            turn = told.links[joint.child].frame.rotation
+            turn = rewritten.links[joint.child].frame.rotation
             q[count.name] = turn.T @ state.q[name] @ turn
             qd[count.name], qdd[count.name] = turn.T @ state.qd[name], turn.T @ state.qdd[name]
         else:
             q[count.name], qd[count.name], qdd[count.name] = state.q[name], state.qd[name], state.qdd[name]
     if state.pose is None:
         return State(q, qd, qdd)
-    root = next(j.child for j in told.mechanism.joints if j.kind == "free")
-    link, seat = next((name, seat) for name, seat in told.links.items() if seat.name == root)
+    root = next(j.child for j in rewritten.mechanism.joints if j.kind == "free")
+    link, seat = next((name, seat) for name, seat in rewritten.links.items() if seat.name == root)
     pose, push = _of_link(first, link, state)
     push = np.concatenate(_shifted(seat.frame, push))
-    return State(q, qd, qdd, apply_placement(apply_placement(told.world, pose), seat.frame), push)
+    return State(q, qd, qdd, apply_placement(apply_placement(rewritten.world, pose), seat.frame), push)
 
 
 def _shifted(frame: Placement, push: Array) -> tuple[Array, Array]:
@@ -258,8 +258,8 @@ def _by_mujoco(written: WrittenMachine, state: State) -> dict[str, Array]:
     return found
 
 
-def _back(first: Mechanism, told: RewrittenMechanism, name: str, effort: Array) -> Array:
+def _back(first: Mechanism, rewritten: RewrittenMechanism, name: str, effort: Array) -> Array:
     joint = first.joint_of[name]
     if joint.kind == "spherical":
-        return np.asarray(told.links[joint.child].frame.rotation @ effort)
-    return np.asarray(told.joints[name].sign * effort)
+        return np.asarray(rewritten.links[joint.child].frame.rotation @ effort)
+    return np.asarray(rewritten.joints[name].sign * effort)

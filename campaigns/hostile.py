@@ -181,7 +181,7 @@ def one_line(printed: str) -> str:
     return " ".join(re.sub(r"[\u2500-\u257f]", " ", printed).split())
 
 
-def run_files(only: tuple[str, ...], found: Path | None) -> int:
+def run_files(only: tuple[str, ...], path: Path | None) -> int:
     """Run all files, say how each ended, and return the number of failures."""
     rows = read_table("files.csv", only)
     failures = 0
@@ -192,8 +192,8 @@ def run_files(only: tuple[str, ...], found: Path | None) -> int:
         failures += bool(problem)
         click.echo(f"{row['id']} {row['file']:24} {row['command']:8} {ended.seconds:5.1f} s  {problem or 'right'}")
         seen.append({**row, "code": str(ended.code), "words": one_line(ended.printed)[-400:]})
-    if found is not None:
-        write_table(found / "files.csv", FILE_COLUMNS, seen)
+    if path is not None:
+        write_table(path / "files.csv", FILE_COLUMNS, seen)
     click.echo(f"{len(rows)} files: {len(rows) - failures} right, {failures} not")
     return failures
 
@@ -226,7 +226,7 @@ def make_project(rows: list[dict[str, str]], folder: Path) -> None:
     (folder / "crosscheck.toml").write_text("\n".join(tables), encoding="utf-8")
 
 
-def run_answers(only: tuple[str, ...], found: Path | None, folder: Path) -> int:
+def run_answers(only: tuple[str, ...], path: Path | None, folder: Path) -> int:
     """Run all answers in one run, say how each is told, and return the number of failures."""
     rows = read_table("answers.csv", only)
     make_project(rows, folder)
@@ -234,16 +234,16 @@ def run_answers(only: tuple[str, ...], found: Path | None, folder: Path) -> int:
     words += ["--engines", ",".join(["flexinv", *(row["id"] for row in rows)]), "--timeout", f"{ANSWER_TIMEOUT:g}"]
     ended = call([*words, "--jobs", "2", "--out", "report"], folder, 3600.0)
     problems = judge_run(ended, folder)
-    told = read_report(folder)
+    report = read_report(folder)
     seen = []
     for row in rows:
-        status, said = told.get(row["id"], ("no row", ""))
+        status, said = report.get(row["id"], ("no row", ""))
         problem = judge_answer(row, status, said)
         click.echo(f"{row['id']} {row['door']:8} {row['kind']:22} {status:9} {problem or 'right'}")
         problems += [problem] if problem else []
         seen.append({**row, "status": status, "words": said[:300]})
-    if found is not None:
-        write_table(found / "answers.csv", ANSWER_COLUMNS, seen)
+    if path is not None:
+        write_table(path / "answers.csv", ANSWER_COLUMNS, seen)
     for line in problems:
         click.echo(line[:600])
     click.echo(f"{len(rows)} answers in {ended.seconds:.0f} s, exit code {ended.code}: {len(problems)} problems")
@@ -267,11 +267,11 @@ def read_report(folder: Path) -> dict[str, tuple[str, str]]:
     if not file.exists():
         return {}
     results = json.loads(file.read_text(encoding="utf-8"))
-    told = {row["engine"]: (row["status"], row["message"]) for row in results["runs"]}
+    report = {row["engine"]: (row["status"], row["message"]) for row in results["runs"]}
     for row in results["comparisons"]:
-        if row["quantity"] == "torque" and told[row["engine"]][0] == "ok":
-            told[row["engine"]] = (row["verdict"], row["message"])
-    return told
+        if row["quantity"] == "torque" and report[row["engine"]][0] == "ok":
+            report[row["engine"]] = (row["verdict"], row["message"])
+    return report
 
 
 def judge_answer(row: dict[str, str], status: str, said: str) -> str:

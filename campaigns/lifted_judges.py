@@ -224,8 +224,8 @@ def find_pose(joint: Joint, place: Array) -> tuple[Array, Array]:
 
 def find_quaternion(turn: Array) -> Array:
     """Return the quaternion w, x, y, z [-] of a rotation."""
-    found: Array = Rotation.from_matrix(turn).as_quat()[[3, 0, 1, 2]]
-    return found
+    quaternion: Array = Rotation.from_matrix(turn).as_quat()[[3, 0, 1, 2]]
+    return quaternion
 
 
 def _turn(quaternion: Array) -> Array:

@@ -221,27 +221,27 @@ def list_changes() -> list[Change]:
         (strip + "mechanism.toml", r"mass_per_length_kg_per_m = "),
         (strip + "cases.toml", r"to_deg = "),
     ]
-    found = []
+    changes = []
     for k, size in enumerate(np.geomspace(1e-5, 0.5, 16)):
         file, pattern = model[(5 * k) % len(model)]
         _, mechanism, name = file.split("/")
         edit = scale(pattern, 1.0 + float(size))
-        found.append(Change(f"{file} {pattern} {size:+.2g}", file, edit, f"the model {mechanism} ({name})"))
+        changes.append(Change(f"{file} {pattern} {size:+.2g}", file, edit, f"the model {mechanism} ({name})"))
     sizes = [float(size) for size in np.geomspace(1e-5, 0.5, 8)]
     for k, size in enumerate(sizes):
         engine = list(BARS)[k % len(BARS)]
         edit = set_own(engine, version="1.1", factor=1.0 + size)
         words = f"the version of {engine} (1.0 -> 1.1)"
-        found.append(Change(f"version of {engine} {size:+.2g}", "own.json", edit, words))
+        changes.append(Change(f"version of {engine} {size:+.2g}", "own.json", edit, words))
     for k, size in enumerate(sizes):
         engine = list(BARS)[(k + 1) % len(BARS)]
         edit = set_own(engine, gain=2.0, factor=1.0 - size)
-        found.append(Change(f"settings of {engine} {-size:+.2g}", "own.json", edit, f"the settings of {engine}"))
+        changes.append(Change(f"settings of {engine} {-size:+.2g}", "own.json", edit, f"the settings of {engine}"))
     for k, size in enumerate(sizes):
         engine = ("pinocchio", "mujoco", "flexinv", "exudyn")[k % 4]
         file = f"code/crosscheck/engines/{engine}/adapter.py"
-        found.append(Change(f"adapter of {engine} {size:+.2g}", file, append(size), "our own code (crosscheck)"))
-    return found
+        changes.append(Change(f"adapter of {engine} {size:+.2g}", file, append(size), "our own code (crosscheck)"))
+    return changes
 
 
 def append(size: float) -> Callable[[str], str]:
@@ -301,12 +301,12 @@ def judge(project: Project, words: str, code: int, results: dict[str, Any], said
 def plant(project: Project, change: Change) -> tuple[list[str], str]:
     """Run a night with a change, judge it, and undo the change."""
     file = project.folder / change.file
-    kept = file.read_text()
-    file.write_text(change.edit(kept))
+    text = file.read_text()
+    file.write_text(change.edit(text))
     try:
         return judge(project, change.words, *project.night())
     finally:
-        file.write_text(kept)
+        file.write_text(text)
 
 
 @click.command()

@@ -153,12 +153,12 @@ def _sayable(mechanism: Mechanism, form: str) -> bool:
         return False
 
 
-def _written(told: RewrittenMechanism, form: str, folder: Path, name: str) -> WrittenMachine:
+def _written(rewritten: RewrittenMechanism, form: str, folder: Path, name: str) -> WrittenMachine:
     if form == "memory":
-        return WrittenMachine(told, form)
+        return WrittenMachine(rewritten, form)
     path = folder / f"{name}.{'urdf' if form == 'urdf' else 'xml'}"
-    path.write_text(write_urdf(told.mechanism) if form == "urdf" else build_mjcf(told.mechanism)[1])
-    return WrittenMachine(told, form, path)
+    path.write_text(write_urdf(rewritten.mechanism) if form == "urdf" else build_mjcf(rewritten.mechanism)[1])
+    return WrittenMachine(rewritten, form, path)
 
 
 def tried(pair: Pair) -> Outcome:
@@ -229,9 +229,9 @@ def say(*words: object) -> None:
     sys.stdout.flush()
 
 
-def followed(made: Iterable[Outcome]) -> Iterator[Outcome]:
+def followed(outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
     """Yield outcomes, with a line on the error output for each as it comes."""
-    for one in made:
+    for one in outcomes:
         right = one.same if one.pair.fault is None else one.told and not one.false
         sys.stderr.write(f"{time.strftime('%H:%M:%S')} {'ok' if right else 'MISS'} {one.pair.words}\n")
         sys.stderr.flush()
@@ -270,9 +270,9 @@ def main() -> None:
     say(f"{time.perf_counter() - begun:.0f} s")
 
 
-def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
+def _say_pairs(outcomes: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
-    for one in followed(made):
+    for one in followed(outcomes):
         every.append(one)
         if whole or not one.same:
             _say_pair(one, whole)
@@ -286,9 +286,9 @@ def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
     say("  changes:", ", ".join(f"{count} x {change}" for change, count in counted.items()))
 
 
-def _say_faults(made: Iterable[Outcome], whole: bool, seed: int) -> None:
+def _say_faults(outcomes: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
-    for one in followed(made):
+    for one in followed(outcomes):
         every.append(one)
         if whole or not one.told or one.false:
             _say_pair(one, whole)

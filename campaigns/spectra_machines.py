@@ -234,7 +234,7 @@ def _closed(dice: Dice, mechanism: Mechanism) -> Mechanism:
     arm = np.zeros(3) if link.beam is not None else link.tip
     turn = motion.rotation[0, node]
     there = Placement(motion.x[0, node] + turn @ arm, turn)
-    own = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
+    attachment = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
     kind = str(dice.choice(["spherical", "point-on-line", "cylindrical", "universal"]))
-    tie = Closure("loop", kind, Attachment(WORLD, there), own)
+    tie = Closure("loop", kind, Attachment(WORLD, there), attachment)
     return replace(mechanism, closures=(tie,))

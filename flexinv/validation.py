@@ -87,10 +87,10 @@ def check_whole_number(name: str, value: object, least: int, expected: str = "")
 def resolve_index(name: str, value: object, count: int) -> int:
     """Return the number of one of ``count`` [-], counted from the end where it is below 0."""
     expected = f"a number from 0 to {count - 1}, or from -{count} to -1 counted from the end"
-    found = check_whole_number(name, value, -count, expected)
-    if found >= count:
+    index = check_whole_number(name, value, -count, expected)
+    if index >= count:
         refuse(name, value, expected)
-    return found
+    return index
 
 
 def check_number(name: str, value: object, expected: str) -> float:

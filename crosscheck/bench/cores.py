@@ -138,5 +138,5 @@ class Cores:
 
 def find_undisturbed_repetitions(loops: Array) -> NDArray[np.bool_]:
     """Return a mask of the repetitions in which the processors gave all they have; loops : (repetitions, any) [s]."""
-    found: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
-    return found
+    undisturbed_repetitions: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
+    return undisturbed_repetitions

@@ -239,21 +239,24 @@ def _list_code_rows(
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     named = {"arm": arm.model, "asked_error": asked}
-    ours = find_coarsest_mesh(marches, asked)
-    theirs = ladder.find_fastest_run(asked)
-    if ours is None:
+    coarsest_mesh = find_coarsest_mesh(marches, asked)
+    fastest_run = ladder.find_fastest_run(asked)
+    if coarsest_mesh is None:
         yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
         return
-    here, pair = ours
+    here, pair = coarsest_mesh
     times = run_calls_in_turns(
-        {"flexinv": Call(lambda: here.compute_extrapolated_torques(pair)), "Exudyn": Call(theirs.march.make_runner())},
+        {
+            "flexinv": Call(lambda: here.compute_extrapolated_torques(pair)),
+            "Exudyn": Call(fastest_run.march.make_runner()),
+        },
         seconds,
     )
     order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
     setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
     own = {"method": "flexinv", "setting": setting, "error": here.error(here.compute_extrapolated_torques(pair))}
     yield add_verdict(named | own | {"time": times["flexinv"].spread().median})
-    reaches = theirs.error <= asked
+    reaches = fastest_run.error <= asked
     found = compute_time_ratio(times["Exudyn"], times["flexinv"])
     more = "" if reaches else ", at least"
     target = arm.target if asked == min(accuracy.ERRORS) else None
@@ -262,8 +265,8 @@ def _list_code_rows(
     method = "Exudyn" if reaches else "Exudyn, not reached"
     row = {
         "method": method,
-        "setting": str(theirs.march),
-        "error": theirs.error,
+        "setting": str(fastest_run.march),
+        "error": fastest_run.error,
         "time": times["Exudyn"].spread().median,
     }
     yield add_verdict(named | row | {"faster": found.median, "asked": target, "metric": one})

@@ -146,34 +146,35 @@ class _CampaignProgress:
                 self.notify(len(self.rows), self.total, row)
 
 
-def run(wanted: CampaignRequest, notify: Notify = lambda done, total, row: None) -> dict[str, Any]:
+def run(request: CampaignRequest, notify: Notify = lambda done, total, row: None) -> dict[str, Any]:
     """Run a campaign; return and write its results: every fault with its outcome, and the sums.
 
     One that is interrupted writes what it has.  Raises RuntimeError where an unharmed engine cannot be run.
     """
     start = clock.monotonic()
     servers = ForkServers()
-    wanted.out.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(wanted.jobs) as pool:
-        work = _CampaignProgress(wanted, notify, pool, ChildProcesses(servers=servers))
+    request.out.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(request.jobs) as pool:
+        work = _CampaignProgress(request, notify, pool, ChildProcesses(servers=servers))
         try:
             with open_scratch_folder() as folder:
                 _run_campaign_steps(work, folder)
         except KeyboardInterrupt:
             work.children.stop()
             _write(
-                wanted, {**make_results(wanted, work.rows, clock.monotonic() - start), "met": False, "finished": False}
+                request,
+                {**make_results(request, work.rows, clock.monotonic() - start), "met": False, "finished": False},
             )
             raise
         finally:
             servers.close()
-    results = {**make_results(wanted, work.rows, clock.monotonic() - start), "finished": True}
-    _write(wanted, results)
+    results = {**make_results(request, work.rows, clock.monotonic() - start), "finished": True}
+    _write(request, results)
     return results
 
 
-def _write(wanted: CampaignRequest, results: Mapping[str, Any]) -> None:
-    (wanted.out / "beyond.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+def _write(request: CampaignRequest, results: Mapping[str, Any]) -> None:
+    (request.out / "beyond.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
 def _run_campaign_steps(work: _CampaignProgress, folder: Path) -> None:
@@ -193,10 +194,10 @@ def _run_campaign_steps(work: _CampaignProgress, folder: Path) -> None:
     _run_faults(work, places, [*controls, *tried], folder)
 
 
-def _is_wanted(wanted: CampaignRequest, place: TrialLocation, drawn: DrawnFault) -> bool:
-    here = not wanted.mechanisms or place.mechanism in wanted.mechanisms
+def _is_wanted(request: CampaignRequest, place: TrialLocation, drawn_fault: DrawnFault) -> bool:
+    here = not request.mechanisms or place.mechanism in request.mechanisms
     there = describe_missing_package(ENGINES[place.engine]) is None
-    return here and there and (not wanted.only or drawn.number in wanted.only)
+    return here and there and (not request.only or drawn_fault.number in request.only)
 
 
 def _run_unharmed_engines(work: _CampaignProgress, places: Sequence[TrialLocation]) -> None:
@@ -312,7 +313,7 @@ def _read_rows(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
-def make_results(wanted: CampaignRequest, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
+def make_results(request: CampaignRequest, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
     """Return the results: campaign, seed, sums over all and by topic and by engine, and every row in order."""
     ordered = sorted(rows, key=lambda row: (row["number"], row["mechanism"], row["engine"]))
     faults = [row for row in ordered if row["number"]]
@@ -328,9 +329,9 @@ def make_results(wanted: CampaignRequest, rows: Sequence[dict[str, Any]], elapse
     whole = compute_group_shares(faults)
     spoilt = [row for row in ordered if not row["number"] and row["outcome"] != "silent"]
     return {
-        "campaign": wanted.campaign.name,
-        "seed": wanted.campaign.seed,
-        "count": wanted.campaign.count,
+        "campaign": request.campaign.name,
+        "seed": request.campaign.seed,
+        "count": request.campaign.count,
         "elapsed": elapsed,
         "met": whole["bad"] == 0 and not spoilt and whole["share"] >= ENOUGH,
         "sums": whole,

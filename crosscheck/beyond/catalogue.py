@@ -45,12 +45,12 @@ class DrawnFault:
         return " + ".join(dict.fromkeys(RECIPES[k].topic for k in self.recipes))
 
 
-def make_fault(drawn: DrawnFault, scene: FaultScenario) -> Fault | None:
+def make_fault(drawn_fault: DrawnFault, scenario: FaultScenario) -> Fault | None:
     """Return the fault itself, the same one every time; None where the scene has nothing to get wrong so."""
     faults = []
-    for k, (recipe, size) in enumerate(zip(drawn.recipes, drawn.sizes, strict=True)):
-        rng = np.random.default_rng([drawn.seed, drawn.number, k])
-        faults.append(RECIPES[recipe].draw(scene, rng, RECIPES[recipe].sizes[size]))
+    for k, (recipe, size) in enumerate(zip(drawn_fault.recipes, drawn_fault.sizes, strict=True)):
+        rng = np.random.default_rng([drawn_fault.seed, drawn_fault.number, k])
+        faults.append(RECIPES[recipe].draw(scenario, rng, RECIPES[recipe].sizes[size]))
     known = [fault for fault in faults if fault is not None]
     if len(known) < len(faults):
         return None

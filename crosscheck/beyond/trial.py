@@ -98,27 +98,35 @@ def run_trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lin
 
 
 def run_trial(
-    place: TrialLocation, scene: FaultScenario, drawn: DrawnFault, scratch: Path, columns: Columns | None = None
+    place: TrialLocation,
+    scenario: FaultScenario,
+    drawn_fault: DrawnFault,
+    scratch: Path,
+    columns: Columns | None = None,
 ) -> dict[str, Any]:
     """Return everything about one fault: what was planted, what it changed, what was said, and the outcome."""
     start = clock.perf_counter()
-    fault = make_fault(drawn, scene) if drawn.number else Fault("nothing", ())
+    fault = make_fault(drawn_fault, scenario) if drawn_fault.number else Fault("nothing", ())
     if fault is None:
-        raise ValueError(f"fault {drawn.number} cannot be made again: the mechanism or the catalogue is another one")
+        raise ValueError(
+            f"fault {drawn_fault.number} cannot be made again: the mechanism or the catalogue is another one"
+        )
     row: dict[str, Any] = {
-        "number": drawn.number,
+        "number": drawn_fault.number,
         "mechanism": place.mechanism,
         "case": place.case,
         "engine": place.engine,
-        "recipe": drawn.name,
-        "topic": drawn.topic,
-        "seed": drawn.seed,
+        "recipe": drawn_fault.name,
+        "topic": drawn_fault.topic,
+        "seed": drawn_fault.seed,
         "fault": fault.words,
         "right": [[asdict(truth) for truth in part] for part in fault.parts],
     }
     try:
         with apply_fault(fault, place.engine):
-            row |= _run_harmed_engine(place, scene, fault, scratch / f"fault{drawn.number}-{place.engine}", columns)
+            row |= _run_harmed_engine(
+                place, scenario, fault, scratch / f"fault{drawn_fault.number}-{place.engine}", columns
+            )
     except Exception as error:
         traceback.print_exc()
         row |= {"outcome": "failed", "words": f"{type(error).__name__}: {error}"}
@@ -126,7 +134,7 @@ def run_trial(
 
 
 def _run_harmed_engine(
-    place: TrialLocation, scene: FaultScenario, fault: Fault, stem: Path, columns: Columns | None
+    place: TrialLocation, scenario: FaultScenario, fault: Fault, stem: Path, columns: Columns | None
 ) -> dict[str, Any]:
     """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
     task = place.task
@@ -135,7 +143,7 @@ def _run_harmed_engine(
     record = _read(stem, task)
     if record.status != "ok":
         return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
-    reference = scene.reference
+    reference = scenario.reference
     unharmed = read_record(place.stem(place.engine))
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)

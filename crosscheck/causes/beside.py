@@ -31,15 +31,15 @@ def find_other_causes(evidence: Evidence, before: NamedCauses) -> NamedCauses:
     if beside is None or not (apart := beside.apart()):
         return before
     difference = beside.difference()
-    asked = ResidualQuestion(evidence.model, difference, np.ones_like(difference))
+    residual_question = ResidualQuestion(evidence.model, difference, np.ones_like(difference))
     rigid = evidence.model.base.mechanism.is_rigid
     first = sorted(_fit_other_causes(evidence.model, beside), key=lambda one: one.left)
     likely = [one for one in first if one.left < DISTANT][: REFINED[rigid]]
     fits = sorted((_fit_closer(beside, one) for one in likely), key=lambda one: one.left)
     heard = tuple(CauseAssessment(one, _list_contradictions(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
-    found = choose_causes(asked, fits, heard, evidence)
-    words = found.words.replace("the efforts", "the efforts and all else") if found.words else ""
-    return replace(found, size=max(apart.values()), noise=before.noise, words=words)
+    causes = choose_causes(residual_question, fits, heard, evidence)
+    words = causes.words.replace("the efforts", "the efforts and all else") if causes.words else ""
+    return replace(causes, size=max(apart.values()), noise=before.noise, words=words)
 
 
 def _fit_other_causes(model: Model, beside: Quantities) -> Iterator[Fit]:

@@ -68,18 +68,18 @@ def diagnose(
     door : where the engine's adapter is (`crosscheck.engines.open_adapter`), None for one of ours
     columns : those of the diagnosis before, where several are asked for in one process
     """
-    found = find_record_causes(folder, case, ours, theirs, columns)
-    naming = found.naming
+    record_causes = find_record_causes(folder, case, ours, theirs, columns)
+    naming = record_causes.naming
     settled = naming
     best = None
-    if naming.named and found.shown:
+    if naming.named and record_causes.shown:
         behind = None if door is None else open_adapter({**door, "engine": engine, "mechanism": folder})
-        settled, best = check_by_full_runs(found, engine, behind)
+        settled, best = check_by_full_runs(record_causes, engine, behind)
     fits = settled.named
     return {
         "words": describe_diagnosis(settled, best),
         "named": [describe_cause(f) for f in fits],
-        "separate": find_separating_motion(found.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
+        "separate": find_separating_motion(record_causes.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
         "difference": naming.size,
         "noise": naming.noise,
         "repaired": None if best is None else best.left,

@@ -38,13 +38,13 @@ DICTIONARY: dict[str, Cause] = {cause.name: cause for table in TABLES for cause 
 
 def collect_causes() -> dict[str, Cause]:
     """Return the dictionary and the causes of installed packages (entry points ``crosscheck.causes``), by name."""
-    found = dict(DICTIONARY)
+    causes = dict(DICTIONARY)
     for point in list_entry_points(CAUSE_GROUP):
         for cause in _list_entry_point_causes(point):
-            if cause.name in found:
+            if cause.name in causes:
                 warnings.warn(f"package {point.package}: a cause called {cause.name!r} is there already", stacklevel=2)
-            found.setdefault(cause.name, cause)
-    return found
+            causes.setdefault(cause.name, cause)
+    return causes
 
 
 def _list_entry_point_causes(point: EntryPoint) -> Iterator[Cause]:

@@ -162,15 +162,15 @@ class Evidence:
             )
         return (*lines, *(x for x in self.failing if x in UNTOUCHED))
 
-    def _lines(self, fit: Fit, said: Certificate, sure: float) -> tuple[str, ...]:
+    def _lines(self, fit: Fit, certificate: Certificate, sure: float) -> tuple[str, ...]:
         part = min(AGREES, SURE_PART + max(sure, fit.left))
         kept = (
-            (name, what, _is_line_explained(name, limit, self.theirs, self.ours, said, part))
+            (name, what, _is_line_explained(name, limit, self.theirs, self.ours, certificate, part))
             for name, (what, limit) in LINES.items()
         )
         return tuple(
             what for name, what, holds in kept
-            if not holds or (what in self.failing and _is_left(name, self.theirs, self.ours, said))
+            if not holds or (what in self.failing and _is_left(name, self.theirs, self.ours, certificate))
         )  # fmt: skip
 
     def _compute_harmed_certificate(self, fit: Fit, size: Array) -> Certificate:
@@ -189,11 +189,11 @@ class Evidence:
             certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **collect_attachment_data(harmed)
         )
 
-    def _assemble_column(self, said: Certificate) -> Array:
+    def _assemble_column(self, certificate: Certificate) -> Array:
         """Return a certificate's numbers that both engines have, over the size of their line, as one column [-]."""
         found = [np.zeros(0)]
         for name in LINES:
-            a, b, c = (_split_line(getattr(one, name)) for one in (self.theirs, self.ours, said))
+            a, b, c = (_split_line(getattr(one, name)) for one in (self.theirs, self.ours, certificate))
             size = max((float(np.abs(one).max(initial=0.0)) for one in b.values()), default=0.0) or 1.0
             known = [key for key in sorted(b) if key in a and a[key].shape == b[key].shape]
             found += [c.get(key, b[key]).ravel() / size for key in known]  # a bent beam is not probed: it says nothing
@@ -267,10 +267,10 @@ class Evidence:
 
 
 def _is_line_explained(
-    name: str, limit: float, theirs: Certificate, ours: Certificate, said: Certificate, part: float
+    name: str, limit: float, theirs: Certificate, ours: Certificate, certificate: Certificate, part: float
 ) -> bool:
     """Return True if a cause would change in one line of the certificate what is wrong there, to a part of it [-]."""
-    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, said))
+    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, certificate))
     size = max((float(np.abs(b[key]).max(initial=0.0)) for key in b), default=0.0)
     for key in b:
         if key not in a or key not in c or not a[key].shape == b[key].shape == c[key].shape:
@@ -284,9 +284,9 @@ def _is_line_explained(
     return True
 
 
-def _is_left(name: str, theirs: Certificate, ours: Certificate, said: Certificate) -> bool:
+def _is_left(name: str, theirs: Certificate, ours: Certificate, certificate: Certificate) -> bool:
     """Return True if a cause leaves a line of the certificate as it is, to AGREES of what is wrong there [-]."""
-    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, said))
+    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, certificate))
     known = [key for key in b if key in a and key in c and a[key].shape == b[key].shape == c[key].shape]
     return bool(known) and all(
         np.abs(c[key] - b[key]).max(initial=0.0) <= AGREES * np.abs(a[key] - b[key]).max(initial=0.0) for key in known

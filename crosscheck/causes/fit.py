@@ -298,8 +298,8 @@ def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
     """
     for k, unit in enumerate(np.eye(candidate.cause.parameters)):
         told = size * candidate.columns[:, k]
-        seen = candidate.compute_far_effect(model, size * unit)
-        if seen is None or np.abs(seen - told).max() > PROBED * np.abs(told).max():
+        far_effect = candidate.compute_far_effect(model, size * unit)
+        if far_effect is None or np.abs(far_effect - told).max() > PROBED * np.abs(told).max():
             return False
     return True
 

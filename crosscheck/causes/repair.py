@@ -70,16 +70,16 @@ def add_to_reference(model: Model, fit: Fit, record: Record, enough: float) -> R
     """Return the repair of the reference: the cause is put in, its size corrected by the remainders of full runs."""
     best = Repair(fit)
     for _ in range(1 + ROUNDS):
-        left = _compute_remainder(model, fit, record)
-        if left is None:
+        remainder = _compute_remainder(model, fit, record)
+        if remainder is None:
             break
-        found = Repair(fit, _find_largest(left), "put into the reference")
-        if found.most >= best.most:
+        repair = Repair(fit, _find_largest(remainder), "put into the reference")
+        if repair.most >= best.most:
             break
-        best = found
+        best = repair
         if best.is_sufficient(enough) or not fit.cause.sized or fit.cause.guess is not None:
             break
-        better = fit_to_remainder(model, fit, left)
+        better = fit_to_remainder(model, fit, remainder)
         if better is None:
             break
         fit = better

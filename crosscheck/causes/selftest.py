@@ -118,15 +118,15 @@ def prepare(bench: Bench, models: Path) -> BenchSetup:
 
 def compute_allowed_differences(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
     """Return by series how far an engine and the reference may be apart [unit]: error bars, and what halving its step does."""
-    found = {}
+    allowed_differences = {}
     for key, one in clean.series.items():
         error = reference.series[key].error if key in reference.series else None
         if error is not None and key in finer.series:
             halved = float(np.abs(one.values - finer.series[key].values).max())
             # Other formulations measure a beam's end forces elsewhere: what the unharmed engines differ by is no fault.
             unharmed = float(np.abs(one.values - reference.series[key].values).max())
-            found[key] = max(float(error.max()) + 4 / 3 * halved, unharmed)
-    return found
+            allowed_differences[key] = max(float(error.max()) + 4 / 3 * halved, unharmed)
+    return allowed_differences
 
 
 def ask(bench: Bench, subject: Subject) -> Record:
@@ -215,9 +215,9 @@ def _run_fault_of_size(
     naming = find_fault_causes(setting, harmed, subject)
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
     told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
-    found = judge_causes(naming, cause.name, target)
+    causes = judge_causes(naming, cause.name, target)
     return PlantedFault(
-        setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
+        setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, causes, told, naming.words
     )
 
 
@@ -234,19 +234,19 @@ def find_fault_causes(setting: BenchSetup, harmed: Record, subject: Subject) -> 
     residual = setting.model.residual(harmed, setting.reference)
     if float(np.abs(residual).max()) <= setting.noise:
         return find_causes(setting.model, residual, setting.noise, setting.known)
-    theirs = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)
+    certificate = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)
     others = Quantities(setting.model, harmed.series, setting.reference.series, setting.agreed)
-    evidence = Evidence(setting.model, residual, theirs, setting.certificate, others)
+    evidence = Evidence(setting.model, residual, certificate, setting.certificate, others)
     return find_causes(setting.model, residual, setting.noise, setting.known, evidence)
 
 
 def _compute_certificate(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
     """Return the certificate of an engine's own model; an empty one where it says nothing."""
     try:
-        found: Certificate = find_certifier(engine)(mechanism, case, engine)
+        certificate: Certificate = find_certifier(engine)(mechanism, case, engine)
     except (*IMPOSSIBLE, RuntimeError):
         return Certificate()
-    return found
+    return certificate
 
 
 def find_certifier(engine: str) -> Callable[..., Any]:

@@ -129,28 +129,28 @@ def _parse_families(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _write_comparison(console: Console, found: Comparison, out: Path | None) -> None:
-    colour = {0: "green", 1: "red"}.get(found.code, "yellow")
-    console.print(f"A  {escape(found.first)}\nB  {escape(found.second)}", highlight=False, soft_wrap=True)
+def _write_comparison(console: Console, comparison: Comparison, out: Path | None) -> None:
+    colour = {0: "green", 1: "red"}.get(comparison.code, "yellow")
+    console.print(f"A  {escape(comparison.first)}\nB  {escape(comparison.second)}", highlight=False, soft_wrap=True)
     for name, title in GROUPS:
-        if group := getattr(found.judged, name):
+        if group := getattr(comparison.judged, name):
             console.print(_make_difference_table(title, group))
-    for line in [*describe_rounding(found), describe_repair(found)]:
+    for line in [*describe_rounding(comparison), describe_repair(comparison)]:
         console.print(escape(line), highlight=False, soft_wrap=True)
-    if found.suspects:
-        console.print(f"[bold]{escape(found.suspects)}[/]", highlight=False, soft_wrap=True)
-    for place, lines in found.advice:
+    if comparison.suspects:
+        console.print(f"[bold]{escape(comparison.suspects)}[/]", highlight=False, soft_wrap=True)
+    for place, lines in comparison.advice:
         console.print(f"[bold]{escape(place)}[/]", highlight=False, soft_wrap=True)
         for line in lines:
             console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
-    for line in found.grounds:
+    for line in comparison.grounds:
         console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
-    for note in found.notes:
+    for note in comparison.notes:
         console.print(f"[dim]{escape(note)}[/]", highlight=False, soft_wrap=True)
-    for side, lines in found.dropped:
+    for side, lines in comparison.dropped:
         for line in lines:
             console.print(f"[dim]{escape(side)}: {escape(line)}[/]", highlight=False, soft_wrap=True)
-    console.print(f"[bold {colour}]{escape(found.sentence)}[/]", soft_wrap=True)
+    console.print(f"[bold {colour}]{escape(comparison.sentence)}[/]", soft_wrap=True)
     if out is not None:
         console.print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
 

@@ -107,8 +107,8 @@ def command(
         _judge(judge, against)
     if not models.is_dir():
         raise click.BadParameter(f"Directory '{models}' does not exist.", param_hint="'--models'")
-    asked = RunSelection(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
-    work, _ = asked.work(lambda line: console.print(escape(line), soft_wrap=True))
+    run_selection = RunSelection(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
+    work, _ = run_selection.work(lambda line: console.print(escape(line), soft_wrap=True))
     options = replace(work.options, kept=find_user_folder(), fresh=fresh or bool(os.environ.get("CI")))
     work = replace(work, options=options)
     try:

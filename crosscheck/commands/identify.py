@@ -143,11 +143,11 @@ def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _write_parameters(console: Console, found: Identification) -> None:
-    told = [row for row in found.parameters if row.identifiable]
+def _write_parameters(console: Console, identification: Identification) -> None:
+    told = [row for row in identification.parameters if row.identifiable]
     console.print(
-        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow "
-        f"{count_narrowed_directions(found.fit)} "
+        f"{len(told)} of {len(identification.parameters)} parameters are told by the logs, which narrow "
+        f"{count_narrowed_directions(identification.fit)} "
         "independent combinations of them; intervals hold 90 %",
         highlight=False,
         soft_wrap=True,
@@ -157,19 +157,19 @@ def _write_parameters(console: Console, found: Identification) -> None:
         interval = f"{format_short(row.low)} to {format_short(row.high)}"
         table.add_row(row.parameter, row.place, format_short(row.value), interval, format_short(row.before), row.unit)
     console.print(table)
-    _write_table(console, "logs that identify", found.seen)
-    if found.judged:
-        _write_table(console, "logs held out", found.judged)
-    for words in found.words:
+    _write_table(console, "logs that identify", identification.seen)
+    if identification.judged:
+        _write_table(console, "logs held out", identification.judged)
+    for words in identification.words:
         console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
 
 
 def _find_causes(
-    console: Console, found: Identification, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
+    console: Console, identification: Identification, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
 ) -> list[tuple[str, CauseFindings]]:
     out = []
     for log in _resolve_log_paths(source, hold_out) or _resolve_log_paths(source, logs[:1]):
-        rest = find_remaining_causes(found, read_of(found.machine, log), not hold_out)
+        rest = find_remaining_causes(identification, read_of(identification.machine, log), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)

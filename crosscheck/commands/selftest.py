@@ -113,13 +113,13 @@ def command(
     sys.exit(2 if failed else int(any(line["verdict"] != "within" for line in met)))
 
 
-def find_model_folder(names: Iterable[str], said: Path | None) -> Path:
+def find_model_folder(names: Iterable[str], path: Path | None) -> Path:
     """Return the folder that has all these mechanisms: the one that was said, else models here, else those installed.
 
     Raises Failure where none has.
     """
     names = list(names)
-    places = [said] if said is not None else [Path("models"), INSTALLED]
+    places = [path] if path is not None else [Path("models"), INSTALLED]
     absent = [[n for n in names if not (place / n / "mechanism.toml").is_file()] for place in places]
     if [] in absent:
         return places[absent.index([])]
@@ -128,7 +128,7 @@ def find_model_folder(names: Iterable[str], said: Path | None) -> Path:
 
 
 def _run_campaign_and_end(
-    names: tuple[str, ...], said: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]
+    names: tuple[str, ...], path: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]
 ) -> NoReturn:
     """Run a campaign of faults beyond the dictionary, print its sums, and leave with its exit code."""
     chosen = beyond.CAMPAIGNS[asked["campaign"]]
@@ -138,7 +138,7 @@ def _run_campaign_and_end(
     known = dict.fromkeys(bench.mechanism for bench in chosen.benches)
     if unknown := [name for name in mechanisms if name not in known]:
         raise Failure(f"campaign {chosen.name} has no mechanism {unknown[0]!r}; it has: {', '.join(known)}")
-    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.own), said)
+    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.own), path)
     try:
         only = tuple(int(word) for word in asked["only"].split(",") if word.strip())
     except ValueError:

@@ -156,11 +156,13 @@ def _find_series_consensus(
     own = size[name.split("/", 1)[0], unit]
     hindered = {e: _describe_hindrance(task, name, r, own, panel) for e, r in have.items()}
     takes = [_make_contribution(e, r.series[name], panel) for e, r in have.items() if not hindered[e]]
-    found = _find_consensus(takes, own, panel)
-    voices = tuple(_make_voice(task, have[e].series[name], have[e], hindered[e], found, panel) for e in have)
+    consensus = _find_consensus(takes, own, panel)
+    voices = tuple(_make_voice(task, have[e].series[name], have[e], hindered[e], consensus, panel) for e in have)
     sole = next(have[e].series[name] for e in (REFERENCE, *have) if e in have)
-    cause = "" if found.status != DISAGREEMENT else "; ".join(f"{v.engine}: {v.reason}" for v in voices if v.reason)
-    return SeriesConsensus(name, unit, found.status, own, voices, found.interval, sole, cause or found.cause)
+    cause = "" if consensus.status != DISAGREEMENT else "; ".join(f"{v.engine}: {v.reason}" for v in voices if v.reason)
+    return SeriesConsensus(
+        name, unit, consensus.status, own, voices, consensus.interval, sole, cause or consensus.cause
+    )
 
 
 @dataclass(frozen=True)
@@ -240,9 +242,9 @@ def _make_voice(
 def _find_cause(task: Task, one: Series, record: Record, panel: EnginePanel) -> str:
     """Return the cause of an engine's difference in a series, as diagnosis or verdict name it; "" where nothing does."""
     here = task.folder.name, task.case.name, record.engine
-    found = find_diagnosis(panel.results, *here)
-    if found is not None and found.named:
-        return describe_diagnosis(found)
+    diagnosis = find_diagnosis(panel.results, *here)
+    if diagnosis is not None and diagnosis.named:
+        return describe_diagnosis(diagnosis)
     rows = [
         row
         for row in panel.results.comparisons

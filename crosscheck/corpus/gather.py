@@ -26,9 +26,9 @@ def run_panel(work: Work, notes: CorpusTable, folder: Path, notify: Notify, comm
 def find_all_consensus(work: Work, panel: EnginePanel, folder: Path) -> Iterator[CaseConsensus]:
     """Yield the consensus of every case that some engine came to an answer for [units of its series]."""
     for task in work.plan.tasks:
-        found = read_records(panel.results, task, folder)
-        if found:
-            yield find_case_consensus(task, found, panel)
+        records = read_records(panel.results, task, folder)
+        if records:
+            yield find_case_consensus(task, records, panel)
 
 
 def read_records(results: Results, task: Task, folder: Path) -> dict[str, Record]:

@@ -123,8 +123,8 @@ def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, An
     span = row["range"] or row["size"] or 1.0
     if wide := float(bar.max()) > WIDEST_BAR * span:
         bar = np.zeros_like(bar)
-    own = make_interval(EngineValues("answer", "", one.values, bar), row["size"])
-    gap = np.maximum(np.maximum(own.low - where.high, where.low - own.high), 0.0)
+    interval = make_interval(EngineValues("answer", "", one.values, bar), row["size"])
+    gap = np.maximum(np.maximum(interval.low - where.high, where.low - interval.high), 0.0)
     off = float((gap > 0.0).mean())
     words = f"its bar is wider than {WIDEST_BAR:g} of the range and excuses nothing" if wide else ""
     return SeriesJudgement(id_, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)

@@ -87,8 +87,8 @@ class CorpusTable(Table):
 
     def find_licence(self, task: Task) -> MechanismNote:
         """Return the licence of a mechanism: its own table, that of the file, or that nobody has stated one."""
-        if (own := self.mechanisms.get(task.folder.name)) is not None:
-            return own
+        if (licence := self.mechanisms.get(task.folder.name)) is not None:
+            return licence
         if is_from_package(task.folder):
             return MechanismNote(licence=NOT_STATED, redistribute=False, recipe=FOREIGN)
         return MechanismNote(licence=self.licence or NOT_STATED, licence_files=self.licence_files)

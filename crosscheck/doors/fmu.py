@@ -135,9 +135,9 @@ def find_start_values(description: Any, mechanism: Mechanism, case: Case) -> dic
     units = {f"{joint.name}.start": UNITS[joint.kind][0][0] for joint in mechanism.joints if joint.nv == 1}
     stated = {v.name for v in description.modelVariables if v.causality == "parameter"}
     wanted = {name: unit for name, unit in units.items() if name in stated}
-    found = find_variables(description, wanted, "parameter")
+    variables = find_variables(description, wanted, "parameter")
     begins = {name: np.ravel(case.start.get(name.removesuffix(".start"), 0.0)) for name in wanted}
-    return {one.valueReference: float(begins[one.name][0]) for one in found}
+    return {one.valueReference: float(begins[one.name][0]) for one in variables}
 
 
 class Instance:

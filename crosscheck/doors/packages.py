@@ -41,19 +41,19 @@ def list_entry_points(group: str) -> Iterator[EntryPoint]:
 
 def list_installed_engines() -> dict[str, Engine]:
     """Return the engines of installed packages, by name.  Raises InputError where two have one name."""
-    found: dict[str, Engine] = {}
+    installed_engines: dict[str, Engine] = {}
     for point in list_entry_points(ENGINE_GROUP):
         if not NAME.fullmatch(point.name):
             raise InputError(
                 f"package {point.package}: an engine is called {point.name!r}; expected letters, digits, ., _, -"
             )
-        if point.name in ENGINES or point.name in found:
+        if point.name in ENGINES or point.name in installed_engines:
             raise InputError(
                 f"package {point.package}: an engine is called {point.name!r}, which is taken; rename it there"
             )
         top = point.value.partition(":")[0].partition(".")[0]
-        found[point.name] = Engine(point.name, point.value, top, f"python -m pip install {point.package}")
-    return found
+        installed_engines[point.name] = Engine(point.name, point.value, top, f"python -m pip install {point.package}")
+    return installed_engines
 
 
 def resolve_reference(reference: str, folder: Path) -> Engine:

@@ -69,11 +69,11 @@ class RecordedAdapter:
 
     def _find_answer(self, case: Case) -> Path | None:
         """Return the folder with the answer to a case."""
-        own = self._folder / case.name
-        if own.is_dir():
-            if not own.resolve().is_relative_to(self._folder.resolve()):
-                raise InputError(f"{own} leads out of its folder; expected an answer")
-            return own
+        answer = self._folder / case.name
+        if answer.is_dir():
+            if not answer.resolve().is_relative_to(self._folder.resolve()):
+                raise InputError(f"{answer} leads out of its folder; expected an answer")
+            return answer
         if not (self._folder / "series.csv").exists() and not (self._folder / "meta.json").exists():
             return None
         return self._folder if self._is_for_case(case) else None

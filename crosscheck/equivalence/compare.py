@@ -142,22 +142,24 @@ def compare_descriptions(
     bent = compute_beam_effects(beams)
     size = max(_compute_tree_size(one), _compute_tree_size(two))
     printed = PairedDigits(PrintedDigits(one, first.printed), PrintedDigits(two, second.printed))
-    found = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
-    trees = found.trees
-    seats = {found.trees.first.members[s.first].joint: s for s in found.seats}
+    least_explanation = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
+    trees = least_explanation.trees
+    seats = {least_explanation.trees.first.members[s.first].joint: s for s in least_explanation.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
-    told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
+    told = [*rooted.found, *(d for d in least_explanation.differences if placed or d.cause != START)]
     rounding = SINGLE * max(first.precision, second.precision)
     every = add_coupling_differences(one, two, pairs.pairs, moving, told, max(SAME, rounding))
     tied = first.mechanism, second.mechanism
-    every += list_loop_differences(tied, (one, two), pairs.pairs, moving, size, found.motion, max(SAME, rounding))
+    every += list_loop_differences(
+        tied, (one, two), pairs.pairs, moving, size, least_explanation.motion, max(SAME, rounding)
+    )
     states = sample_states(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
     if names:
-        theirs = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
-        wanted = map_efforts_back(theirs, trees.first, moving)
+        efforts = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
+        wanted = map_efforts_back(efforts, trees.first, moving)
     bound = max(tolerance, rounding)
     judged = _add_beam_effects(
         judge(EffortProblem(trees.first, states, wanted), [*every, *bent.differences], bound), bent
@@ -170,12 +172,12 @@ def compare_descriptions(
         )
         judged = add_feature_differences(judged, lifted, ground, ignored, bound)
     sides = ComparedDescriptions(
-        (first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links
+        (first, second), (trees.first, trees.second), {s.first: s for s in least_explanation.seats}, rooted.links
     )
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
         certificate=list_checks(trees.first, trees.second, moving),
-        notes=(*_describe_conventions(one, two, pairs, found), *beams.describe_other_meshes(), *bent.notes),
+        notes=(*_describe_conventions(one, two, pairs, least_explanation), *beams.describe_other_meshes(), *bent.notes),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
         advice=collect_advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
         proofs=tuple((side.label, proof) for side, proof in zip(lifted, proofs, strict=True)),
@@ -193,11 +195,11 @@ def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Match
     return MatchedBeams(first, second, links, joints)
 
 
-def _add_beam_effects(judged: Judgement, bent: BeamEffects) -> Judgement:
+def _add_beam_effects(judgement: Judgement, bent: BeamEffects) -> Judgement:
     """The judgement with the torques of links that bend, where those differ more."""
-    worst = max((judged.before, judged.before_effort, judged.worst_joint), bent.before)
-    after = max(judged.after, bent.after[0])
-    return replace(judged, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
+    worst = max((judgement.before, judgement.before_effort, judgement.worst_joint), bent.before)
+    after = max(judgement.after, bent.after[0])
+    return replace(judgement, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
 
 
 def _remove_loops(mechanism: Mechanism) -> Mechanism:
@@ -213,18 +215,20 @@ def _find_least_explanation(
     one: Tree, two: Tree, joints: dict[str, str], size: float, printed: PairedDigits
 ) -> TreeComparison:
     """The explanation with the fewest differences: fixed links kept or merged."""
-    kept = _find_explanation(one, two, joints, True, size, printed)
-    if not _count(kept) or all(member.kind != "fixed" for member in kept.trees.first.members):
-        return kept
+    explanation = _find_explanation(one, two, joints, True, size, printed)
+    if not _count(explanation) or all(member.kind != "fixed" for member in explanation.trees.first.members):
+        return explanation
     whole = _find_explanation(one, two, joints, False, size, printed)
-    return kept if _count(kept) <= _count(whole) else whole
+    return explanation if _count(explanation) <= _count(whole) else whole
 
 
-def _count(found: TreeComparison) -> int:
+def _count(comparison: TreeComparison) -> int:
     """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
-    held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
+    held = {f"link {m.name}" for m in comparison.trees.first.members if m.kind == "fixed" and m.parent < 0}
     return sum(
-        1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held and not is_rounding(d)
+        1
+        for d in comparison.differences
+        if d.cause and d.family != "limits" and d.place not in held and not is_rounding(d)
     )
 
 
@@ -250,7 +254,7 @@ def _find_explanation(
     return TreeComparison(trees, alignment.seats, found, alignment.motion)
 
 
-def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: TreeComparison) -> list[str]:
+def _describe_conventions(one: Tree, two: Tree, pairs: Match, comparison: TreeComparison) -> list[str]:
     """Conventions that change no coordinate: names, order, frames of links, merged links."""
     notes = []
     renamed = {a: b for a, b in pairs.pairs.items() if a != b}
@@ -260,8 +264,8 @@ def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: TreeCompari
     if order != [joint for joint in two.moving if joint in set(order)]:
         notes.append("coordinates in another order: map them by name")
     frames = [
-        found.trees.first.members[s.first].name
-        for s in found.seats
+        comparison.trees.first.members[s.first].name
+        for s in comparison.seats
         if np.abs(s.frame.position).max() > SAME or np.abs(s.frame.rotation - np.eye(3)).max() > SAME
     ]
     if frames:

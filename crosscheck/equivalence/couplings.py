@@ -23,7 +23,7 @@ SHOWN = 4  # names of joints
 
 
 def add_coupling_differences(
-    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, MemberAlignment], found: Iterable[Difference],
+    one: Tree, two: Tree, pairs: Mapping[str, str], alignments: Mapping[str, MemberAlignment], differences: Iterable[Difference],
     tolerance: float = SAME,
 ) -> list[Difference]:  # fmt: skip
     """Return the differences given and those of couplings [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
@@ -36,12 +36,12 @@ def add_coupling_differences(
     back = {theirs: ours for ours, theirs in pairs.items()}
     ours = dict(_list_coupling_laws(one))
     plain = dict(_list_coupling_laws(two, back))
-    theirs = {key: _map_law(law, back, seats) for key, law in plain.items()}
+    theirs = {key: _map_law(law, back, alignments) for key, law in plain.items()}
     apart = [key for key in ours if key in theirs and not _is_same_law(ours[key], theirs[key], tolerance)]
-    told = list(found)
+    told = list(differences)
     counted = [(d.cause, d.place.removeprefix("joint ")) for d in told if d.cause in CONVENTIONS]
     follows = _find_following_couplings(
-        {key: (ours[key], plain[key]) for key in apart}, back, seats, counted, tolerance
+        {key: (ours[key], plain[key]) for key in apart}, back, alignments, counted, tolerance
     )
     told = [_move_to_drive_family(difference, follows) for difference in told]
     for key in [*ours, *(k for k in theirs if k not in ours)]:
@@ -74,7 +74,7 @@ def _is_same_law(a: Law, b: Law, tolerance: float) -> bool:
 def _find_following_couplings(
     apart: Mapping[Joints, tuple[Law, Law]],
     back: Mapping[str, str],
-    seats: Mapping[str, MemberAlignment],
+    alignments: Mapping[str, MemberAlignment],
     counted: list[Counted],
     tolerance: float,
 ) -> Follows:
@@ -82,11 +82,11 @@ def _find_following_couplings(
     ways: dict[Joints, list[tuple[Counted, ...]]] = {}
     for key, (ours, theirs) in apart.items():
         for number in range(1, MOST + 1):
-            tried = combinations([one for one in counted if one[1] in key and one[1] in seats], number)
+            tried = combinations([one for one in counted if one[1] in key and one[1] in alignments], number)
             alike = [
                 some
                 for some in tried
-                if _is_same_law(ours, _map_law(theirs, back, _drop_coordinate_changes(seats, some)), tolerance)
+                if _is_same_law(ours, _map_law(theirs, back, _drop_coordinate_changes(alignments, some)), tolerance)
             ]
             if alike:
                 ways[key] = alike
@@ -96,10 +96,10 @@ def _find_following_couplings(
 
 
 def _drop_coordinate_changes(
-    seats: Mapping[str, MemberAlignment], some: Iterable[Counted]
+    alignments: Mapping[str, MemberAlignment], some: Iterable[Counted]
 ) -> dict[str, MemberAlignment]:
     """The alignments as if some coordinates counted in B as in A."""
-    found = dict(seats)
+    found = dict(alignments)
     for cause, name in some:
         found[name] = replace(found[name], sign=1.0) if cause == SIGN else replace(found[name], offset=0.0)
     return found
@@ -131,13 +131,13 @@ def _scale_law(law: Law) -> Law:
     return {name: factor / lead for name, factor in factors.items()}, offset / lead
 
 
-def _map_law(law: Law, back: Mapping[str, str], seats: Mapping[str, MemberAlignment]) -> Law:
+def _map_law(law: Law, back: Mapping[str, str], alignments: Mapping[str, MemberAlignment]) -> Law:
     """B's law in A's coordinates: q_B = sign (q_A - offset)."""
     factors = {}
     offset = law[1]
     for name, factor in law[0].items():
         ours = back.get(name, name)
-        seat = seats.get(ours)
+        seat = alignments.get(ours)
         sign, zero = (seat.sign, seat.offset) if seat is not None else (1.0, 0.0)
         factors[ours] = factor * sign
         offset += factor * sign * zero

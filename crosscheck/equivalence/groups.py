@@ -36,8 +36,8 @@ def find_missing_links(pair: MemberPair) -> Difference | None:
     theirs = {name: move_inertia(pair.seat.frame, body) for name, body in pair.two.parts}
     for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
         for lost in _list_missing_candidates(mine, others):
-            left = join_bodies(body for name, body in mine.items() if name not in lost)
-            if _is_same_body(left, target, pair.size):
+            bodies = join_bodies(body for name, body in mine.items() if name not in lost)
+            if _is_same_body(bodies, target, pair.size):
                 return _make_missing_difference(pair, side, lost, mine, there)
     return None
 
@@ -98,8 +98,8 @@ def _find_body_of_second(pair: MemberPair, theirs: dict[str, Inertia]) -> list[D
     return []
 
 
-def _list_with_cause(found: Iterable[Difference]) -> list[Difference]:
-    return [d for d in found if d.cause]
+def _list_with_cause(differences: Iterable[Difference]) -> list[Difference]:
+    return [d for d in differences if d.cause]
 
 
 def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
@@ -156,10 +156,10 @@ def _make_missing_difference(
 
 
 def join_exchanged_bodies(
-    first: Tree, second: Tree, pairs: Iterable[MemberPair], found: list[Difference]
+    first: Tree, second: Tree, pairs: Iterable[MemberPair], differences: list[Difference]
 ) -> list[Difference]:
     """Return the differences with bodies that stand at one another's link as one each."""
-    off = {d.place for d in found if d.cause in BODY}
+    off = {d.place for d in differences if d.cause in BODY}
     by_place = {pair.link: pair for pair in pairs if pair.link in off}
     used: set[str] = set()
     made = []
@@ -168,11 +168,13 @@ def join_exchanged_bodies(
             if place >= other or {place, other} & used or not _is_exchanged_pair(pair, that):
                 continue
             used |= {place, other}
-            changes = [c for d in found if d.place in (place, other) and d.cause in (*BODY, "") for c in d.changes]
+            changes = [
+                c for d in differences if d.place in (place, other) and d.cause in (*BODY, "") for c in d.changes
+            ]
             size = abs(pair.one.mass - that.one.mass)
             words = f"{place} and {other}"
             made.append(Difference("rigid", "bodies exchanged", words, size, "kg", "", "", tuple(changes)))
-    return made + [d for d in found if not (d.place in used and d.cause in (*BODY, ""))]
+    return made + [d for d in differences if not (d.place in used and d.cause in (*BODY, ""))]
 
 
 def _is_exchanged_pair(one: MemberPair, two: MemberPair) -> bool:
@@ -189,34 +191,34 @@ def _has_equal_inertia(one: Member, two: Member, size: float, tolerance: float =
     return bool(one.mass) and _is_same_body(one.inertia, two.inertia, size, tolerance)
 
 
-def join_scaled_differences(first: Tree, found: list[Difference]) -> list[Difference]:
+def join_scaled_differences(first: Tree, differences: list[Difference]) -> list[Difference]:
     """Return the differences with one factor on all numbers of a kind as one each."""
     for cause, name in FIELDS.items():
-        own = [d for d in found if d.cause == cause]
+        own = [d for d in differences if d.cause == cause]
         factors = [factor for d in own if (factor := _find_common_factor(first, d, name)) is not None]
         if len(own) < ALL or len(factors) < len(own) or np.ptp(factors) > 1e-6 * abs(factors[0]):
             continue
         if len(own) == sum(bool(np.any(_read_member_field(m, name))) for m in first.members):
-            found = [d for d in found if d.cause != cause]
-            found.append(_join_differences(own, factors[0]))
-    return found
+            differences = [d for d in differences if d.cause != cause]
+            differences.append(_join_differences(own, factors[0]))
+    return differences
 
 
-def join_equal_differences(found: list[Difference]) -> list[Difference]:
+def join_equal_differences(differences: list[Difference]) -> list[Difference]:
     """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
     for cause in ALIKE:
-        own = [d for d in found if d.cause == cause and d.place.startswith("joint ")]
+        own = [d for d in differences if d.cause == cause and d.place.startswith("joint ")]
         for pair in dict.fromkeys((d.first, d.second) for d in own):
             same = [d for d in own if (d.first, d.second) == pair]
             if len(same) < ALL or len({d.unit for d in same}) > 1:
                 continue
             names = ", ".join(d.place.removeprefix("joint ") for d in same)
             changes = tuple(change for d in same for change in d.changes)
-            found = [d for d in found if d not in same]
-            found.append(
+            differences = [d for d in differences if d not in same]
+            differences.append(
                 replace(same[0], place=f"joints {names}", changes=changes, printed=max(d.printed for d in same))
             )
-    return found
+    return differences
 
 
 def _read_member_field(member: Member, name: str) -> Array:

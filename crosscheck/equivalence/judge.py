@@ -56,12 +56,12 @@ class EffortProblem:
         """Return the efforts of A with the changes of differences [N m], [N]."""
         return evaluate_tree_efforts(self.tree.replace_fields(c for d in differences for c in d.changes), self.states)
 
-    def share(self, found: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
+    def share(self, values: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
         """Return the largest difference over the range of B's effort [-], the difference there [N m], [N], and its joint."""
-        return compute_effort_share(found, wanted, self.wanted)
+        return compute_effort_share(values, wanted, self.wanted)
 
 
-def compute_effort_share(found: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
+def compute_effort_share(values: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
     """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint.
 
     scale : efforts by joint (samples, nv) whose sizes are the ranges [N m], [N]; of the smallest ones FLOOR times the largest
@@ -71,19 +71,19 @@ def compute_effort_share(found: Mapping[str, Array], wanted: Mapping[str, Array]
     worst = (0.0, 0.0, "")
     for name, own in sizes.items():
         size = np.maximum(own, FLOOR * largest)
-        gap = np.abs(found[name] - wanted[name]).max(axis=0, initial=0.0)
+        gap = np.abs(values[name] - wanted[name]).max(axis=0, initial=0.0)
         k = int(np.argmax(gap / size)) if gap.size else 0
         if gap.size and gap[k] / size[k] > worst[0]:
             worst = (float(gap[k] / size[k]), float(gap[k]), name)
     return worst
 
 
-def judge(bench: EffortProblem, found: Iterable[Difference], tolerance: float) -> Judgement:
+def judge(bench: EffortProblem, differences: Iterable[Difference], tolerance: float) -> Judgement:
     """Sort differences by what they do to efforts; tolerance : relative to the range of an effort [-]."""
-    found = list(found)
-    silent = [d for d in found if not d.cause]
-    acting = [d for d in found if d.cause and d.changes and d.family in ("rigid", "drive")]
-    stated = [d for d in found if d.cause and not d.changes and d.family in ("rigid", "drive")]
+    differences = list(differences)
+    silent = [d for d in differences if not d.cause]
+    acting = [d for d in differences if d.cause and d.changes and d.family in ("rigid", "drive")]
+    stated = [d for d in differences if d.cause and not d.changes and d.family in ("rigid", "drive")]
     whole = bench.efforts([*silent, *acting])
     after = bench.share(whole, bench.wanted)
     before = bench.share(bench.efforts(silent), bench.wanted)
@@ -98,11 +98,11 @@ def judge(bench: EffortProblem, found: Iterable[Difference], tolerance: float) -
     )
     rest = [*placed, *rest]
     small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole
-    bent = [d for d in found if d.family == "beam"]  # measured already, with torques of their own
+    bent = [d for d in differences if d.family == "beam"]  # measured already, with torques of their own
     stated += [d for d in bent if d.share is None or d.share > tolerance]
     unseen += [d for d in bent if d.share is not None and d.share <= tolerance]
-    conventions = [d for d in found if d.family == "convention"]
-    limits = [d for d in found if d.family == "limits"]
+    conventions = [d for d in differences if d.family == "convention"]
+    limits = [d for d in differences if d.family == "limits"]
     causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))
     return Judgement(
         tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if is_rounding(d))), tuple(unseen),

@@ -59,18 +59,18 @@ def list_loop_differences(
     mechanisms: tuple[Mechanism, Mechanism],
     trees: tuple[Tree, Tree],
     pairs: Mapping[str, str],
-    seats: Mapping[str, MemberAlignment],
+    alignments: Mapping[str, MemberAlignment],
     size: float,
     motion: Placement,
     tolerance: float = SAME,
 ) -> Iterator[Difference]:
     """Yield loops that only one closes [-], and those of both whose points or axes differ [m], [rad].
 
-    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; seats : alignment by joint of A
+    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; alignments : alignment by joint of A
     size : [m]; motion : of B's world in A's [m]
     tolerance : of points over the size [-] and of axes [rad]: rounding of the readers' numbers
     """
-    frames = {"": motion} | {joint: seat.frame for joint, seat in seats.items()}
+    frames = {"": motion} | {joint: seat.frame for joint, seat in alignments.items()}
     own = {joint: joint for joint in pairs}
     back = {theirs: ours for ours, theirs in pairs.items()}
     ours = list(_list_closures(ComparedMechanism(mechanisms[0], trees[0], own, {})))

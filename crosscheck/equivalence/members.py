@@ -243,8 +243,8 @@ def _describe_unchanged_limits(pair: MemberPair) -> tuple[str, ...]:
     return () if any(_close(ours, _map_limits(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
 
 
-def _map_limits(limits: Limits, seat: MemberAlignment) -> Limits:
-    ends = sorted((seat.sign * limits.lower + seat.offset, seat.sign * limits.upper + seat.offset))
+def _map_limits(limits: Limits, alignment: MemberAlignment) -> Limits:
+    ends = sorted((alignment.sign * limits.lower + alignment.offset, alignment.sign * limits.upper + alignment.offset))
     return Limits(limits.effort, limits.velocity, *ends)
 
 

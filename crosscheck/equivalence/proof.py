@@ -96,14 +96,14 @@ def prove(description: Description) -> Proof:
         return Proof(PROVEN, reader)
     off = list_feature_names(description)
     states = sample_states(tree, SEED, (SAMPLES, 0))
-    ours = evaluate_efforts(remove_ties(description.mechanism), states)
+    efforts = evaluate_efforts(remove_ties(description.mechanism), states)
     try:
-        theirs = evaluate_reader_efforts(description, states, without=off)
+        reader_efforts = evaluate_reader_efforts(description, states, without=off)
         ties = check_ties(description.mechanism, description.dynamics, off)
     except InputError as error:
         return Proof(UNPROVEN, reader, reason=f"{reader}: {error}")
     held = SINGLE if max(description.precision, description.dynamics.precision) > 0.0 else HELD
-    found = _judge_efforts(reader, ours, theirs, held)
+    found = _judge_efforts(reader, efforts, reader_efforts, held)
     if ties.state == UNJUDGED:
         return replace(found, reason=ties.words)
     return replace(found, state=LOST, reason=ties.words) if ties.state == TIES_LOST else found

@@ -240,7 +240,7 @@ def _choose_reader(path: Path, kind: str) -> str:
 
 def list_readers(kind: str) -> list[str]:
     """Return the engines that have a reader of their own for a format, those that are installed."""
-    found = []
+    readers = []
     for name, engine in _collect_engines().items():
         if "-" in name or describe_missing_package(engine) is not None or name in ("measured", "flexinv"):
             continue
@@ -249,8 +249,8 @@ def list_readers(kind: str) -> list[str]:
         except ImportError:
             continue
         if offered(adapter, "lift") is not None and kind in getattr(adapter, "READS", ("urdf", "mjcf")):
-            found.append(name)
-    return found
+            readers.append(name)
+    return readers
 
 
 def _read_by_engine(path: Path, name: str) -> Description:
@@ -268,8 +268,8 @@ def _read_by_engine(path: Path, name: str) -> Description:
             f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(list_readers('urdf'))}"
         )
     find_format(path)
-    found: Description = lift(path)
-    return found
+    description: Description = lift(path)
+    return description
 
 
 def _read_live_model(source: Any) -> Description:
@@ -281,8 +281,8 @@ def _read_live_model(source: Any) -> Description:
         lifts = offered(adapter, "lifts")
         lift = offered(adapter, "lift")
         if lifts is not None and lift is not None and lifts(source):
-            found: Description = lift(source)
-            return replace(found, reader=engine.name)
+            description: Description = lift(source)
+            return replace(description, reader=engine.name)
     kind = type(source).__module__ + "." + type(source).__name__
     raise InputError(
         f"{kind}: no engine knows a model of this kind; expected {WRITE}, mjModel, pin.Model or a mechanism"

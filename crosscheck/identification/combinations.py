@@ -55,18 +55,18 @@ class ParameterCombination:
         )
 
 
-def count_narrowed_directions(found: Fit) -> int:
+def count_narrowed_directions(fit: Fit) -> int:
     """Return the number of independent combinations that the logs narrow to `fit.TOLD` of their priors [-]."""
-    return int((np.linalg.eigvalsh(found.covariance) < TOLD**2).sum())
+    return int((np.linalg.eigvalsh(fit.covariance) < TOLD**2).sum())
 
 
-def list_combinations(space: ParameterSpace, found: Fit) -> list[ParameterCombination]:
+def list_combinations(space: ParameterSpace, fit: Fit) -> list[ParameterCombination]:
     """Return the parameters [unit of each] that are told only together with others, at most `MOST` others each."""
-    keys, units, slope = _convert_to_physical(space, found.z)
+    keys, units, slope = _convert_to_physical(space, fit.z)
     width = np.linalg.norm(slope, axis=1)
     back = np.linalg.inv(slope / width[:, None])
-    information = back.T @ (np.linalg.inv(found.covariance) - np.eye(len(found.z))) @ back
-    told = np.sqrt(np.diag(slope @ found.covariance @ slope.T)) < TOLD * width
+    information = back.T @ (np.linalg.inv(fit.covariance) - np.eye(len(fit.z))) @ back
+    told = np.sqrt(np.diag(slope @ fit.covariance @ slope.T)) < TOLD * width
     out = []
     for k, key in enumerate(keys):
         if told[k] or information[k, k] < SHOWN:

@@ -90,14 +90,14 @@ def build_problem(
     every = tuple(
         max(1, int(1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz * (run.time[1] - run.time[0])))) for run in runs
     )
-    made = Problem(machine, runs, counted, every)
-    for channel, values in zip(machine.channels, made.pick([np.zeros(c.shape) for c in counted]), strict=True):
+    problem = Problem(machine, runs, counted, every)
+    for channel, values in zip(machine.channels, problem.pick([np.zeros(c.shape) for c in counted]), strict=True):
         if len(values) < 10:
             raise InputError(
                 f"{', '.join(r.name for r in runs)}: {channel.name} has {len(values)} samples that count, expected 10 or more: "
                 f"{channel.place} hardly moves, or window_s leaves it out; write a wider window, or no effort of this joint"
             )
-    return made
+    return problem
 
 
 def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | None = None) -> Fit:
@@ -110,14 +110,14 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
     measured = task.pick([_read_measured(run) for run in task.runs])
     z = _find_start_by_scan(task, measured, z) if start is None else z
-    told = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
+    noise = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
     for _ in range(ROUNDS):
-        z, slopes = _find_minimum(task, measured, told.weight, z, mean, root)
-        last = told.weight
-        told = compute_noise(_compute_residuals(task, measured, z), slopes, root)
-        if np.abs(told.weight / last - 1.0).max() < STEADY:
+        z, slopes = _find_minimum(task, measured, noise.weight, z, mean, root)
+        last = noise.weight
+        noise = compute_noise(_compute_residuals(task, measured, z), slopes, root)
+        if np.abs(noise.weight / last - 1.0).max() < STEADY:
             break
-    return _compute_posterior(task, z, slopes, told, root)
+    return _compute_posterior(task, z, slopes, noise, root)
 
 
 def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array:
@@ -184,10 +184,10 @@ def _find_minimum(
     return x, last[0][1] if np.array_equal(last[0][0], x) else compute_jacobian(task, x)
 
 
-def _compute_posterior(task: Problem, z: Array, slopes: list[Array], told: Noise, root: Array) -> Fit:
+def _compute_posterior(task: Problem, z: Array, slopes: list[Array], noise: Noise, root: Array) -> Fit:
     residual = _compute_residuals(task, task.pick([_read_measured(r) for r in task.runs]), z)
-    scaled = [w * j for w, j in zip(told.weight, slopes, strict=True)]
-    errors = [w * r for w, r in zip(told.weight, residual, strict=True)]
+    scaled = [w * j for w, j in zip(noise.weight, slopes, strict=True)]
+    errors = [w * r for w, r in zip(noise.weight, residual, strict=True)]
     hessian = sum((j.T @ j for j in scaled), root.T @ root)
     label = task.pick([_list_block_numbers(task, run) for run in task.runs])
     base = np.linalg.inv(hessian)
@@ -196,10 +196,12 @@ def _compute_posterior(task: Problem, z: Array, slopes: list[Array], told: Noise
     ratio = scatter / np.diag(base)
     told_of = np.sqrt(np.diag(base)) < HALF * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
     kappa = float(max(1.0, np.median(ratio[told_of]))) if told_of.any() and len(left_out) > 2 else 1.0
-    own = [h / w for h, w in zip(held, told.weight, strict=True)]
-    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, told.weight, strict=True)]
+    own = [h / w for h, w in zip(held, noise.weight, strict=True)]
+    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, noise.weight, strict=True)]
     block = np.array([np.sqrt(np.mean(h**2)) for h in own])
-    return Fit(z, _scale_covariance(base, kappa, root), told.spread, told.agree, kappa, block, tuple(own), tuple(sides))
+    return Fit(
+        z, _scale_covariance(base, kappa, root), noise.spread, noise.agree, kappa, block, tuple(own), tuple(sides)
+    )
 
 
 def _scale_covariance(base: Array, kappa: float, root: Array) -> Array:

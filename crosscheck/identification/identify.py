@@ -114,10 +114,10 @@ def identify(
 
     shown = list_predictions(runs)
     others = list_predictions([make_run(machine, log) for log in held])
-    seen = judge_predictions(machine, shown)
+    predictions = judge_predictions(machine, shown)
     unseen = judge_predictions(machine, others)
-    words = describe_log_failures(machine, [*given, *held], [*seen, *unseen]) + words
-    return Identification(machine, task, found, q, table, seen, unseen, shown, others, words)
+    words = describe_log_failures(machine, [*given, *held], [*predictions, *unseen]) + words
+    return Identification(machine, task, found, q, table, predictions, unseen, shown, others, words)
 
 
 def read_of(machine: Machine, log: Log | str | Path) -> Log:

@@ -210,9 +210,9 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
     measured = read_measured_channels(machine, log) if efforts else None
-    told = build_response(machine.mechanism, machine.space, settings, motion, once)
+    response = build_response(machine.mechanism, machine.space, settings, motion, once)
     wide = compute_wide_responses(machine, log) if efforts else ()
-    return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None], wide)
+    return Run(log.name, log.time, motion, response, measured, sliding, sliding & window[:, None], wide)
 
 
 def _find_window_samples(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:

@@ -297,14 +297,14 @@ class _Stage:
         """Return limits [rad], [m] and passive numbers of a joint; gains of its drive are dropped."""
         if kind == "fixed":
             return {}
-        found = read_passive_values(prim, name, kind, axis, self.units, self.flags_off)
-        self.dropped += found.words
-        self.features += found.features
-        if kind == "revolute" and found.own.get("rest") and self.radian is None:
+        passive_values = read_passive_values(prim, name, kind, axis, self.units, self.flags_off)
+        self.dropped += passive_values.words
+        self.features += passive_values.features
+        if kind == "revolute" and passive_values.own.get("rest") and self.radian is None:
             self.dropped.append(f"mjc:springref of joint {name}: no scene states mjc:compiler:angle; read as radians")
         if kind == "spherical":
-            return found.own
-        return {"limits": self.limits(prim, name, kind, axis), **found.own}
+            return passive_values.own
+        return {"limits": self.limits(prim, name, kind, axis), **passive_values.own}
 
     def limits(self, prim: Any, name: str, kind: str, axis: str) -> Limits:
         """Return the limits of a joint [rad], [m], [N m], [N], [rad/s], [m/s]; gains of its drive are told."""

@@ -59,9 +59,9 @@ class Attribute:
     def value(self, prim: Any, kind: str, instances: tuple[str, ...], units: Units) -> float | None:
         """Return the number of a joint [kg m^2], [N m], [N m s/rad]; None where it states none."""
         for instance in instances if "{}" in self.key else ("",):
-            stated = read_number(prim, self.key.format(instance))
-            if stated is not None:
-                return stated * self._compute_unit(kind, units)
+            number = read_number(prim, self.key.format(instance))
+            if number is not None:
+                return number * self._compute_unit(kind, units)
         return None
 
     def _compute_unit(self, kind: str, units: Units) -> float:
@@ -137,7 +137,7 @@ def read_passive_values(
 
     off : MuJoCo's flags that the scene switches off, such as "mjc:flag:spring"
     """
-    found = PassiveTerms()
+    passive_terms = PassiveTerms()
     instances = list_instances(prim, kind, axis)
     for key, attributes in PASSIVE.items():
         stated = {a.key.format(instances[0]): a.value(prim, kind, instances, units) for a in attributes}
@@ -146,15 +146,17 @@ def read_passive_values(
             continue
         source, value = next(iter(said.items()))
         if key in OFF_BY and OFF_BY[key] in off:
-            found.words.append(f"{key} of joint {name}: {OFF_BY[key]} of the scene switches it off")
+            passive_terms.words.append(f"{key} of joint {name}: {OFF_BY[key]} of the scene switches it off")
             continue
         if any(abs(other - value) > SAME * max(abs(other), abs(value)) for other in said.values()):
-            found.words.append(f"{key} of joint {name}: attributes of two engines differ; {source} is taken")
-            found.features.append(Feature("contradiction", f"joint {name}", {f"{key} {k}": v for k, v in said.items()}))
+            passive_terms.words.append(f"{key} of joint {name}: attributes of two engines differ; {source} is taken")
+            passive_terms.features.append(
+                Feature("contradiction", f"joint {name}", {f"{key} {k}": v for k, v in said.items()})
+            )
         if value:
-            _add_value(found, key, value, prim, (name, kind), units)
-    found.features += _list_other_features(prim, name)
-    return found
+            _add_value(passive_terms, key, value, prim, (name, kind), units)
+    passive_terms.features += _list_other_features(prim, name)
+    return passive_terms
 
 
 def _add_value(found: PassiveTerms, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
@@ -189,9 +191,9 @@ def read_speed_limit(prim: Any, kind: str, axis: str, units: Units) -> float:
     """Return the largest speed of a joint [rad/s], [m/s]; infinite where none is stated."""
     for key in SPEEDS:
         for instance in list_instances(prim, kind, axis) if "{}" in key else ("",):
-            stated = read_number(prim, key.format(instance))
-            if stated is not None and 0.0 < stated < ENDLESS:
-                return stated * units.coordinate(kind)
+            number = read_number(prim, key.format(instance))
+            if number is not None and 0.0 < number < ENDLESS:
+                return number * units.coordinate(kind)
     return np.inf
 
 

@@ -100,9 +100,9 @@ def read_mesh(file: Path) -> MeshFile:
     if size == 0:
         return MeshFile(problem="an empty file")
     suffix = file.suffix.lower()
-    found = CHECKS[suffix](file, size) if suffix in CHECKS else MeshFile()
-    if found != MeshFile() or suffix not in READ or not reads_meshes():
-        return found
+    mesh = CHECKS[suffix](file, size) if suffix in CHECKS else MeshFile()
+    if mesh != MeshFile() or suffix not in READ or not reads_meshes():
+        return mesh
     return _loaded(file)
 
 

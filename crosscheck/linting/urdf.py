@@ -191,8 +191,8 @@ def _check_joint(joint: Element) -> Iterator[Finding]:
 
 def _check_origin(joint: Element, name: str) -> Iterator[Finding]:
     for key, most, words in (("xyz", FAR, "mm"), ("rpy", 2 * np.pi + 1e-3, "degrees")):
-        found = read_values(joint.find("origin"), key, (0.0, 0.0, 0.0))
-        if found is None:
+        values = read_values(joint.find("origin"), key, (0.0, 0.0, 0.0))
+        if values is None:
             yield make_error(
                 "number",
                 name,
@@ -200,10 +200,10 @@ def _check_origin(joint: Element, name: str) -> Iterator[Finding]:
                 "three finite numbers are expected",
                 f'{key}="0 0 0"',
             )
-        elif np.abs(found).max() > most:
+        elif np.abs(values).max() > most:
             write = "metres" if key == "xyz" else "radians"
             yield make_warning(
-                "units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write
+                "units", name, f'{key}="{" ".join(f"{x:g}" for x in values)}"', f"looks like {words}", write
             )
 
 
@@ -283,8 +283,8 @@ def _check_range(name: str, kind: str, low: float, high: float) -> Iterator[Find
 
 def _check_dynamics(joint: Element, name: str) -> Iterator[Finding]:
     for key in ("damping", "friction"):
-        found = read_values(joint.find("dynamics"), key, (0.0,))
-        if found is None or found[0] < 0:
+        values = read_values(joint.find("dynamics"), key, (0.0,))
+        if values is None or values[0] < 0:
             yield make_error(
                 "dynamics",
                 name,

@@ -32,14 +32,14 @@ Page = Callable[[Path], None]  # writes one page below the folder of a report
 
 def collect_pages(results: Results) -> dict[str, Page]:
     """Return the writer of each page, and of the assets that all share, by its path below the folder of a report."""
-    made: dict[str, Page] = {"assets": copy_assets}
+    pages: dict[str, Page] = {"assets": copy_assets}
     for case in results.cases:
         if not case.problem:
-            made[f"cases/{case.slug}.html"] = partial(_write_case_page, results, case)
+            pages[f"cases/{case.slug}.html"] = partial(_write_case_page, results, case)
     for study in results.studies:
-        made[f"studies/{make_slug(study.name)}.html"] = partial(_write_study_page, results, study)
-    made["index.html"] = partial(_write_index, results)
-    return made
+        pages[f"studies/{make_slug(study.name)}.html"] = partial(_write_study_page, results, study)
+    pages["index.html"] = partial(_write_index, results)
+    return pages
 
 
 def _write_case_page(results: Results, case: CaseRow, out: Path) -> None:

@@ -137,15 +137,17 @@ def describe_scope(results: Results) -> str:
     if not cases:
         return ""
     names = [e.name for e in results.engines if has_taken_part(make_cell(results, case, e.name) for case in cases)]
-    said = f"{_count(len(split_by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
-    said += f", in {_count(len(names), 'engine', 'engines')} ({', '.join(names)})." if names else ", in no engine."
+    scope = (
+        f"{_count(len(split_by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
+    )
+    scope += f", in {_count(len(names), 'engine', 'engines')} ({', '.join(names)})." if names else ", in no engine."
     compared = dict.fromkeys(c.quantity for c in results.comparisons if c.maximum is not None)
     if compared:
         against = " and ".join(dict.fromkeys(c.reference for c in results.comparisons if c.maximum is not None))
-        said += (
+        scope += (
             f" Every engine builds them by itself from the same data; compared with {against}: {', '.join(compared)}."
         )
-    return said
+    return scope
 
 
 def describe_group(moves: Sequence[Move]) -> list[str]:

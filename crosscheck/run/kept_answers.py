@@ -75,10 +75,10 @@ class AnswerCache:
 
     def find_attempt(self, task: Task, engine: Engine) -> Attempt | None:
         """Return the attempt that was kept of an engine at a case, with the time of it, or None."""
-        found: Attempt | None = self._read(
+        attempt: Attempt | None = self._read(
             self._compute_attempt_key(task, engine), lambda words, stem: _read_attempt(words, stem, task)
         )
-        return found
+        return attempt
 
     def add_answer(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         """Keep an attempt that came to an answer."""

@@ -114,7 +114,7 @@ class RunState:
     def list_refinements(self) -> list[Job]:
         """Return the runs of the reference, with finer steps and meshes, that comparisons need which are not judged yet."""
         engine = self.work.engines.get(REFERENCE)
-        found: list[Job] = []
+        refinements: list[Job] = []
         for task in self.work.plan.tasks if engine is not None else ():
             key = task.folder.name, task.case.name
             rows = [row for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)]
@@ -125,8 +125,8 @@ class RunState:
             elapsed = max((run.elapsed for run in runs), default=0.0)
             one = find_wanted_refinement(rows, record, had)
             if one is not None and elapsed * one.longer <= self.work.options.timeout:
-                found.append((one.kind, task, engine))
-        return found
+                refinements.append((one.kind, task, engine))
+        return refinements
 
     def _read_first_record(self, mechanism: str, case: str, engine: str) -> Record:
         """Return the record of a run as it was saved."""
@@ -190,8 +190,8 @@ class RunState:
         elif kind == "study":
             self._add_study(what, *answer)
         elif kind == "why":
-            found = read_diagnosis(what, answer[0], answer[1].message)
-            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
+            diagnosis = read_diagnosis(what, answer[0], answer[1].message)
+            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, diagnosis))
         elif (finer := read_kind(kind)) is not None:
             self._judge_with_finer(what, finer, answer.record)
         elif kind == "again":

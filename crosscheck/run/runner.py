@@ -128,14 +128,14 @@ class RunningJobs:
 
     def take_refusals(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take that engines cannot do cases, as they have said, and return the other jobs."""
-        left = []
+        refusals = []
         for job in jobs:
             if (no := state.refusal(job)) is None:
-                left.append(job)
+                refusals.append(job)
             else:
                 self.shelves.add_answer(job, no)
                 state.take_or_fail(job, no)
-        return left
+        return refusals
 
     def run_jobs(self, state: RunState, jobs: Iterable[Job]) -> None:
         """Do jobs, in their order as far as there are hands, and take and keep what each gives as it comes."""

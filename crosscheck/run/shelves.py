@@ -101,7 +101,7 @@ def _convert_answer(kind: str, answer: Any) -> dict[str, Any] | None:
     return {"answer": answer[0], "printed": answer[1].printed, "elapsed": answer[1].elapsed}
 
 
-def _list_question_dependencies(question: Question, kept: AnswerCache) -> tuple[object, ...] | None:
+def _list_question_dependencies(question: Question, cache: AnswerCache) -> tuple[object, ...] | None:
     """Return the things that an answer depends on: the case, and both records but for the time that they took."""
     told = dict(question.options)
     try:
@@ -109,4 +109,4 @@ def _list_question_dependencies(question: Question, kept: AnswerCache) -> tuple[
     except RecordError:
         return None
     folder = Path(told.pop("folder"))
-    return folder.name, kept.contents(folder), told, [replace(one, wall_time=0.0) for one in records]
+    return folder.name, cache.contents(folder), told, [replace(one, wall_time=0.0) for one in records]

@@ -69,19 +69,19 @@ def choose_reference(record: Record, names: Sequence[str], allowed: float | None
 
     names : of all series of one quantity and unit; allowed : limit times range [unit], None without a limit
     """
-    own = Reference({n: record.series[n].values for n in names}, {n: find_checked_bar(record, n) for n in names})
-    widest = own.widest(names)
+    reference = Reference({n: record.series[n].values for n in names}, {n: find_checked_bar(record, n) for n in names})
+    widest = reference.widest(names)
     if allowed is None or widest is None or widest <= PART * allowed:
-        return own
-    values = dict(own.values)
-    bars = dict(own.bars)
+        return reference
+    values = dict(reference.values)
+    bars = dict(reference.bars)
     for name in names:
         one = record.series[name]
-        if one.refined is not None and one.left is not None and float(one.left.max()) < (own.bars[name] or 0.0):
+        if one.refined is not None and one.left is not None and float(one.left.max()) < (reference.bars[name] or 0.0):
             values[name] = one.refined
             bars[name] = float(one.left.max())
     taken = Reference(values, bars, refined=True)
-    return taken if (taken.widest(names) or 0.0) < widest else own
+    return taken if (taken.widest(names) or 0.0) < widest else reference
 
 
 @dataclass(frozen=True)

@@ -156,8 +156,8 @@ def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[s
         return _make_row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
     limit = _find_limit(pair, quantity)
     scale = scale_of(pair.reference, quantity, [theirs[n].values for n in names])
-    taken = choose_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
-    errors = {n: ours[n].values - taken.values[n] for n in common}
+    reference = choose_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
+    errors = {n: ours[n].values - reference.values[n] for n in common}
     worst = max(common, key=lambda n: float(np.abs(errors[n]).max()))
     at = int(np.abs(errors[worst]).argmax())
     measured = ComparisonNumbers(
@@ -166,23 +166,23 @@ def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[s
         scale=scale,
         series=worst,
         time=float(pair.reference.time[at]),
-        **_collect_bars(pair, worst, taken),
-        refined=taken.refined,
+        **_collect_bars(pair, worst, reference),
+        refined=reference.refined,
         unordered=describe_unordered(pair.engine, pair.reference, worst),
-        **_compute_metrics(ours[worst].values, taken.values[worst]),
+        **_compute_metrics(ours[worst].values, reference.values[worst]),
     )
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
-    bars = build_bars(pair.engine, pair.reference, taken, common, scale, 0.0 if limit is None else limit.maximum)
+    bars = build_bars(pair.engine, pair.reference, reference, common, scale, 0.0 if limit is None else limit.maximum)
     return _judge_quantity(pair, quantity, unit, measured, words, bars)
 
 
-def _collect_bars(pair: RecordPair, name: str, taken: Reference) -> dict[str, Any]:
+def _collect_bars(pair: RecordPair, name: str, reference: Reference) -> dict[str, Any]:
     """Return the bars of a series as a comparison shows them [unit]: checked ones of both sides, and what an engine states."""
-    ours = find_checked_bar(pair.engine, name)
-    theirs = taken.bars[name]
-    both = None if ours is None or theirs is None else ours + theirs
-    sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": find_stated_bar(pair.engine, name)}
+    checked_bar = find_checked_bar(pair.engine, name)
+    theirs = reference.bars[name]
+    both = None if checked_bar is None or theirs is None else checked_bar + theirs
+    sides = {"engine_bar": checked_bar, "reference_bar": theirs, "stated_bar": find_stated_bar(pair.engine, name)}
     return {"error_bar": both, **sides}
 
 
@@ -278,9 +278,9 @@ def scale_of(reference: Record, quantity: str, signals: Sequence[Array]) -> floa
 
     signals : each (samples,) [unit]; returns [unit]
     """
-    own = compute_signal_range(signals)
+    signal_range = compute_signal_range(signals)
     whole = max(float(np.abs(s.values).max()) for s in reference.series.values() if s.quantity == quantity)
-    return own if own > NOTHING * whole else whole
+    return signal_range if signal_range > NOTHING * whole else whole
 
 
 def _compare_frequency(pair: RecordPair) -> Comparison:

@@ -72,8 +72,8 @@ def find_wanted_refinement(
         names = [n for n, one in reference.series.items() if (one.quantity, one.unit) == (row.quantity, row.unit)]
         for name in names:
             _add_halvings(more, had, reference.budget.get(name, {}), PART * (row.limit or 0.0) * (row.scale or 0.0))
-    found = RefinementHalvings(**more)
-    return found if found != had else None
+    refinement_halvings = RefinementHalvings(**more)
+    return refinement_halvings if refinement_halvings != had else None
 
 
 def _add_halvings(

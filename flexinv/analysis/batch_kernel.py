@@ -97,8 +97,12 @@ def integrate_scenarios(ahead, mine, designs, tasks, room, line, results):
         if ended[0] != CONVERGED:
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
-        given = SecondStepInputs(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
-        fill_second_step(take_record(designs.skeleton, d), moving, given, line, take_record(results.found, n))
+        second_step_inputs = SecondStepInputs(
+            h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time
+        )
+        fill_second_step(
+            take_record(designs.skeleton, d), moving, second_step_inputs, line, take_record(results.found, n)
+        )
     return len(mine)
 
 

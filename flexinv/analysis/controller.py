@@ -153,14 +153,14 @@ class FlexibleState:
         numbers = [part.copy() for part in self._list_step_arrays()]
         return WorkSpaceSnapshot(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
 
-    def replace_state(self, taken: WorkSpaceSnapshot) -> None:
+    def replace_state(self, snapshot: WorkSpaceSnapshot) -> None:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
-        for own, part in zip(self._list_step_arrays(), taken.numbers, strict=True):
+        for own, part in zip(self._list_step_arrays(), snapshot.numbers, strict=True):
             own[...] = part
-        self.early_steps = taken.early_steps
-        self.previous = [part.copy() for part in taken.previous]
+        self.early_steps = snapshot.early_steps
+        self.previous = [part.copy() for part in snapshot.previous]
         self.wound.clear()
-        self.wound.update(taken.wound)
+        self.wound.update(snapshot.wound)
 
     def _list_step_arrays(self) -> Iterator[Array]:
         """The arrays that a step writes, always in one order, some of them parts of others."""
@@ -377,15 +377,15 @@ class Controller:
 
 
 def _build_resumed_controller(
-    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, taken: WorkSpaceSnapshot | None
+    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, snapshot: WorkSpaceSnapshot | None
 ) -> Controller:
     """A controller that goes on where another was taken."""
-    made = Controller.of(mechanism, step, radius)
-    made.begun = begun
-    made.tau[:] = tau
-    if made.flexible is not None and taken is not None:
-        made.flexible.replace_state(taken)
-    return made
+    resumed_controller = Controller.of(mechanism, step, radius)
+    resumed_controller.begun = begun
+    resumed_controller.tau[:] = tau
+    if resumed_controller.flexible is not None and snapshot is not None:
+        resumed_controller.flexible.replace_state(snapshot)
+    return resumed_controller
 
 
 def _is_plain(a: Array, size: int) -> bool:

@@ -102,11 +102,11 @@ def assemble_solution(
 def add_joint_efforts(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
     """Return efforts (samples, nv) [N m], [N] of both sides with joints' rotors, damping, friction, springs, less couplings'."""
     if mechanism.drive_table[:4].any():
-        own = compute_internal_efforts(
+        internal_efforts = compute_internal_efforts(
             mechanism, *first.joints, direction=_compute_friction_direction(mechanism, first.joints[1], first.smooth)
         )
-        tau = tau + own
-        reaction = reaction + own
+        tau = tau + internal_efforts
+        reaction = reaction + internal_efforts
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
@@ -120,14 +120,16 @@ def run_second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     trajectory = first.trajectory
     applied = first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
-    found = SecondStepArrays(*make_adjacent_arrays(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
+    second_step_arrays = SecondStepArrays(
+        *make_adjacent_arrays(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])
+    )
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    given = SecondStepInputs(*map(make_contiguous, series))
+    second_step_inputs = SecondStepInputs(*map(make_contiguous, series))
     line = np.empty((mesh.size, 6))
-    fill_second_step(build_skeleton(mesh), trajectory.motion.frames, given, line, found)
-    return found
+    fill_second_step(build_skeleton(mesh), trajectory.motion.frames, second_step_inputs, line, second_step_arrays)
+    return second_step_arrays
 
 
 def list_array_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:

@@ -169,11 +169,11 @@ def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -
     return {"upper": places, "velocity": qd, "effort": tau}
 
 
-def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
+def _check_exact_limits(solution: Solution, motion: Motion, queries: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
     """Limits of what can be evaluated at any instant."""
     m = solution.mechanism
     time = solution.time
-    efforts = any(one.quantity == "effort" for one in asked) or bool(m.closures)
+    efforts = any(one.quantity == "effort" for one in queries) or bool(m.closures)
     evaluate = _make_evaluation(solution, motion, efforts)
     marks = {
         *getattr(motion, "knots", motion.jumps),
@@ -185,11 +185,11 @@ def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_LimitQu
 
     def evaluate_columns(times: Array) -> Array:
         parts = evaluate(times)
-        return np.hstack([one.pick(parts) for one in asked])
+        return np.hstack([one.pick(parts) for one in queries])
 
-    sizes = [one.size for one in asked for _ in LIMIT_SIDES[one.quantity]]
+    sizes = [one.size for one in queries for _ in LIMIT_SIDES[one.quantity]]
     pieces = fit_pieces(evaluate_columns, [time[0], *inside, time[-1]], sizes)
-    return _compare_with_limits(m, pieces, asked, EXACTLY)
+    return _compare_with_limits(m, pieces, queries, EXACTLY)
 
 
 def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Callable[[Array], dict[str, Array]]:
@@ -218,9 +218,9 @@ def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Calla
     return evaluate
 
 
-def _check_interpolated_limits(solution: Solution, asked: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
+def _check_interpolated_limits(solution: Solution, queries: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
     """Limits of joints that move on quintics between samples."""
-    if not asked:
+    if not queries:
         return {}
     m = solution.mechanism
     time = solution.time
@@ -229,7 +229,7 @@ def _check_interpolated_limits(solution: Solution, asked: list[_LimitQuery]) -> 
     position = join_samples(time, [places, solution.qd, solution.qdd])
     rate = join_samples(time, [solution.qd, solution.qdd])
     found: dict[_LimitQuery, LimitUse] = {}
-    for one in asked:
+    for one in queries:
         source = rate if one.quantity == "velocity" else position
         signs = np.array(LIMIT_SIDES[one.quantity])
         own = source.coefficients[:, :, [one.column]] * signs
@@ -239,19 +239,19 @@ def _check_interpolated_limits(solution: Solution, asked: list[_LimitQuery]) -> 
 
 
 def _compare_with_limits(
-    mechanism: Mechanism, pieces: Pieces, asked: list[_LimitQuery], looked: str
+    mechanism: Mechanism, pieces: Pieces, queries: list[_LimitQuery], looked: str
 ) -> dict[_LimitQuery, LimitUse]:
-    """Each limit against its columns of the pieces, which stand in the order of ``asked``."""
-    found: dict[_LimitQuery, LimitUse] = {}
+    """Each limit against its columns of the pieces, which stand in the order of ``queries``."""
+    limits: dict[_LimitQuery, LimitUse] = {}
     first = 0
-    for one in asked:
+    for one in queries:
         own = range(first, first + len(LIMIT_SIDES[one.quantity]))
         first = own.stop
         peak, at = max((pieces.largest(column) for column in own), key=lambda pair: pair[0])
         reached = [time for column in own if (time := pieces.reach(column, one.level)) is not None]
         passed = any(pieces.passes(column, one.level) for column in own)
-        found[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
-    return found
+        limits[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
+    return limits
 
 
 def _check_sampled_limit(mechanism: Mechanism, one: _LimitQuery, time: Array, values: Array) -> LimitUse:

@@ -147,18 +147,18 @@ def _solve_phased_motion(
             stretch, begins = _begin_stretch(mesh, stretches[-1], piece, state, at)
         begun = None if before is None else before[0]
         rows = stretch.rows.of(piece.active)
-        found = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
+        closed_motion = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
             # which the impulses change at once
-            rates = (before[1], found[1][0])
+            rates = (before[1], closed_motion[1][0])
             rest = np.zeros((1, m.nv))
-            one, two = ((compute_rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
+            one, two = ((compute_rigid_motion(mesh, closed_motion[0][:1], rate[None], rest), rate) for rate in rates)
             shares = _compute_phase_shares(mesh, stretch, two[0], compute_impulses(mesh, (one, two))[None])
             impulses = shares.tau[0], shares.multipliers[0]
             impacts.append(make_impact(mesh, stretch.rows, begins, (one, two), *impulses, at))
         stretches.append(stretch)
-        before = found[0][-1], found[1][-1]
-        for part, values in zip(whole, found, strict=True):
+        before = closed_motion[0][-1], closed_motion[1][-1]
+        for part, values in zip(whole, closed_motion, strict=True):
             part[span] = values
     return whole, stretches, impacts, None
 
@@ -194,12 +194,12 @@ def _compute_phase_shares(
     rows = stretch.rows.of(active)
     pick = active[stretch.rows.closure]
     g = compute_constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
-    found = split_efforts(g, tree, m.actuated, m.weights[m.actuated], rows)
+    phase_shares = split_efforts(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():
-        return found
+        return phase_shares
     multipliers = np.zeros((len(tree), len(pick)))
-    multipliers[:, pick] = found.multipliers
-    return found._replace(multipliers=multipliers)
+    multipliers[:, pick] = phase_shares.multipliers
+    return phase_shares._replace(multipliers=multipliers)
 
 
 def make_closed_task(task: Task) -> Task:
@@ -238,10 +238,10 @@ def _solve_closed_start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
-    found = solve_closed_start(mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).of(active), stated)
-    for part in found:
+    closed_start = solve_closed_start(mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).of(active), stated)
+    for part in closed_start:
         part.flags.writeable = False
-    return found[0][None], found[1][None], found[2][None]
+    return closed_start[0][None], closed_start[1][None], closed_start[2][None]
 
 
 def add_closure_forces(mesh: Mesh, first: FirstStep, switching: PhaseHistory) -> FirstStep:
@@ -331,5 +331,5 @@ class PhaseHistory:
 
 def _collect_rates(solver: Solver, qd: Array) -> Array:
     """Rates (nv,) of all joints now: the prescribed ones, and those of the passive joints among the unknowns."""
-    own = build_coordinate_map(solver.mesh, solver.topology)
-    return np.where(own.any(axis=1), own @ solver.state.u, qd)
+    coordinate_map = build_coordinate_map(solver.mesh, solver.topology)
+    return np.where(coordinate_map.any(axis=1), coordinate_map @ solver.state.u, qd)

@@ -63,21 +63,23 @@ def simulate(
         tuple[StatedStart, Array, Array]
     ] = []  # what was stated for a task, and q, qd with which its loops close
 
-    def free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+    def free_task(meshed: Mechanism, steps: Array, settings: Settings) -> Task:
         mesh = build(meshed)
         moves = {j.name for j in meshed.joints if j.nv}
-        stated = _collect_start_values(meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest)
+        start_values = _collect_start_values(
+            meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest
+        )
         first = float(steps[0])
-        state = stated.q, stated.qd, stated.qdd
+        state = start_values.q, start_values.qd, start_values.qdd
         if meshed.closures:
             state = find_consistent_start(
-                mesh, stated, build_constraint_rows(mesh).of(find_acting_closures(meshed, first)), first
+                mesh, start_values, build_constraint_rows(mesh).of(find_acting_closures(meshed, first)), first
             )
-        began.append((stated, state[0], state[1]))
+        began.append((start_values, state[0], state[1]))
         history = make_rest_history(*state)
         jumps = tuple(_find_jumps(table[0]))
-        efforts = _make_effort_function(meshed, table, own.step)
-        return Task(mesh, steps, history, history, moves, own, jumps, efforts=efforts, progress=progress)
+        efforts = _make_effort_function(meshed, table, settings.step)
+        return Task(mesh, steps, history, history, moves, settings, jumps, efforts=efforts, progress=progress)
 
     if accuracy is None and step is not None:
         step = check_number("step", step, "a positive number of seconds, for example step=1e-3")

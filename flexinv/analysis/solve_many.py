@@ -360,10 +360,12 @@ def _make_result_arrays(first: Scenario, scenarios: int) -> tuple[Trajectory, Se
     shapes = [*list_history_shapes(mesh, samples), (samples, 3), *list_array_shapes(mesh, samples)]
     stacks = [(scenarios, *shape) for shape in shapes]
     large = len(shapes) - len(SecondStepArrays._fields) + 2  # of the second step two are of all nodes
-    *motion, wrench, internal, energy = (made := make_adjacent_arrays(*stacks[:large]))[:9]
+    *motion, wrench, internal, energy = (adjacent_arrays := make_adjacent_arrays(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
     none = np.empty((scenarios, samples, 0))
     iterations = np.zeros((scenarios, samples), dtype=np.int64)
-    found = SecondStepArrays(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
-    return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found
+    second_step_arrays = SecondStepArrays(
+        *adjacent_arrays[9:], *(np.empty(shape) for shape in stacks[large:])
+    )  # see `evaluation.second_step`
+    return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), second_step_arrays

@@ -118,15 +118,15 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         first = add_closure_forces(mesh, first, switching)
     from flexinv.linearized.natural_modes import SLOWEST, count_unstable_motions
 
-    found = assemble_solution(mesh, first, SETTINGS)
+    solution = assemble_solution(mesh, first, SETTINGS)
     unstable, all_of_them = count_unstable_motions(solver, joints)  # a word on whether a structure stays there
     slowest = (
         f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked "
         "at: that faster ones are stable is not proved",
     )
-    notes = found.notes if all_of_them else (*found.notes, *slowest)
+    notes = solution.notes if all_of_them else (*solution.notes, *slowest)
     if not unstable:
-        return replace(found, stable=True, notes=notes)
+        return replace(solution, stable=True, notes=notes)
     count = f"{unstable} unstable eigenvalue{'s' * (unstable > 1)} (negative: divergence; complex: flutter)"
     note = (
         f"statics of '{mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
@@ -134,7 +134,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         "goes, with a load across and damped beams"
     )
     warnings.warn(note, ModelWarning, stacklevel=2)
-    return replace(found, stable=False, notes=(*notes, note))
+    return replace(solution, stable=False, notes=(*notes, note))
 
 
 def _make_force(mechanism: Mechanism, load: Load, number: int) -> Force:

@@ -69,9 +69,12 @@ def solve_rigid_motions(task: Task) -> Iterator[FirstStep]:
     for first in range(0, max(len(task.time) - 1, 1), part):
         own = task.time if task.part is None else task.time[first : first + part + 1]
         q, qd, qdd = task.after(own)
-        given = InterpolatedMotion(lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots)
+        interpolated_motion = InterpolatedMotion(
+            lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots
+        )
         yield replace(
-            build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None
+            build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), interpolated_motion),
+            ends=task.part is None,
         )
 
 

@@ -264,8 +264,8 @@ class Follower:
         back = step**2 * np.maximum(accelerations[1:], accelerations[:-1])
         history, knots = given
         branch = self.branch(history, knots)
-        if (found := find_singular(branch, time, q, condition, change, (way, back))) is not None:
-            raise self._make_singular_error(found, f"above {WORST_CONDITION:.0e}")
+        if (singular := find_singular(branch, time, q, condition, change, (way, back))) is not None:
+            raise self._make_singular_error(singular, f"above {WORST_CONDITION:.0e}")
 
     def branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
         """Return the branch on which a motion with knots at some times [s] moves, for the search between samples."""

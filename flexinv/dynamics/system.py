@@ -156,10 +156,10 @@ class Trajectory(NamedTuple):
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
         return Trajectory._make(part[first:last] for part in self)
 
-    def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
-        """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
+    def put(self, rows: NDArray[np.int64], other: Trajectory, mask: NDArray[np.bool_]) -> None:
+        """Write the samples of another trajectory that are ``mask`` into ``rows`` of this one [m, rad, s, N, J]."""
         for history, values in zip(self, other, strict=True):
-            history[rows] = values[kept]
+            history[rows] = values[mask]
 
     @classmethod
     def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:

@@ -159,17 +159,17 @@ CLOSURE_TABLES |= {"fixed": ClosureTable, "spherical": ClosureTable, "universal"
 
 
 def read_closure(
-    data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint], where: Location, name: str
+    data: Any, links: Mapping[str, Link], joints: Mapping[str, Joint], where: Location, name: str
 ) -> Closure:
-    """Read ``[closures.NAME]`` [m, rad, s]; taken : joints, whose names a closure may not have."""
+    """Read ``[closures.NAME]`` [m, rad, s]; joints : joints, whose names a closure may not have."""
     kind = read_option(data, where, "kind", CLOSURES, f"one of {CLOSURE_NAMES}", "revolute")
-    if name in taken:
+    if name in joints:
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise where.wrong("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
         gear = check_table(CouplingTable, data, where)
         write = "factors = { motor = 1, wheel = -5 }"
-        scalar = [j for j, joint in taken.items() if joint.kind in GEARED]
+        scalar = [j for j, joint in joints.items() if joint.kind in GEARED]
         for other in gear.factors:
             if other not in scalar:
                 expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")

@@ -213,8 +213,8 @@ def _read_joint(element: Element, path: Path) -> Joint:
     placement = _read_origin(element, where)
     if kind in ("fixed", "floating"):
         return Joint(element.get("name", ""), URDF_KINDS[kind], ends[0], ends[1], placement, actuated=False)
-    stated = read_numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
-    axis = scale_to_unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
+    numbers = read_numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
+    axis = scale_to_unit_axis(numbers, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
     for loss in ("damping", "friction"):
         value = losses[loss] = read_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")

@@ -145,11 +145,11 @@ class TypeCache:
         key = function, arguments
         if key in self.found and not by_name:
             return self.found[key]
-        made = self.table.resolve_function_type(function, arguments, by_name)
+        function_type = self.table.resolve_function_type(function, arguments, by_name)
         plain = isinstance(function, types.Function) and all(isinstance(one, PLAIN_TYPES) for one in arguments)
-        if plain and not by_name and made is not None:
-            self.found[key] = made
-        return made
+        if plain and not by_name and function_type is not None:
+            self.found[key] = function_type
+        return function_type
 
 
 def _make_compiler_class(library: type[KernelLibrary]) -> type[Compiler]:

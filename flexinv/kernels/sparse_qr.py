@@ -113,10 +113,10 @@ def _factorise_front(fronts, qr, f):
         column = qr.values[place : place + rows]
         _compute_squares(column, top, qr.sums)
         if c < own:
-            found = _judge_independence(qr.sums, qr.scale)
-            if found < 0:
+            independence = _judge_independence(qr.sums, qr.scale)
+            if independence < 0:
                 return False
-            if found == 0:
+            if independence == 0:
                 continue
         _compute_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
         qr.pivot[at] = top

@@ -102,23 +102,23 @@ def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     Raises InputError where a freedom has neither inertia nor stiffness.
     """
     parts = [scipy.sparse.csc_array(part) for part in (mass, damping, stiffness)]
-    own = _build_pencil(*parts)
-    if not len(own.a):
-        none = np.zeros((len(own.basis), 0), dtype=complex)
+    pencil = _build_pencil(*parts)
+    if not len(pencil.a):
+        none = np.zeros((len(pencil.basis), 0), dtype=complex)
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
     m, c, k = parts
 
     def corrected(values: PencilRoots, shift: float) -> Corrected:
         root, z, w = values
-        x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
-        y = own.basis @ _compute_left_vectors(own, root, w)
-        late = np.abs(root) * own.lag > SLOW_ENOUGH
+        x = pencil.basis @ (pencil.follow @ z)[: pencil.basis.shape[1]]
+        y = pencil.basis @ _compute_left_vectors(pencil, root, w)
+        late = np.abs(root) * pencil.lag > SLOW_ENOUGH
         root, x, y, unknown = _refined(parts, root, x, y, late)
         root, x, y, bar, lost = update_roots(parts, root, x, y, shift)
         return root, x, y, bar, lost + unknown
 
-    matrices = own.a @ own.follow, own.b @ own.follow
-    return match_conjugate_roots(*counted_roots(*matrices, own.smallest, corrected, lambda s: s * s * m + s * c + k))
+    matrices = pencil.a @ pencil.follow, pencil.b @ pencil.follow
+    return match_conjugate_roots(*counted_roots(*matrices, pencil.smallest, corrected, lambda s: s * s * m + s * c + k))
 
 
 def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:

@@ -195,14 +195,14 @@ def linear_model(
     basis = _build_basis(motion, coordinates[joints], modes)
     moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
     driven = [v for v in moved if v not in joints]
-    found = build_state_space(basis, motion.matrices, coordinates[driven].T)
-    c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, found)
+    state_space = build_state_space(basis, motion.matrices, coordinates[driven].T)
+    c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, state_space)
     states, state_units = _states(mechanism, accelerated, basis)
     inputs, input_units = _inputs(mechanism, driven, accelerated)
     held = coordinates[driven] @ motion.residual
     return LinearModel(
-        A=found.a,
-        B=found.b,
+        A=state_space.a,
+        B=state_space.b,
         C=c,
         D=d,
         states=states,
@@ -214,7 +214,7 @@ def linear_model(
         bias=np.concatenate([held, np.zeros(len(accelerated))]),
         notes=_list_notes(motion, basis, modes),
         origin=Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes),
-        left_out=found.left_out,
+        left_out=state_space.left_out,
     )
 
 
@@ -292,12 +292,12 @@ def _build_shapes(allowed: Sparse, motion: SteadyLinearisation, modes: int | Non
     symmetric = is_symmetric(scipy.sparse.csc_array(stiffness))
     if modes is None or (symmetric and not _is_gyroscopic(damping)):
         return _undamped_shapes(allowed, (mass, damping, stiffness), modes)
-    found = find_roots(mass, damping, stiffness)
-    right = _find_real_basis(found.shapes[:, :modes], mass)
+    roots = find_roots(mass, damping, stiffness)
+    right = _find_real_basis(roots.shapes[:, :modes], mass)
     if not symmetric:
-        left = _find_real_basis(found.left[:, :modes], mass)
-        if left.is_pair_of(right, mass, damping):
-            return _spanning(allowed, right, left)
+        real_basis = _find_real_basis(roots.left[:, :modes], mass)
+        if real_basis.is_pair_of(right, mass, damping):
+            return _spanning(allowed, right, real_basis)
     if not right.is_pair_of(right, mass, damping):  # what has no inertia has no damper among these shapes
         right = replace(right, massless=right.massless[:, :0])
     return _spanning(allowed, right, right)

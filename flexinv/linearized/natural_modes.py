@@ -315,8 +315,8 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     if held is not solver:
         begin_undeformed(held, q, nothing, nothing)
         held.update_loads(0.0, q, nothing, nothing)
-    found = find_equilibrium(held, q, "rest position for modes")
-    held.solve_instant(STATICS, found, "rest position for modes")
+    equilibrium = find_equilibrium(held, q, "rest position for modes")
+    held.solve_instant(STATICS, equilibrium, "rest position for modes")
     sections = solver.topology.independent
     solver.state.x[sections] = held.state.x[sections]
     solver.state.r[sections] = held.state.r[sections]
@@ -365,8 +365,8 @@ def count_unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     if not len(solver.topology.scale):
         return 0, True
     allowed = find_allowed_motions(solver)
-    found = compute_rest_matrices(solver, joints)
-    m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in found)
+    rest_matrices = compute_rest_matrices(solver, joints)
+    m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in rest_matrices)
     if is_symmetric(k):
         return count_negative_eigenvalues(k), True
     few = k.shape[0] <= ONE_AND_ALL

@@ -115,10 +115,10 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
     solver.evaluate(STATICS, joints)
     along = _build_turning(solver, rates, 1.0)
     _move_along(solver, along)
-    found = _compute_matrices(at_rest.compute_tied_matrices(solver, joints), solver, along)
+    matrices = _compute_matrices(at_rest.compute_tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
-    return SteadyLinearisation(solver, found, solver.work.residual[0].copy())
+    return SteadyLinearisation(solver, matrices, solver.work.residual[0].copy())
 
 
 def add_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, float]:

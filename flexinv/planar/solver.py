@@ -98,9 +98,11 @@ class PlanarMarch:
         Return status, instants done, iterations or element, last relative increment [-].
         """
         state = self.system.state
-        given = self._collect_prescribed(q, qd, qdd)
+        prescribed = self._collect_prescribed(q, qd, qdd)
         state.u[:], state.du[:] = state.u0, state.du0
-        status, instant, count, size = integrate_planar_motion(self.system, scheme, _NOWHERE, True, given, row, out)
+        status, instant, count, size = integrate_planar_motion(
+            self.system, scheme, _NOWHERE, True, prescribed, row, out
+        )
         return int(status), int(instant), int(count), float(size)
 
     def turned(self, element: int) -> float:

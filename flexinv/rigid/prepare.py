@@ -297,10 +297,10 @@ def _build_torque_function(mechanism: Mechanism, passive: bool, threads: int | N
     prepare_array_kernels()
     loops = PrescribedLoops(mesh) if mechanism.closures else None
     table, plan = make_read_only(_build_loop_plan(mesh, passive))
-    own = _ThreadData(most, max(table.size, plan.size))
+    thread_data = _ThreadData(most, max(table.size, plan.size))
     loaded = bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv
-    return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)
+    return TorqueFunction(mechanism, bool(passive), most, mesh, table, thread_data, plan, loops, loaded, widths)
 
 
 def _build_loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:

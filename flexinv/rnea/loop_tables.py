@@ -119,11 +119,11 @@ def build_loop_tables(
     bodies: Bodies,
     rows: Rows,
     limits: tuple[float, float, float],
-    kept: NDArray[np.bool_],
+    mask: NDArray[np.bool_],
     plane: bool = False,
     pairs: dict[int, tuple[int, int]] | None = None,
 ) -> LoopPlan:
-    """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
+    """Return the tables [any unit] without steps: with the rows ``mask`` (rows,) only, positions always.
 
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
@@ -145,7 +145,7 @@ def build_loop_tables(
         if loop is None:
             _add_coupling(t, rows, int(own[0]))
         elif any(loop.ways):  # else both ends are on one body: nothing moves
-            _add_closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
+            _add_closure(t, rows, own[mask[own] | ~rows.direction[own]], loop)
     lists: dict[int, Sequence[Sequence[int]]] = {
         layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
         layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURE_RECORDS: t.closures,

@@ -162,9 +162,9 @@ def follow(
     def way_of(meshed: Mechanism) -> RigidPath:
         return RigidPath(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
 
-    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
+    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
         way = way_of(meshed)
-        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, own.step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, settings.step)
         first, left = _solve_inversion(horizon)
         runs[:] = [(horizon, left)]
         if asked is None:

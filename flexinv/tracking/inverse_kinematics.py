@@ -267,13 +267,13 @@ class RigidPath:
             return linear
         return np.hstack([linear, self.mesh.length * angular])
 
-    def _compute_deviation(self, angles: Array, wanted: Poses) -> Array:
+    def _compute_deviation(self, angles: Array, target_poses: Poses) -> Array:
         """Return the deviation from the path, (samples, rows) [m]."""
         now = self._compute_poses(angles, np.zeros_like(angles))
         turn = None
-        if self.path.turn is not None and now.rotation is not None and wanted.rotation is not None:
-            turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
-        return self._assemble_rows(wanted.x - now.x, turn)
+        if self.path.turn is not None and now.rotation is not None and target_poses.rotation is not None:
+            turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, target_poses.rotation))
+        return self._assemble_rows(target_poses.x - now.x, turn)
 
     def _compute_jacobian(self, angles: Array) -> Array:
         """(samples, rows, drives) [m]."""
@@ -283,13 +283,13 @@ class RigidPath:
             columns.append(self._assemble_rows(moving.v, moving.omega))
         return np.stack(columns, axis=2)  # (sample, row, drive)
 
-    def _find_angles_near(self, angles: Array, wanted: Poses, at: float) -> Array:
+    def _find_angles_near(self, angles: Array, target_poses: Poses, at: float) -> Array:
         """Angles (nv,) at one place of the path, by damped least squares within the limits."""
         angles = angles.copy()
         length = self.mesh.length
         before = np.inf
         for _ in range(ITERATIONS):
-            missing = self._compute_deviation(angles[None], wanted)[0]
+            missing = self._compute_deviation(angles[None], target_poses)[0]
             if (distance := float(np.linalg.norm(missing))) < REACHED * length:
                 break
             jacobian = self._compute_jacobian(angles[None])[0]
@@ -333,11 +333,11 @@ class RigidPath:
             "(a stretched arm does not find by itself to which side to bend)"
         )
 
-    def _settled(self, angles: Array, wanted: Poses, time: Array) -> Array:
+    def _settled(self, angles: Array, target_poses: Poses, time: Array) -> Array:
         """Angles (samples, nv) on the path, by Newton at all samples at once."""
         drives = self._drives
         for _ in range(ITERATIONS):
-            if np.abs(missing := self._compute_deviation(angles, wanted)).max() < REACHED * self.mesh.length:
+            if np.abs(missing := self._compute_deviation(angles, target_poses)).max() < REACHED * self.mesh.length:
                 return angles
             angles[:, drives] += _apply_matrices(
                 np.linalg.pinv(self._compute_jacobian(angles), rcond=NEGLIGIBLE), missing
@@ -352,9 +352,9 @@ class RigidPath:
             "{...} of the joints"
         )
 
-    def _solve_path_motion(self, guess: list[Array], wanted: Poses, time: Array) -> PathMotion:
+    def _solve_path_motion(self, guess: list[Array], target_poses: Poses, time: Array) -> PathMotion:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
-        angles = self._settled(guess[0], wanted, time)
+        angles = self._settled(guess[0], target_poses, time)
         drives = self._drives
         jacobian = self._compute_jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
@@ -370,11 +370,11 @@ class RigidPath:
         qd = np.zeros_like(angles)
         qdd = np.zeros_like(angles)
         stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)
-        qd[:, drives] = _apply_matrices(inverse, self._assemble_rows(wanted.v, wanted.omega)) + _apply_matrices(
-            stay, guess[1][:, drives]
-        )
+        qd[:, drives] = _apply_matrices(
+            inverse, self._assemble_rows(target_poses.v, target_poses.omega)
+        ) + _apply_matrices(stay, guess[1][:, drives])
         bent = self._compute_poses(angles, qd)
-        fall = self._assemble_rows(wanted.a, wanted.alpha) - self._assemble_rows(bent.a, bent.alpha)
+        fall = self._assemble_rows(target_poses.a, target_poses.alpha) - self._assemble_rows(bent.a, bent.alpha)
         qdd[:, drives] = _apply_matrices(inverse, fall) + _apply_matrices(stay, guess[2][:, drives])
         return PathMotion(self._convert_angles(angles), qd, qdd, u[:, :, :rank], idle)
 

@@ -94,14 +94,14 @@ def _described(skeleton: Any, label: str, kind: str, dropped: tuple[str, ...], p
     mechanism = replace(made, closures=(*made.closures, *couplings))
     stated = read_stated(path) if kind == "sdf" and path is not None else SdfStatements()
     links = {scoped: scoped.rpartition("::")[2] for scoped in (*stated.added, *stated.floating)}
-    found = Description(
+    description = Description(
         label, mechanism, kind, "dart", {}, (*dropped, *lost), file=path, root_stated=kind != "urdf",
         gravity_stated=kind == "live", features=features_of(stated, links),
     )  # fmt: skip
     try:
-        return replace(found, dynamics=dynamics_of(skeleton, mechanism, label))
+        return replace(description, dynamics=dynamics_of(skeleton, mechanism, label))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
 def _name(name: str) -> str:

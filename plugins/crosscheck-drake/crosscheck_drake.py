@@ -168,22 +168,22 @@ def _moving(mechanism: Mechanism) -> list[Joint]:
     return [joint for joint in mechanism.joints if joint.nv]
 
 
-def put(built: BuiltPlant, q: Array, v: Array) -> None:
+def put(built_plant: BuiltPlant, q: Array, v: Array) -> None:
     """Put the plant where its coordinates are q [rad], [m] and their rates v, in the mechanism's order."""
-    for send, values in ((built.plant.SetPositions, q), (built.plant.SetVelocities, v)):
-        ordered = np.empty(len(built.order))
-        ordered[built.order] = values
-        send(built.context, ordered)
+    for send, values in ((built_plant.plant.SetPositions, q), (built_plant.plant.SetVelocities, v)):
+        ordered = np.empty(len(built_plant.order))
+        ordered[built_plant.order] = values
+        send(built_plant.context, ordered)
 
 
-def inverse_dynamics(built: BuiltPlant, q: Array, v: Array, a: Array) -> Array:
+def inverse_dynamics(built_plant: BuiltPlant, q: Array, v: Array, a: Array) -> Array:
     """Return M a + bias of one state (nv,) [N m], [N]."""
-    put(built, q, v)
-    ordered = np.empty(len(built.order))
-    ordered[built.order] = a
-    forces = tree.MultibodyForces(built.plant)
-    forces.mutable_generalized_forces()[:] = built.plant.CalcGravityGeneralizedForces(built.context)
-    return np.asarray(built.plant.CalcInverseDynamics(built.context, ordered, forces))[built.order]
+    put(built_plant, q, v)
+    ordered = np.empty(len(built_plant.order))
+    ordered[built_plant.order] = a
+    forces = tree.MultibodyForces(built_plant.plant)
+    forces.mutable_generalized_forces()[:] = built_plant.plant.CalcGravityGeneralizedForces(built_plant.context)
+    return np.asarray(built_plant.plant.CalcInverseDynamics(built_plant.context, ordered, forces))[built_plant.order]
 
 
 def moved(mechanism: Mechanism) -> set[str]:

@@ -62,9 +62,9 @@ def read_plant(path: Path, told: list[str]) -> Any:
     """Return the finalized plant of a file as Drake's parser reads it; told : takes what it logs.  Raises InputError."""
     kind = _format(path)
     plant = multibody.MultibodyPlant(0.0)
-    heard = _LogLines(told)
+    log_lines = _LogLines(told)
     logger = logging.getLogger("drake")
-    logger.addHandler(heard)
+    logger.addHandler(log_lines)
     passed_on, logger.propagate = logger.propagate, False
     try:
         parsing.Parser(plant).AddModels(str(path.resolve()))
@@ -80,7 +80,7 @@ def read_plant(path: Path, told: list[str]) -> Any:
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{path}: Drake refuses it: {' '.join(str(error).split())[:400]}") from None
     finally:
-        logger.removeHandler(heard)
+        logger.removeHandler(log_lines)
         logger.propagate = passed_on
     return plant
 
@@ -137,16 +137,16 @@ def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | 
     if stated.friction:
         lost = [*lost, "dry friction: Drake's plant has none; taken as the file states it"]
     printed = printed_of_sdf(read_xml(path)) if kind == "sdf" and path is not None else {}
-    found = Description(
+    description = Description(
         label, mechanism, kind, "drake", gears, (*told, *lost), printed, file=path, root_stated=kind != "urdf",
         gravity_stated=kind in ("mjcf", "live") or stated.gravity is not None,
         features=features_of(stated, dict(zip(_paths(plant), names[1:], strict=True))),
     )  # fmt: skip
     by_name = {name: plant.get_joint(tree.JointIndex(k)) for k, name in enumerate(called)}
     try:
-        return replace(found, dynamics=dynamics_of(plant, mechanism, by_name, label))
+        return replace(description, dynamics=dynamics_of(plant, mechanism, by_name, label))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
 def _begun(plant: Any, joint: BodyJoint, number: int) -> BodyJoint:

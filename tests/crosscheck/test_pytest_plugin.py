@@ -235,31 +235,31 @@ def test_the_plugin_waits_until_it_is_needed() -> None:
 def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> None:
     folder = write_models(tmp_path / "models", root)
     (task,) = discover(folder.parent).tasks
-    kept = AttemptFolder(tmp_path / "kept")
+    attempt_folder = AttemptFolder(tmp_path / "kept")
     skipped = Attempt(Record(engine="x", status="skipped", message="has no beams"), "printed", 1.5)
-    with kept.alone(task, "x"):
-        assert kept.find(task, "x") is None
-        kept.add_answer(task, "x", skipped)
-        kept.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))
-    found = kept.find(task, "x")
+    with attempt_folder.alone(task, "x"):
+        assert attempt_folder.find(task, "x") is None
+        attempt_folder.add_answer(task, "x", skipped)
+        attempt_folder.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))
+    found = attempt_folder.find(task, "x")
     assert found is not None
     assert (found.record.message, found.printed, found.elapsed) == ("has no beams", "printed", 1.5)
-    assert kept.find(task, "y") is None
-    assert kept.find(task, "x", {"step": 1.0}) is None
+    assert attempt_folder.find(task, "y") is None
+    assert attempt_folder.find(task, "x", {"step": 1.0}) is None
     loose = replace(task, case=replace(task.case, limits=()))
-    assert kept.find(loose, "x") is not None  # limits judge, they do not compute
+    assert attempt_folder.find(loose, "x") is not None  # limits judge, they do not compute
     other = replace(task, case=replace(task.case, step=task.case.step / 2))
-    assert kept.find(other, "x") is None
+    assert attempt_folder.find(other, "x") is None
     record = tmp_path / "measured.csv"
     record.write_text("time [s]\n0\n")
     measured = replace(task, case=replace(task.case, measured=record))
-    kept.add_answer(measured, "x", skipped)
-    assert kept.find(measured, "x") is not None
+    attempt_folder.add_answer(measured, "x", skipped)
+    assert attempt_folder.find(measured, "x") is not None
     record.write_text("time [s]\n1\n")  # another measurement
-    assert kept.find(measured, "x") is None
+    assert attempt_folder.find(measured, "x") is None
     for file in (tmp_path / "kept").glob("*.json"):
         file.write_text("{")
-    assert kept.find(task, "x") is None
+    assert attempt_folder.find(task, "x") is None
 
 
 WORKFLOWS = sorted((Path(__file__).resolve().parents[2] / "docs" / "workflows").glob("*.yml"))

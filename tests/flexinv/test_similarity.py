@@ -154,8 +154,8 @@ def rigid(name: str, s: float) -> Answers:
     out = {"sample": efforts(m, now, 1 / s), "cycle": efforts(m, cycle, 1 / s)}
     out["torque"] = efforts(m, flexinv.joint_torques(small, q, qd, qdd), 1 / s)
     if m.closures:
-        found = compute_mobility(build(small), q[0])
-        out["mobility"] = np.array([found.freedoms, found.redundant])
+        mobility = compute_mobility(build(small), q[0])
+        out["mobility"] = np.array([mobility.freedoms, mobility.redundant])
         loops = solved(name, s).loops
         assert loops is not None
         out["reaction"] = np.stack([w / s ** np.repeat([2.0, 3.0], 3) for w in loops.reaction.values()])

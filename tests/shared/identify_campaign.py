@@ -169,12 +169,12 @@ def logged(
     """
     sizes = {} if sizes is None else sizes
     tell = build_response(machine.mechanism, machine.space, machine.settings, motion, once=True)
-    told = compute_raw_signals(machine, motion, tell, machine.space.values(z))
+    raw_signals = compute_raw_signals(machine, motion, tell, machine.space.values(z))
     columns = {
         t.angle.column: motion.q[:, k] + ENCODER * random.normal(size=len(motion.time))
         for k, t in enumerate(machine.settings.joints.values())
     }
-    for channel, values in zip(machine.channels, told.T, strict=True):
+    for channel, values in zip(machine.channels, raw_signals.T, strict=True):
         white, lasts = random.normal(size=(2, len(values)))
         keep = float(np.exp(-1.0 / (RATE * MEMORY)))
         for k in range(1, len(lasts)):
@@ -212,8 +212,8 @@ def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[Para
     truth = machine.space.values(z)
     table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}  # type: ignore[arg-type]
     for link, factor in machine.space.factors.items():
-        own = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
-        truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, own, strict=True)}
+        com = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
+        truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, com, strict=True)}
     for (kind, place), row in table.items():
         if row.identifiable:
             class_ = KINDS[kind].class_ if kind in KINDS else "mass properties"
@@ -221,10 +221,10 @@ def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[Para
             yield ParameterOutcome(name, class_, kind, place, row.low <= truth[kind, place] <= row.high, ratio)
 
 
-def summary(told: list[ParameterOutcome]) -> dict[str, tuple[int, float, float]]:
+def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, float]]:
     """Return number, part that holds [-] and median of interval over prior width [-], by class."""
-    classes = dict.fromkeys(one.class_ for one in told)
-    some = {c: [one for one in told if one.class_ == c] for c in classes} | {"all": told}
+    classes = dict.fromkeys(one.class_ for one in outcomes)
+    some = {c: [one for one in outcomes if one.class_ == c] for c in classes} | {"all": outcomes}
     return {
         c: (len(own), float(np.mean([o.holds for o in own])), float(np.median([o.ratio for o in own])))
         for c, own in some.items()

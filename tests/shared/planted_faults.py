@@ -52,9 +52,9 @@ class PlantedFault:
     log: Log
 
 
-def planted(found: Identification, log: Log) -> Iterator[PlantedFault]:
+def planted(identification: Identification, log: Log) -> Iterator[PlantedFault]:
     """Yield logs with one fault each: delays, lags, constants and signs of every effort, tilts of gravity, a payload."""
-    for channel in found.machine.channels:
+    for channel in identification.machine.channels:
         values, kind = log.columns[channel.column], channel.sense
         delay = SAMPLES * log.spacing
         spoiled = {
@@ -66,25 +66,29 @@ def planted(found: Identification, log: Log) -> Iterator[PlantedFault]:
             spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
         for (name, size), column in spoiled.items():
             yield PlantedFault(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
-    for cause in list_possible_causes(found.machine):  # no tilt where the mechanism states no gravity
-        mass = sum(b.inertia.mass for link in found.machine.mechanism.links for b in link.bodies if link.beam is None)
+    for cause in list_possible_causes(identification.machine):  # no tilt where the mechanism states no gravity
+        mass = sum(
+            b.inertia.mass for link in identification.machine.mechanism.links for b in link.bodies if link.beam is None
+        )
         sizes = {"tilt of gravity": TILT, "payload beside what is known": float(f"{PAYLOAD * mass:.1g}")}
         size = sizes.get(cause.name, 0.0)
         if size:
-            mechanism = cause.undone(log, found.machine.mechanism, size)[1]
-            other = replace(found.machine, mechanism=mechanism, space=update_space(found.machine, mechanism))
-            yield PlantedFault(cause.name, cause.place, size, _of_another(found, other, log))
+            mechanism = cause.undone(log, identification.machine.mechanism, size)[1]
+            other = replace(
+                identification.machine, mechanism=mechanism, space=update_space(identification.machine, mechanism)
+            )
+            yield PlantedFault(cause.name, cause.place, size, _of_another(identification, other, log))
 
 
-def _of_another(found: Identification, other: Machine, log: Log) -> Log:
+def _of_another(identification: Identification, other: Machine, log: Log) -> Log:
     """Return the log with efforts of another mechanism: what it would have needed more is added [N m], [N]."""
-    values, columns = found.machine.space.values(found.fit.z), dict(log.columns)
-    run = make_run(found.machine, log, efforts=False)
+    values, columns = identification.machine.space.values(identification.fit.z), dict(log.columns)
+    run = make_run(identification.machine, log, efforts=False)
     changed = make_run(other, log, efforts=False)
     more = compute_raw_signals(other, run.motion, changed.response, values) - compute_raw_signals(
-        found.machine, run.motion, run.response, values
+        identification.machine, run.motion, run.response, values
     )
-    for channel, change in zip(found.machine.channels, more.T, strict=True):
+    for channel, change in zip(identification.machine.channels, more.T, strict=True):
         columns[channel.column] = columns[channel.column] + change / channel.factor
     return replace(log, columns=columns)
 

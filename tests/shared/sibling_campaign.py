@@ -128,11 +128,11 @@ def outcomes(pairs: Iterable[Pair], known: Mapping[str, Path]) -> Iterator[Outco
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found: Comparison | None = compare(paths[0], paths[1], match=pair.stated)
-            words = "equal" if found is not None and found.equal else "different"
+                comparison: Comparison | None = compare(paths[0], paths[1], match=pair.stated)
+            words = "equal" if comparison is not None and comparison.equal else "different"
         except InputError as error:
-            found, words = None, f"cannot: {' '.join(str(error).split())[:400]}"
-        yield Outcome(pair, found, words, time.perf_counter() - begun)
+            comparison, words = None, f"cannot: {' '.join(str(error).split())[:400]}"
+        yield Outcome(pair, comparison, words, time.perf_counter() - begun)
 
 
 def line(one: Outcome) -> str:

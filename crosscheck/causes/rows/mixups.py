@@ -73,14 +73,14 @@ def _apply_product_signs(subject: Subject, target: str, size: Array) -> Subject:
 
 def _list_unequal_axes(model: Model) -> list[str]:
     """Return "body: xy" for every pair of axes along which a body's moments of inertia differ."""
-    found = []
+    unequal_axes = []
     for name in list_bodies(model):
         moments = np.diag(model.base.bodies[name][1].inertia.tensor)
         pairs = combinations(range(3), 2)
-        found += [
+        unequal_axes += [
             f"{name}: {AXES[i]}{AXES[j]}" for i, j in pairs if abs(moments[i] - moments[j]) > ALIKE * moments.max()
         ]
-    return found
+    return unequal_axes
 
 
 def _replace_axis_order(subject: Subject, target: str, size: Array) -> Subject:

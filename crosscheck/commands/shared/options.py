@@ -145,8 +145,8 @@ def add_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def called(**words: Any) -> Any:
-        asked = RunSelection(**{field.name: words.pop(field.name) for field in fields(RunSelection)})
-        return command(asked, **words)
+        run_selection = RunSelection(**{field.name: words.pop(field.name) for field in fields(RunSelection)})
+        return command(run_selection, **words)
 
     for option in reversed(OPTIONS):
         called = option(called)

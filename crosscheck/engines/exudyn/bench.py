@@ -219,8 +219,10 @@ def _build_spatial_march(march: March, layout: Layout, q: Array, sensors: bool) 
     mbs = d.model.mbs
     per_step = 1.0 / march.step
     for joint in _list_moving_joints(march.mechanism):
-        own = take_joint_q(march.mechanism, joint, q)
-        for number, rows in zip(d.model.joint[joint.name], exudyn_spatial._compute_offsets(d, joint, own), strict=True):
+        joint_q = take_joint_q(march.mechanism, joint, q)
+        for number, rows in zip(
+            d.model.joint[joint.name], exudyn_spatial._compute_offsets(d, joint, joint_q), strict=True
+        ):
             mbs.SetObjectParameter(number, "offsetUserFunction", _make_row_lookup(rows.tolist(), per_step))
     return mbs, _add_tip_sensors(d, sensors, lambda name, place: place)
 

@@ -154,11 +154,11 @@ def _write_time_model(
             )
     with collect_runs() as runs:
         adapter.run(mechanism, case, engine, PLAIN)
-    kept = _list_final_runs(runs)
-    texts = [write_model_code(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
+    final_runs = _list_final_runs(runs)
+    texts = [write_model_code(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(final_runs)]
     told = inspect.getsource(exudyn_solve.build_solver_settings)
     arrays: dict[str, Array] = {}
-    for k, run in enumerate(kept):
+    for k, run in enumerate(final_runs):
         for d, driver in enumerate(run.drivers):
             arrays[f"offset_{k}_{d}"] = _sample_user_function(run.plan, driver.offset, 0, 0)
             if driver.rate is not None:
@@ -166,8 +166,8 @@ def _write_time_model(
         for number, load in run.loads.items():
             arrays[f"load_{k}_{int(number)}"] = _sample_user_function(run.plan, load, None)
     write_arrays(folder / "drivers.npz", arrays)
-    settings["runs"] = [_run(mechanism, look, run) for run in kept]
-    settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
+    settings["runs"] = [_run(mechanism, look, run) for run in final_runs]
+    settings["weights"] = [1.0] if len(final_runs) == 1 else [-1 / 3, 4 / 3]
     if look.free and not mechanism.is_rigid:
         settings["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
     # beside beams, damping and springs of joints without a drive are connectors of the model

@@ -65,11 +65,11 @@ def lift(source: Any, label: str = "") -> Description:
     ]  # fmt: skip
     bodies = {f"link {k}": one.inertia for k, one in enumerate(parts)}
     mechanism = assembled(name, bodies, joints, np.array(gravity, dtype=float), {})
-    found = Description(name, mechanism, "live", "exudyn")
+    description = Description(name, mechanism, "live", "exudyn")
     try:
-        return replace(found, dynamics=build_dynamics(source, told, mechanism))
+        return replace(description, dynamics=build_dynamics(source, told, mechanism))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
 def _read_parts(source: Any) -> tuple[list[Part], Any, dict[str, Any] | None]:
@@ -121,8 +121,8 @@ def _find_system_tree(system: Any) -> dict[str, Any]:
         raise InputError(
             f"a MainSystem with {len(trees)} kinematic trees: expected one; give the ObjectKinematicTree itself"
         )
-    found: dict[str, Any] = trees[0]
-    return found
+    system_tree: dict[str, Any] = trees[0]
+    return system_tree
 
 
 def _read_tree_object(told: dict[str, Any]) -> Iterator[Part]:

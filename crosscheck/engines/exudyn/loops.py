@@ -226,10 +226,10 @@ def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Opti
     made, budget = add_error_bars(
         compute_richardson_limit(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")]
     )
-    told = _describe_settings(model, [plan for _, plan in done])
+    settings = _describe_settings(model, [plan for _, plan in done])
     if mechanism.beams:
-        told |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
-    return TimedRun(made, told, clock.perf_counter() - start, budget)
+        settings |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
+    return TimedRun(made, settings, clock.perf_counter() - start, budget)
 
 
 def _integrate_with_retries(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
@@ -257,13 +257,13 @@ def collect_flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]
     """Return the series of one run of a mechanism with beams [N m], [N], [m]."""
     m = model.mechanism
     torque = compute_drive_efforts(model, outcome, sample_times(model.case))
-    made = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
+    flexible_series = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
     for name, wrench in outcome.wrench.items():
-        made |= make_wrench_series(name, wrench)
+        flexible_series |= make_wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
         # what the model has no equation for is no reaction: a pin of the plane and its moments
-        made |= {n: one for n, one in make_reaction_series(name, wrench).items() if one.values.any()}
-    return made
+        flexible_series |= {n: one for n, one in make_reaction_series(name, wrench).items() if one.values.any()}
+    return flexible_series
 
 
 def compute_drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:

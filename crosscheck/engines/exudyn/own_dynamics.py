@@ -72,8 +72,8 @@ def _make_tree66_inverse(tree: Any, order: Array) -> Any:
             mass, force = tree.ComputeMassMatrixAndForceTerms(place, rate)
         finally:
             tree.gravity = stated  # a tree in memory stays what it was
-        found: Array = (mass @ push + force)[order]
-        return found
+        efforts: Array = (mass @ push + force)[order]
+        return efforts
 
     return compute_efforts
 
@@ -99,7 +99,7 @@ def _make_system_inverse(system: Any, order: Array) -> Any:
         mass = np.array(solver.GetSystemMassMatrix())
         pull = np.array(solver.GetSystemResidual())[: len(order)]
         solver.FinalizeSolver(system, settings)
-        found: Array = (mass @ push - pull)[order]
-        return found
+        efforts: Array = (mass @ push - pull)[order]
+        return efforts
 
     return compute_efforts

@@ -99,10 +99,10 @@ def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase,
         middle = q[len(q) // 2]
         driven = choose_drives(phase, given, middle)
         on = {j.name for j in mechanism.joints if j.nv and (j.name in driven or j not in given)}
-        kept = exudyn_closing.find_independent_axes_at(phase.mechanism, phase.case, middle)
+        independent_axes = exudyn_closing.find_independent_axes_at(phase.mechanism, phase.case, middle)
         loose = [_make_free_connector(j) for j in given if j.name not in driven]
         for closure, axes in [
-            *((c, tuple(kept[c.name])) for c in phase.mechanism.closures),
+            *((c, tuple(independent_axes[c.name])) for c in phase.mechanism.closures),
             *((c, exudyn_closing.HELD[c.kind]) for c in loose),
         ]:
             name = f"{closure.name}/{''.join(map(str, axes))}"
@@ -291,12 +291,12 @@ def _compute_closure_wrench(wrenches: dict[str, Array], closure: str, samples: i
 def compute_drive_shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
     """Return the drives' efforts per effort of the joints that the motion gives, (samples, nv, nv) [-]."""
     q = np.concatenate([state[0] for _, state in followed])
-    made = np.zeros((len(q), mechanism.nv, mechanism.nv))
+    drive_shares = np.zeros((len(q), mechanism.nv, mechanism.nv))
     for phase, _ in followed:
         own = q[phase.samples]
         for k, unit in enumerate(np.eye(mechanism.nv)):
-            made[phase.samples, :, k] = _split_phase_efforts(phase, own, np.tile(unit, (len(own), 1)))[0]
-    return made
+            drive_shares[phase.samples, :, k] = _split_phase_efforts(phase, own, np.tile(unit, (len(own), 1)))[0]
+    return drive_shares
 
 
 def _split_phase_efforts(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:

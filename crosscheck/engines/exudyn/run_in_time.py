@@ -180,7 +180,7 @@ def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> dict[str, Any]
     """Return the engine's settings, for the reader of the report."""
     plan = plans[0]
     flat = choice.plane is not None
-    told: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
         "step_s": [one.step for one in plans],
         "integrator": plan.integrator,
@@ -188,12 +188,12 @@ def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> dict[str, Any]
         "start": "static equilibrium" if plan.static_start else "undeformed",
     }
     if choice.engine in (ANCF, EXACT):
-        told |= {"element": NAMES[choice.engine, flat], "elements_per_beam": list(choice.elements)}
+        settings |= {"element": NAMES[choice.engine, flat], "elements_per_beam": list(choice.elements)}
     if choice.limit:
-        told["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
+        settings["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
     if plan.extrapolate:
-        told["reactions_at_0"] = "2 R(h) - R(2 h)"
-    return told
+        settings["reactions_at_0"] = "2 R(h) - R(2 h)"
+    return settings
 
 
 def _collect_series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) -> dict[str, Series]:
@@ -219,20 +219,20 @@ def compute_drive_efforts(mechanism: Mechanism, motion: Motion, time: Array, out
 
 def collect_link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[str, Series]:
     """Return tips of all links, and of beams deflections [m] and axial forces [N]."""
-    made: dict[str, Series] = {}
+    link_series: dict[str, Series] = {}
     for link in mechanism.links:
         position, rotation = outcome.pose[layout.link[link.name].group]
         frame = layout.link[link.name].placement
         origin = position + rotation @ frame.position
         axes = rotation @ frame.rotation
         if link.beam is None:
-            made |= vector_series(f"tip/{link.name}", "m", origin + axes @ link.tip)
+            link_series |= vector_series(f"tip/{link.name}", "m", origin + axes @ link.tip)
             continue
         end = outcome.end[link.name]
-        made |= vector_series(f"tip/{link.name}", "m", end)
-        made |= vector_series(f"deflection/{link.name}", "m", _compute_deflection(link.beam, origin, axes, end))
-        made |= series(f"axial/{link.name}", "N", _take_axial_force(mechanism, link.name, outcome))
-    return made
+        link_series |= vector_series(f"tip/{link.name}", "m", end)
+        link_series |= vector_series(f"deflection/{link.name}", "m", _compute_deflection(link.beam, origin, axes, end))
+        link_series |= series(f"axial/{link.name}", "N", _take_axial_force(mechanism, link.name, outcome))
+    return link_series
 
 
 def _compute_deflection(beam: Beam, origin: Array, axes: Array, end: Array) -> Array:

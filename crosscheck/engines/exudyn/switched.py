@@ -236,9 +236,9 @@ def _make_state_setter(state: State, plan: Plan) -> Begin:
 def compute_velocity_jump(mbs: Any, plan: Plan) -> Array:
     """Return the jump of the initial velocities by which the connectors stop what they tie, in the engine's coordinates."""
     solver: Any = exu.MainSolverImplicitSecondOrder()
-    told = build_solver_settings(plan)
-    told.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
-    solver.InitializeSolver(mbs, told)
+    solver_settings = build_solver_settings(plan)
+    solver_settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
+    solver.InitializeSolver(mbs, solver_settings)
     solver.ComputeMassMatrix(mbs, 1.0)
     mass = np.array(solver.GetSystemMassMatrix())
     n = len(mass)
@@ -248,7 +248,7 @@ def compute_velocity_jump(mbs: Any, plan: Plan) -> Array:
     g = np.array(solver.GetSystemJacobian())[n:, :n]
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=True)
     left = np.array(solver.GetSystemResidual())[n:]
-    solver.FinalizeSolver(mbs, told)
+    solver.FinalizeSolver(mbs, solver_settings)
     whole = np.block([[mass, g.T], [g, np.zeros((len(g), len(g)))]])
     # rows and columns of one size: slopes, angles, positions and multipliers have units of their own
     scale = 1.0 / np.sqrt(np.maximum(np.abs(whole).max(axis=1), np.finfo(float).tiny))
@@ -270,9 +270,9 @@ def _apply_capture(layout: Layout, closure: Closure, pose: dict[int, Poses]) -> 
 
 def _compute_frame_pose(layout: Layout, at: Attachment, pose: dict[int, Poses]) -> Placement:
     """Return the placement of a frame in the world."""
-    seat = find_attachment_frame(layout, at)
-    x, r = pose[seat.group]
-    return compose(Placement(x[0], r[0]), seat.placement)
+    attachment_frame = find_attachment_frame(layout, at)
+    x, r = pose[attachment_frame.group]
+    return compose(Placement(x[0], r[0]), attachment_frame.placement)
 
 
 def _drop_last_sample(outcome: Outcome) -> Outcome:

@@ -77,9 +77,9 @@ def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> Dete
             if not null.any():
                 continue
             forces, wrenches = compute_closure_wrenches(mesh, some, rows, null / scale)
-            own = compute_local_wrenches(mesh, some, forces)
+            local_wrenches = compute_local_wrenches(mesh, some, forces)
             _update_maxima(loose, wrenches, arms)
-            _update_maxima(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)
+            _update_maxima(carried, {joint: local_wrenches[node] for joint, node in mesh.joint_node.items()}, arms)
     reaction = {c.name: (loose[c.name] < NO_COMPONENT) & (firm[c.name] > NO_COMPONENT) for c in m.closures}
     return DeterminateWrenches(reaction, {joint: size < NO_COMPONENT for joint, size in carried.items()})
 

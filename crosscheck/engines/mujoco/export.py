@@ -129,7 +129,7 @@ def _fill_names(names: list[str], first: int, joint: Joint, suffixes: dict[str, 
         names[first + k] = joint.name + suffix
 
 
-def _convert_efforts(mechanism: Mechanism, built: BuiltModel, q: Array, effort: Array) -> Array:
+def _convert_efforts(mechanism: Mechanism, built_model: BuiltModel, q: Array, effort: Array) -> Array:
     """Return the mechanism's efforts as MuJoCo's generalized forces: the inverse of `mujoco.joints.effort_from_engine`.
 
     That map is orthogonal (it turns forces of free joints), so its transpose, column by column, is the inverse.
@@ -138,5 +138,5 @@ def _convert_efforts(mechanism: Mechanism, built: BuiltModel, q: Array, effort: 
     for column in range(effort.shape[1]):
         unit = np.zeros_like(effort)
         unit[:, column] = 1.0
-        out[:, column] = np.sum(convert_effort_from_engine(mechanism, built, q, unit) * effort, axis=1)
+        out[:, column] = np.sum(convert_effort_from_engine(mechanism, built_model, q, unit) * effort, axis=1)
     return out

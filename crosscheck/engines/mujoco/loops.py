@@ -105,12 +105,12 @@ def list_missing_equalities(mechanism: Mechanism) -> list[str]:
     return [c.name for c in mechanism.closures if not has_equality(c)]
 
 
-def build_data(built: BuiltModel, mechanism: Mechanism) -> Any:
+def build_data(built_model: BuiltModel, mechanism: Mechanism) -> Any:
     """Return an MjData in which the equalities of the mechanism's closures are active and no others (``eq_active``)."""
-    data = mujoco.MjData(built.model)
+    data = mujoco.MjData(built_model.model)
     acting = {c.name for c in mechanism.closures}
-    for k in range(built.model.neq):
-        data.eq_active[k] = built.model.equality(k).name.rsplit("/", 1)[0] in acting
+    for k in range(built_model.model.neq):
+        data.eq_active[k] = built_model.model.equality(k).name.rsplit("/", 1)[0] in acting
     return data
 
 
@@ -228,8 +228,8 @@ def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weig
     rows = assembly.assemble_rows(m.closures, pairs)
     own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
     drives = assembly.split_efforts(np.vstack([g, rows.g[own]]), effort, driven, weight)
-    made = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(rows.g, effort, drives))
-    return SampleEfforts(drives, acting + made, compute_reactions(made, pairs))
+    closure_forces = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(rows.g, effort, drives))
+    return SampleEfforts(drives, acting + closure_forces, compute_reactions(closure_forces, pairs))
 
 
 def compute_equality_rows(tree: Tree) -> Array:

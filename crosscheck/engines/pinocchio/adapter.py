@@ -101,14 +101,16 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     )
 
 
-def _solve_efforts(mechanism: Mechanism, case: Case, built: BuiltModel, time: Array) -> pinocchio_loops.ClosedDynamics:
+def _solve_efforts(
+    mechanism: Mechanism, case: Case, built_model: BuiltModel, time: Array
+) -> pinocchio_loops.ClosedDynamics:
     """Efforts and wrenches: of loops, phase by phase, or of an open tree."""
     if mechanism.closures:
-        return pinocchio_phases.solve_phase_efforts(mechanism, case, built, time)
-    state = pinocchio_loops.solve_motion(mechanism, case, built, time)
+        return pinocchio_phases.solve_phase_efforts(mechanism, case, built_model, time)
+    state = pinocchio_loops.solve_motion(mechanism, case, built_model, time)
     if describe_nontree_parts(mechanism):
-        return pinocchio_loops.solve_efforts(mechanism, built, time, state)
-    result = compute_inverse_dynamics(built, *state)
+        return pinocchio_loops.solve_efforts(mechanism, built_model, time, state)
+    result = compute_inverse_dynamics(built_model, *state)
     return pinocchio_loops.ClosedDynamics(result.torque + passive_effort(mechanism, state[1]), result)
 
 

@@ -57,9 +57,9 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def _read_closure_ends(mechanism: Mechanism, case: Case, built: BuiltModel) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> dict[str, Any]:
     """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
-    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
+    tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
     place, rate, _ = tree.given(np.zeros(1))
     tree.place(place[0], rate[0])
     points = {}
@@ -78,31 +78,35 @@ def _resolve_joint_name(mechanism: Mechanism, name: str) -> str:
     return mechanism.joints[0].name if name == "root_joint" else name
 
 
-def _compute_joint_axes(mechanism: Mechanism, built: BuiltModel, places: Array) -> dict[str, Array]:
+def _compute_joint_axes(mechanism: Mechanism, built_model: BuiltModel, places: Array) -> dict[str, Array]:
     """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
-    model = built.model
-    data = built.model.createData()
+    model = built_model.model
+    data = built_model.model.createData()
     found: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
     for place in places:
         pin.computeJointJacobians(model, data, place)
         for joint in mechanism.joints:
             if joint.nv == 1:
                 column = np.array(data.J).reshape(6, model.nv)[
-                    :, built.v_order[mechanism.v_slices[joint.name].start]
+                    :, built_model.v_order[mechanism.v_slices[joint.name].start]
                 ]  # a copy
                 found[joint.name].append(column[:3] if joint.kind == "prismatic" else column[3:])
     return {name: np.array(rows) for name, rows in found.items()}
 
 
-def _compute_closure_residual(mechanism: Mechanism, case: Case, built: BuiltModel) -> tuple[float | None, int | None]:
+def _compute_closure_residual(
+    mechanism: Mechanism, case: Case, built_model: BuiltModel
+) -> tuple[float | None, int | None]:
     """Largest residual of the closures' equations and their rank, where the motion starts; as guessed if they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):
         return None, None
-    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
+    tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
     place, rate, _ = tree.given(np.zeros(1))
     closes = True
     try:
-        place, rate, _ = convert_to_engine(built, *pinocchio_loops.solve_motion(mechanism, case, built, np.zeros(1)))
+        place, rate, _ = convert_to_engine(
+            built_model, *pinocchio_loops.solve_motion(mechanism, case, built_model, np.zeros(1))
+        )
     except assembly.AssemblyError:
         closes = False
     rows = assembly.assemble_rows(mechanism.closures, tree.pairs(place[0], rate[0]))

@@ -98,18 +98,18 @@ class Tree:
         )  # fmt: skip
 
 
-def solve_motion(mechanism: Mechanism, case: Case, built: BuiltModel, time: Array) -> tuple[Array, Array, Array]:
+def solve_motion(mechanism: Mechanism, case: Case, built_model: BuiltModel, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] in the mechanism's order, on its closures."""
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
     unknown = np.zeros(mechanism.nv, dtype=bool)
     unknown_q = np.zeros(mechanism.nq, dtype=bool)
     for name in assembly.find_unprescribed_joints(mechanism, case):
-        unknown[built.v_order[mechanism.v_slices[name]]] = True
-        unknown_q[built.q_order[mechanism.q_slices[name]]] = True
-    tree = Tree(mechanism, built, built.model.createData(), case)
+        unknown[built_model.v_order[mechanism.v_slices[name]]] = True
+        unknown_q[built_model.q_order[mechanism.q_slices[name]]] = True
+    tree = Tree(mechanism, built_model, built_model.model.createData(), case)
     q, v, a = assembly.solve_closed_motion(ClosureTask(mechanism, tree, unknown, unknown_q), time)
-    return q[:, built.q_order], v[:, built.v_order], a[:, built.v_order]
+    return q[:, built_model.q_order], v[:, built_model.v_order], a[:, built_model.v_order]
 
 
 @dataclass(frozen=True)
@@ -122,21 +122,25 @@ class ClosedDynamics:
 
 
 def solve_efforts(
-    mechanism: Mechanism, built: BuiltModel, time: Array, state: tuple[Array, Array, Array]
+    mechanism: Mechanism, built_model: BuiltModel, time: Array, state: tuple[Array, Array, Array]
 ) -> ClosedDynamics:
     """Return the drives' efforts [N m], [N] and all wrenches under springs, forces and closures."""
     q, qd, qdd = state
-    tree = Tree(mechanism, built, built.model.createData())
+    tree = Tree(mechanism, built_model, built_model.model.createData())
     outside = _collect_external_forces(tree, time, state)
     drives = passive_effort(mechanism, qd) + compute_spring_effort(mechanism, q)
     torque = (
-        compute_inverse_dynamics(built, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside]).torque
+        compute_inverse_dynamics(
+            built_model, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside]
+        ).torque
         + drives
     )
     wrenches: dict[str, Array] = {}
     if mechanism.closures:
         outside, torque, wrenches = _split_loop_efforts(tree, outside, torque)
-    dynamics = compute_inverse_dynamics(built, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside])
+    dynamics = compute_inverse_dynamics(
+        built_model, q, qd, qdd, [_build_external_forces(tree, *one) for one in outside]
+    )
     return ClosedDynamics(torque, dynamics, wrenches)
 
 
@@ -175,7 +179,7 @@ def _split_loop_efforts(tree: Tree, outside: Outside, torque: Array) -> tuple[Ou
         rows = assembly.assemble_rows(m.closures, pairs)
         g = rows.g[:, tree.built.v_order]
         effort[k] = assembly.split_efforts(g, torque[k], m.actuated, m.weights)
-        made = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(g, torque[k], effort[k]))
-        wrench[k] = compute_reactions(made, pairs)
-        out.append((q, v, acting + made))
+        closure_forces = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(g, torque[k], effort[k]))
+        wrench[k] = compute_reactions(closure_forces, pairs)
+        out.append((q, v, acting + closure_forces))
     return out, effort, {c.name: wrench[:, k] for k, c in enumerate(m.closures)}

@@ -288,11 +288,11 @@ def _integrate_step(
         time = before + target * (after - before)
         given = end if target == 1.0 else _evaluate_motion(task, time)
         guess = np.where(task.unknown_q, guess, given[0])
-        found = _solve_newton(task, guess)
-        if found is not None and np.abs(found - guess).max() < SURPRISE:
-            q = found
+        newton = _solve_newton(task, guess)
+        if newton is not None and np.abs(newton - guess).max() < SURPRISE:
+            q = newton
             done = target
-            rates = _solve_rates(task, found, time, given)
+            rates = _solve_rates(task, newton, time, given)
         elif (part := part / 2) < 0.5**MOST_HALVINGS:
             raise AssemblyError(f"the loops cannot be followed beyond t = {before + done * (after - before):g} s")
     return q, rates

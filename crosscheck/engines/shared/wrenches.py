@@ -68,14 +68,14 @@ def compute_closure_forces(
 
     multipliers : (rows,) [N], [N m]
     """
-    made = []
+    closure_forces = []
     for index, (closure, (_, second)) in enumerate(zip(mechanism.closures, pairs, strict=True)):
         own = np.where(rows.closure == index, multipliers, 0.0)
         force = own @ rows.force
         moment = own @ rows.moment
-        made.append(AppliedWrench(closure.second.link, second.x, force, moment))
-        made.append(AppliedWrench(closure.first.link, second.x, -force, -moment))
-    return made
+        closure_forces.append(AppliedWrench(closure.second.link, second.x, force, moment))
+        closure_forces.append(AppliedWrench(closure.first.link, second.x, -force, -moment))
+    return closure_forces
 
 
 def compute_reactions(made: list[AppliedWrench], pairs: list[tuple[FrameMotion, FrameMotion]]) -> Array:

@@ -86,28 +86,32 @@ class DescriptionLengths:
         two = self.second.members[self.partner[a]]
         if one.kind == "free":
             return 0.0
-        seat = make_joint_alignment(one, two, (a, self.partner[a]), before, frame)
-        way = compute_norm(seat.rest.position) / self.size
-        total = compute_code_length(way) + compute_code_length(compute_angle(seat.rest.rotation))
+        joint_alignment = make_joint_alignment(one, two, (a, self.partner[a]), before, frame)
+        way = compute_norm(joint_alignment.rest.position) / self.size
+        total = compute_code_length(way) + compute_code_length(compute_angle(joint_alignment.rest.rotation))
         if one.kind in SCALARS:
             total += compute_code_length(compute_norm(cross(one.axis, frame.rotation @ two.axis))) + float(
-                seat.sign < 0.0
+                joint_alignment.sign < 0.0
             )
-            total += HALF * compute_code_length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
-            total += self._compute_limit_code_length(one, two, seat)
+            total += HALF * compute_code_length(
+                abs(joint_alignment.offset) / (self.size if one.kind == "prismatic" else 1.0)
+            )
+            total += self._compute_limit_code_length(one, two, joint_alignment)
         return total
 
-    def _compute_limit_code_length(self, one: Member, two: Member, seat: MemberAlignment) -> float:
+    def _compute_limit_code_length(self, one: Member, two: Member, alignment: MemberAlignment) -> float:
         """The length of limits and rests of springs that do not agree in these coordinates."""
         total = 0.0
         ours = one.limits.lower, one.limits.upper
-        moved_on = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
+        moved_on = sorted(
+            (alignment.sign * two.limits.lower + alignment.offset, alignment.sign * two.limits.upper + alignment.offset)
+        )
         ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not is_same_as_printed(a, b)]
-        stayed = (seat.sign < 0.0 or seat.offset) and has_same_limits(one, two)
+        stayed = (alignment.sign < 0.0 or alignment.offset) and has_same_limits(one, two)
         if ends:
             total += HALF if stayed else sum(HALF * compute_code_length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
         if one.stiffness and two.stiffness:
-            total += compute_code_length(abs(seat.sign * two.rest + seat.offset - one.rest))
+            total += compute_code_length(abs(alignment.sign * two.rest + alignment.offset - one.rest))
         return total
 
     def of_body(self, a: int, frame: Placement) -> float:
@@ -146,9 +150,9 @@ class DescriptionLengths:
         if a not in self.known:
             one = self.first.members[a]
             two = self.second.members[self.partner[a]]
-            found = RigidPartContent([(one.inertia, two.inertia)], [])
-            self._collect_children(a, Placement(), Placement(), found)
-            self.known[a] = found
+            rigid_part_content = RigidPartContent([(one.inertia, two.inertia)], [])
+            self._collect_children(a, Placement(), Placement(), rigid_part_content)
+            self.known[a] = rigid_part_content
         return self.known[a]
 
     def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: RigidPartContent) -> None:
@@ -170,14 +174,14 @@ class DescriptionLengths:
         ours = self.first.gravity
         theirs = self.second.gravity
         pull = max(compute_norm(ours), compute_norm(theirs)) or 1.0
-        felt = compute_code_length(compute_norm(motion.rotation @ theirs - ours) / pull)
+        code_length = compute_code_length(compute_norm(motion.rotation @ theirs - ours) / pull)
         size = max(compute_norm(motion.position) / self.size, compute_angle(motion.rotation))
         if size <= SAME:
-            return felt
+            return code_length
         changed = compute_code_length(compute_norm(theirs - ours) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
-        if felt:
-            return compute_code_length(size) + (felt if changed else 0.0)
+        if code_length:
+            return compute_code_length(size) + (code_length if changed else 0.0)
         return HALF * compute_code_length(size)
 
     def of_ground(self, motion: Placement) -> float:

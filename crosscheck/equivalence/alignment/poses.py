@@ -87,16 +87,16 @@ class MemberPoses:
 
     def _list_matching_angles(self, a: int, axis: Array, frame: Placement, points: bool) -> list[float]:
         """Angles about an axis of A by which directions agree, and points where they count from the frame's origin [rad]."""
-        found = []
+        matching_angles = []
         for ours, theirs in self._list_vector_pairs(a, axis, frame, points):
             turn = _turn_between(axis, theirs, ours)
             if turn is not None:
-                found.append(turn)
+                matching_angles.append(turn)
         for ours, theirs in self._lines(a):
             turn = _turn_between(axis, frame.rotation @ theirs, ours)
             if turn is not None:
-                found += [turn, turn + np.pi]
-        return found
+                matching_angles += [turn, turn + np.pi]
+        return matching_angles
 
     def _list_vector_pairs(self, a: int, axis: Array, frame: Placement, points: bool) -> Iterator[tuple[Array, Array]]:
         """Yield vectors of A and B, B's in A's frame, whose directions count: places, what tensors make of the axis."""

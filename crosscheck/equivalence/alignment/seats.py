@@ -102,8 +102,8 @@ def _has_shifted_numbers(one: Member, two: Member, sign: float, offset: float) -
     """Return True where all that a joint states in its coordinate [rad], [m] has moved by an offset, and something has."""
     if abs(offset) <= ROUGH:
         return False
-    stated = _list_coordinate_numbers(one, two, sign)
-    return bool(stated) and all(abs(ours - theirs - offset) <= ROUGH for ours, theirs in stated)
+    coordinate_numbers = _list_coordinate_numbers(one, two, sign)
+    return bool(coordinate_numbers) and all(abs(ours - theirs - offset) <= ROUGH for ours, theirs in coordinate_numbers)
 
 
 def _list_coordinate_numbers(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:

@@ -55,17 +55,17 @@ def compute_beam_effects(beams: MatchedBeams) -> BeamEffects:
         bent = list(beams.differences())
     try:
         base = beams.base()
-        wanted = compute_flexible_torques(beams.second)
+        flexible_torques = compute_flexible_torques(beams.second)
         before, whole = (compute_flexible_torques(_apply_edits(base, some)) for some in ([], bent))
-        found = [_compute_beam_effect(base, bent, one, whole, wanted) for one in bent]
+        found = [_compute_beam_effect(base, bent, one, whole, flexible_torques) for one in bent]
     except FlexinvError as error:
         words = f"torques of links that bend are not compared: {' '.join(str(error).split())[:300]}"
         return BeamEffects((*alone, *(one.difference for one in bent)), notes=(words,))
     notes = ("the certificate has A's beams on both sides: what beams differ by is in the table",) if found else ()
     return BeamEffects(
         (*alone, *found),
-        compute_effort_share(before, wanted, wanted),
-        compute_effort_share(whole, wanted, wanted),
+        compute_effort_share(before, flexible_torques, flexible_torques),
+        compute_effort_share(whole, flexible_torques, flexible_torques),
         notes,
     )
 

@@ -120,18 +120,18 @@ class MatchedBeams:
         at = {body.name: body.station for body in other.bodies}
         for body in mine.bodies:
             if body.name in at and _is_other_station(body.station, at[body.name]):
-                found = _make_station_difference(
+                station_difference = _make_station_difference(
                     "station of body", f"body {body.name} (on link {ours})", body.station, at[body.name]
                 )
-                yield BeamDifference(found, _make_body_edit(theirs, body.name, at[body.name]))
+                yield BeamDifference(station_difference, _make_body_edit(theirs, body.name, at[body.name]))
         for joint, partner in self.joints.items():
             one = self.first.joint_of[joint]
             two = self.second.joint_of[partner]
             if one.parent == ours and two.parent == theirs and _is_other_station(_end(one.station), _end(two.station)):
-                found = _make_station_difference(
+                station_difference = _make_station_difference(
                     "station of joint", f"joint {joint}", _end(one.station), _end(two.station)
                 )
-                yield BeamDifference(found, _make_joint_edit(partner, two.station))
+                yield BeamDifference(station_difference, _make_joint_edit(partner, two.station))
 
     @property
     def _stated(self) -> bool:
@@ -146,13 +146,13 @@ class MatchedBeams:
         size = abs(two.ratio - one.ratio)
         shown = (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}")
         hints = describe_factor(two.ratio, one.ratio) if one.mode == two.mode else ()
-        found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
-        yield BeamDifference(found, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
+        difference = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
+        yield BeamDifference(difference, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
 
 
-def _drop_damping_time(stated: ModalDamping | None) -> ModalDamping | None:
+def _drop_damping_time(modal_damping: ModalDamping | None) -> ModalDamping | None:
     """A stated ratio whose time is to be computed for the mechanism that it is put into."""
-    return None if stated is None else replace(stated, seconds=None)
+    return None if modal_damping is None else replace(modal_damping, seconds=None)
 
 
 def _list_table_changes(
@@ -169,8 +169,8 @@ def _list_table_changes(
         cause, words = WHOLE[name]
         hints = (words, *describe_factor(factor, 1.0))
         shown = ("stated", f"{factor:.9g} times that of A")
-        found = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
-        yield BeamDifference(found, _make_table_edit(theirs, name, slice(None), b))
+        difference = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
+        yield BeamDifference(difference, _make_table_edit(theirs, name, slice(None), b))
         return
     for k, (cause, unit) in enumerate(COLUMNS[name]):
         mine = a[:, k]
@@ -182,7 +182,7 @@ def _list_table_changes(
                 *describe_factor(float(other[worst]), float(mine[worst])),
                 *_describe_exchanged_axes(name, k, a, b),
             )
-            found = Difference(
+            difference = Difference(
                 "beam",
                 cause,
                 place,
@@ -192,7 +192,7 @@ def _list_table_changes(
                 _format_station_values(other),
                 hints=hints,
             )
-            yield BeamDifference(found, _make_table_edit(theirs, name, slice(k, k + 1), other[:, None]))
+            yield BeamDifference(difference, _make_table_edit(theirs, name, slice(k, k + 1), other[:, None]))
 
 
 def _find_common_factor(a: Array, b: Array) -> float | None:

@@ -124,11 +124,11 @@ def compute_subtree_cost(costs: PairCosts, before: tuple[int, int], a: int, b: i
     own = costs.shown(before, a, b)
     if own >= IMPOSSIBLE:
         return IMPOSSIBLE
-    ours = costs.first.list_moving_children(a)
+    moving_children = costs.first.list_moving_children(a)
     theirs = costs.second.list_moving_children(b)
-    lonely = abs(len(ours) - len(theirs))
-    if not ours or not theirs:
+    lonely = abs(len(moving_children) - len(theirs))
+    if not moving_children or not theirs:
         return own + lonely
-    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in theirs] for k in ours])
+    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in theirs] for k in moving_children])
     rows, columns = scipy.optimize.linear_sum_assignment(table)
     return own + lonely + float(np.minimum(table[rows, columns], 2.0).sum())

@@ -104,19 +104,19 @@ def _can_match_coordinates(first: Tree, second: Tree, a: str, b: str) -> bool:
 
 def match_by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return by name of the first the one of the second [-], and how: "stated", "name", "prefix"."""
-    found = {a: (b, "stated") for a, b in stated.items()}
+    name = {a: (b, "stated") for a, b in stated.items()}
     rest_a = [a for a in first if a not in stated]
     rest_b = [b for b in second if b not in stated.values()]
-    found |= {a: (a, "name") for a in rest_a if a in rest_b}
-    left_a = [a for a in rest_a if a not in found]
-    left_b = [b for b in rest_b if b not in found]
+    name |= {a: (a, "name") for a in rest_a if a in rest_b}
+    left_a = [a for a in rest_a if a not in name]
+    left_b = [b for b in rest_b if b not in name]
     plain_a = _drop_common_affixes(left_a, rest_a)
     plain_b = _drop_common_affixes(left_b, rest_b)
     for a in left_a:
         same = [b for b in left_b if plain_b[b] == plain_a[a]]
         if len(same) == 1 and sum(plain_a[x] == plain_a[a] for x in left_a) == 1:
-            found[a] = (same[0], "prefix")
-    return found
+            name[a] = (same[0], "prefix")
+    return name
 
 
 def _drop_common_affixes(names: list[str], whole: list[str]) -> dict[str, str]:
@@ -140,13 +140,13 @@ class Assignment:
 
     def extend(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
-        ours = self.first.list_moving_children(a)
+        moving_children = self.first.list_moving_children(a)
         theirs = self.second.list_moving_children(b)
-        for k in ours:
+        for k in moving_children:
             joint = self.first.members[k].joint
             if joint in self.pairs:
                 self.extend(k, self.second.moving[self.pairs[joint]])
-        free = [k for k in ours if self.first.members[k].joint not in self.pairs]
+        free = [k for k in moving_children if self.first.members[k].joint not in self.pairs]
         taken = set(self.pairs.values())
         open_ = [k for k in theirs if self.second.members[k].joint not in taken]
         if free and open_:
@@ -162,7 +162,7 @@ class Assignment:
         above = _find_moving_member(self.first, before[0]), _find_moving_member(self.second, before[1])
         costs = self.laid_on.costs(above, ours, theirs)
         rows, columns = scipy.optimize.linear_sum_assignment(costs)
-        made = []
+        assignment = []
         for row, column in zip(rows, columns, strict=True):
             if costs[row, column] >= IMPOSSIBLE:
                 continue
@@ -171,9 +171,9 @@ class Assignment:
             self.pairs[a] = b
             self.how[a] = "structure"
             self.certainty[a] = 1.0
-            made.append((ours[row], theirs[column]))
+            assignment.append((ours[row], theirs[column]))
         self._check_exchanges(costs, list(zip(rows, columns, strict=True)), ours, theirs)
-        return made
+        return assignment
 
     def _check_exchanges(self, costs: Array, chosen: list[tuple[int, int]], ours: list[int], theirs: list[int]) -> None:
         """Refuse where two pairs could be exchanged at about the same cost."""

@@ -95,29 +95,33 @@ class Overlay:
         if own < IMPOSSIBLE:
             beyond, pairs = self.find_best_forest((a, b), a, b)
             yield own + beyond, ((a, b), *pairs)
-        ours = self.costs.first.list_moving_children(a)
+        moving_children = self.costs.first.list_moving_children(a)
         theirs = self.costs.second.list_moving_children(b)
-        for one, two in [*([(ours[0], b)] if len(ours) == 1 else []), *([(a, theirs[0])] if len(theirs) == 1 else [])]:
+        for one, two in [
+            *([(moving_children[0], b)] if len(moving_children) == 1 else []),
+            *([(a, theirs[0])] if len(theirs) == 1 else []),
+        ]:
             cost, pairs = self.find_best_overlay(before, one, two)
             yield LEFT_OUT + cost, pairs
 
     def find_best_forest(self, before: tuple[int, int], a: int, b: int) -> Laid:
         """Return the least cost [-] and the pairs of all that two members carry, -1 the world; before : the last pair."""
-        ours = self.costs.first.list_moving_children(a)
+        moving_children = self.costs.first.list_moving_children(a)
         theirs = self.costs.second.list_moving_children(b)
-        n = len(ours)
+        n = len(moving_children)
         m = len(theirs)
         if not n or not m:
             return LEFT_OUT * (
-                sum(map(self.costs.first.count_moving, ours)) + sum(map(self.costs.second.count_moving, theirs))
+                sum(map(self.costs.first.count_moving, moving_children))
+                + sum(map(self.costs.second.count_moving, theirs))
             ), ()
         table = np.zeros((n + m, n + m))
-        table[:n, m:] = np.array([self.costs.first.count_moving(k) for k in ours]).reshape(n, 1)
+        table[:n, m:] = np.array([self.costs.first.count_moving(k) for k in moving_children]).reshape(n, 1)
         table[n:, :m] = np.array([self.costs.second.count_moving(k) for k in theirs])
-        for i, one in enumerate(ours):
+        for i, one in enumerate(moving_children):
             for j, two in enumerate(theirs):
                 table[i, j] = self.find_best_overlay(before, one, two)[0]
         rows, columns = scipy.optimize.linear_sum_assignment(table)
-        chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
+        chosen = [(moving_children[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
         pairs = tuple(pair for one, two in chosen for pair in self.find_best_overlay(before, one, two)[1])
         return float(table[rows, columns].sum()), pairs

@@ -58,8 +58,8 @@ def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) 
     if root == old or any(joint.kind not in TURNED or joint.station is not None for joint in way):
         return RerootedMechanism(second)
     hints = ("the coordinates of its base are those of another body; the joints between count as before",)
-    found = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
-    return RerootedMechanism(_move_root(second, bases[1], way), frozenset(joint.parent for joint in way), (found,))
+    difference = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
+    return RerootedMechanism(_move_root(second, bases[1], way), frozenset(joint.parent for joint in way), (difference,))
 
 
 def _find_free_base(mechanism: Mechanism) -> Joint | None:

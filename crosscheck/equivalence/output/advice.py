@@ -188,11 +188,11 @@ def make_single_body_member(member: Member, part: str) -> Member:
     return replace(member, name=part, mass=body.mass, com=body.com, tensor=body.tensor, parts=((part, body),))
 
 
-def collect_advice(judged: Judgement, sides: ComparedDescriptions) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def collect_advice(judgement: Judgement, sides: ComparedDescriptions) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return by difference which file looks wrong, and what to write in A to have B's machine, in B to have A's [any unit]."""
     odd = [_collect_odd_numbers(description) for description in sides.descriptions]
     found = []
-    for difference in (*judged.causes, *judged.conventions, *judged.limits):
+    for difference in (*judgement.causes, *judgement.conventions, *judgement.limits):
         merged = sides.find_merged_alignment(difference)
         both = sides.members(difference) if difference.cause != BASE and merged is None else None
         if difference.cause == BASE:
@@ -260,18 +260,23 @@ def _describe_common_change(difference: Difference, sides: ComparedDescriptions)
         yield f"to make B like A, divide it by {factor} everywhere"
 
 
-def _describe_merged_body(difference: Difference, sides: ComparedDescriptions, seat: MemberAlignment) -> Iterator[str]:
+def _describe_merged_body(
+    difference: Difference, sides: ComparedDescriptions, alignment: MemberAlignment
+) -> Iterator[str]:
     """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
-    members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
-    names = _names(difference, members, seat)
+    members = sides.trees[0].members[alignment.first], sides.trees[1].members[alignment.second]
+    names = _names(difference, members, alignment)
     values = difference.second, difference.first
-    wholes = move_inertia(seat.frame, members[1].inertia), move_inertia(inverse(seat.frame), members[0].inertia)
+    wholes = (
+        move_inertia(alignment.frame, members[1].inertia),
+        move_inertia(inverse(alignment.frame), members[0].inertia),
+    )
     for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
         head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
-        if _has_reframed_link(sides, seat) and n:
+        if _has_reframed_link(sides, alignment) and n:
             continue  # the number would be one in frames that B's file has not
         if len(members[n].parts) > 1 and names[n]:
-            if not n or difference.cause == "mass" or _is_same_frame(seat):
+            if not n or difference.cause == "mass" or _is_same_frame(alignment):
                 yield f"{head} body {names[n]}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
         else:
             whole = wholes[n]
@@ -282,10 +287,10 @@ def _describe_merged_body(difference: Difference, sides: ComparedDescriptions, s
             yield f"{head} link {members[n].name}{apart}: {numbers}"
 
 
-def _names(difference: Difference, members: tuple[Member, Member], seat: MemberAlignment) -> tuple[str, str]:
+def _names(difference: Difference, members: tuple[Member, Member], alignment: MemberAlignment) -> tuple[str, str]:
     """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
-    parts = dict(members[0].parts), {own: move_inertia(seat.frame, body) for own, body in members[1].parts}
+    parts = dict(members[0].parts), {own: move_inertia(alignment.frame, body) for own, body in members[1].parts}
     # The difference was found of a body of A where it changes that part, and of one of B where it changes the whole.
     mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
     rest = join_bodies(body for own, body in parts[mine].items() if own != name)
@@ -341,24 +346,24 @@ def _has_moved_frame(sides: ComparedDescriptions, both: tuple[Member, Member, Me
     return any(not _is_same_frame(seat) for seat in (both[2], carrier) if seat is not None)
 
 
-def _has_reframed_link(sides: ComparedDescriptions, seat: MemberAlignment) -> bool:
+def _has_reframed_link(sides: ComparedDescriptions, alignment: MemberAlignment) -> bool:
     """Return True if B's link or the one that carries it has another frame here than in its file."""
     members = sides.trees[1].members
-    own = members[seat.second]
+    own = members[alignment.second]
     return own.name in sides.rehung or (own.parent >= 0 and members[own.parent].name in sides.rehung)
 
 
-def _is_same_frame(seat: MemberAlignment) -> bool:
-    off = max(np.abs(seat.frame.position).max(), np.abs(seat.frame.rotation - np.eye(3)).max())
-    return bool(off <= SAME) and seat.sign > 0 and not seat.offset
+def _is_same_frame(alignment: MemberAlignment) -> bool:
+    off = max(np.abs(alignment.frame.position).max(), np.abs(alignment.frame.rotation - np.eye(3)).max())
+    return bool(off <= SAME) and alignment.sign > 0 and not alignment.offset
 
 
-def _resolve_cause_name(difference: Difference, seat: MemberAlignment, side: int) -> str:
+def _resolve_cause_name(difference: Difference, alignment: MemberAlignment, side: int) -> str:
     """The cause as a side calls it: B's lower limit is A's upper one where the coordinate counts the other way."""
     cause = difference.cause
     if cause == SIGN and LEFT_LIMITS in difference.hints:
         return SIGN_ALONE
-    if side and seat.sign < 0 and cause in ("lower limit", "upper limit"):
+    if side and alignment.sign < 0 and cause in ("lower limit", "upper limit"):
         return "upper limit" if cause == "lower limit" else "lower limit"
     return cause
 

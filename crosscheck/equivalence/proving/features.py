@@ -61,7 +61,7 @@ class FeatureEfforts:
 
 
 def add_feature_differences(
-    judged: Judgement,
+    judgement: Judgement,
     sides: tuple[Description, Description],
     ground: CommonGround,
     ignored: Collection[str],
@@ -72,29 +72,29 @@ def add_feature_differences(
     tolerance : relative to the range of an effort [-]
     """
     names = sorted({name for side in sides for name in list_feature_names(side)} - set(ignored))
-    exact = not (judged.causes or judged.rounding)
+    exact = not (judgement.causes or judgement.rounding)
     added: list[FeatureEfforts | None] = [None, None]
     if ground.common and any(side.dynamics is not None for side in sides):
         added = [_compute_added_efforts(side, ground, names, ignored, n) for n, side in enumerate(sides)]
     causes: list[Difference] = []
     unseen: list[Difference] = []
     for name in names:
-        found = _find_feature_difference(name, sides, ground.names, added, tolerance, exact)
-        if found is not None:
-            seen = not exact or found.share is None or found.share > tolerance
-            (causes if seen else unseen).append(found)
-    judged = replace(judged, causes=(*judged.causes, *causes), unseen=(*judged.unseen, *unseen))
+        feature_difference = _find_feature_difference(name, sides, ground.names, added, tolerance, exact)
+        if feature_difference is not None:
+            seen = not exact or feature_difference.share is None or feature_difference.share > tolerance
+            (causes if seen else unseen).append(feature_difference)
+    judgement = replace(judgement, causes=(*judgement.causes, *causes), unseen=(*judgement.unseen, *unseen))
     one, two = added
     if one is None or two is None or causes or not exact:
-        return judged
+        return judgement
     share, effort, joint = _compute_feature_share(one.whole, two.whole, one, two)
-    if share <= tolerance or share <= judged.after:
-        return judged
+    if share <= tolerance or share <= judgement.after:
+        return judgement
     return replace(
-        judged,
+        judgement,
         after=share,
-        before=max(judged.before, share),
-        before_effort=max(judged.before_effort, effort),
+        before=max(judgement.before, share),
+        before_effort=max(judgement.before_effort, effort),
         worst_joint=joint,
     )
 
@@ -203,10 +203,10 @@ def _describe_features(features: list[Feature]) -> str:
     return "; ".join(words[:SHOWN]) + more if features else "none"
 
 
-def _has_equal_tables(ours: list[Feature], theirs: list[Feature], names: Mapping[str, str]) -> bool:
+def _has_equal_tables(ours: list[Feature], features: list[Feature], names: Mapping[str, str]) -> bool:
     """Compare the numbers of features, those of B with A's names of joints, in any order."""
     back = {b: a for a, b in names.items()}
-    waiting = [_make_feature_row(feature, back) for feature in theirs]
+    waiting = [_make_feature_row(feature, back) for feature in features]
     for feature in ours:
         row = _make_feature_row(feature, {})
         like = next((other for other in waiting if _close(row, other)), None)

@@ -30,14 +30,14 @@ HYSTERESIS = "hysteresis between motor and link angle"
 SCALE = "scale of link over motor angle (gear), relative error"
 
 
-def compare_encoders(machine: Machine, found: Fit, log: Log) -> list[NamedCause]:
+def compare_encoders(machine: Machine, fit: Fit, log: Log) -> list[NamedCause]:
     """Return by what motor and link angles disagree [unit of each], joint by joint, the most evident first."""
     tables = {n: t.link_angle for n, t in machine.settings.joints.items() if t.link_angle is not None}
     tables = {n: t for n, t in tables.items() if t.column in log.columns}
     if not tables:
         return []
     run = make_run(machine, log, efforts=False, once=True)
-    effort = run.response(machine.space.values(found.z))[0]
+    effort = run.response(machine.space.values(fit.z))[0]
     out: list[NamedCause] = []
     for name, table in tables.items():
         link = log.column(table.column) * (ANGLES[table.unit] / table.over)

@@ -94,8 +94,8 @@ Linear = tuple[list[Array], list[Array]]  # readings, and their slopes by the pa
 def _find_gross_fault(search: CauseSearch, log: Log) -> tuple[GrossFault, NamedCause] | None:
     mechanism = search.machine.mechanism
     level = search.task(log, mechanism)
-    told = _compute_linear_readings(search, level)
-    base = _compute_fault_score(search, level, told)
+    linear_readings = _compute_linear_readings(search, level)
+    base = _compute_fault_score(search, level, linear_readings)
     best: tuple[GrossFault, Score] | None = None
     for fault in list_gross_faults(search.machine):
         at = _list_spoiled_channels(search, fault)
@@ -103,7 +103,9 @@ def _find_gross_fault(search: CauseSearch, log: Log) -> tuple[GrossFault, NamedC
             continue
         task = search.task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
         try:
-            one = _compute_fault_score(search, task, _compute_linear_readings(search, task) if fault.moves else told)
+            one = _compute_fault_score(
+                search, task, _compute_linear_readings(search, task) if fault.moves else linear_readings
+            )
         except ConvergenceError:  # nothing can follow this motion: beams would roll up along an angle in another unit
             continue
         better = one.unexplained[at].max() < min(LITTLE, HALF * base.unexplained[at].max())
@@ -126,9 +128,9 @@ def _compute_linear_readings(search: CauseSearch, task: Problem) -> Linear:
     return task.pick(task.predict(z)), compute_jacobian(task, z)
 
 
-def _compute_fault_score(search: CauseSearch, task: Problem, told: Linear) -> Score:
+def _compute_fault_score(search: CauseSearch, task: Problem, linear: Linear) -> Score:
     measured = task.pick([run.measured for run in task.runs if run.measured is not None])
-    return compute_score(measured, *told, search.found.agree, search.root)
+    return compute_score(measured, *linear, search.found.agree, search.root)
 
 
 # ---------------------------------------------------------------------------------------------- what may be small

@@ -274,9 +274,9 @@ def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> Non
     page = (tmp_path / "out" / "studies" / "bench.html").read_text()
     assert targets.find_vector_width() in page
     assert "ur5: times as fast as rneaInParallel, 1000 samples by coordinate, 1 thread" in page
-    kept = history.open_database(url)
-    (night,) = history.list_nights(kept, "bench")
-    rows = {row["name"]: row for row in history.read_rows(kept, history.METRIC, night.id)}
+    database = history.open_database(url)
+    (night,) = history.list_nights(database, "bench")
+    rows = {row["name"]: row for row in history.read_rows(database, history.METRIC, night.id)}
     assert rows["ur5: times as fast as rneaInParallel, 1000 samples by sample, 1 thread"]["lower"] in (10.0, 5.0)
     assert build_study_plot(results.studies[1])["log"]
 
@@ -296,9 +296,9 @@ def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.Mo
     monkeypatch.setattr("crosscheck.commands.nightly.bench_studies", lambda models: quick)
     where = ["--models", str(tmp_path / "models"), "--reports", str(tmp_path / "reports"), "--jobs", "1"]
     CliRunner().invoke(main, ["nightly", *where, "--engines", "flexinv,pinocchio", "--studies", "", "--bench"])
-    kept = history.open_database(f"sqlite:///{tmp_path / 'reports' / 'history.sqlite'}")
-    (night,) = history.list_nights(kept)
-    assert {row["unit"] for row in history.read_rows(kept, history.METRIC, night.id)} == {"-"}
+    database = history.open_database(f"sqlite:///{tmp_path / 'reports' / 'history.sqlite'}")
+    (night,) = history.list_nights(database)
+    assert {row["unit"] for row in history.read_rows(database, history.METRIC, night.id)} == {"-"}
     results = read(tmp_path / "reports" / "latest" / "results.json")
     assert {table.name for table in results.studies} == {"bench", "bench rigid"}
     assert "times as fast as rneaInParallel" in (tmp_path / "reports" / "latest" / "trends" / "index.html").read_text()

@@ -273,14 +273,14 @@ def test_sums_count_and_judge() -> None:
         {"number": k, "mechanism": "m", "case": "c", "engine": "mujoco", "topic": "t", "outcome": o, "effect": e, "fault": "f"}
         for k, (o, e) in enumerate([("silent", "below"), ("right", "above"), ("unknown", "above"), ("silent", "below")])
     ]  # fmt: skip
-    wanted = CampaignRequest(CAMPAIGNS["first"], MODELS, Path("."))
-    good = make_results(wanted, rows, 1.0)
+    campaign_request = CampaignRequest(CAMPAIGNS["first"], MODELS, Path("."))
+    good = make_results(campaign_request, rows, 1.0)
     assert (good["sums"]["above"], good["sums"]["share"], good["met"], good["unharmed"]["tried"]) == (2, 0.5, True, 1)
     for outcome in judge.BAD:
-        spoilt = make_results(wanted, [*rows, {**rows[1], "number": 9, "outcome": outcome}], 1.0)
+        spoilt = make_results(campaign_request, [*rows, {**rows[1], "number": 9, "outcome": outcome}], 1.0)
         assert not spoilt["met"], outcome
-    assert not make_results(wanted, [{**rows[0], "outcome": "false alarm"}, *rows[1:]], 1.0)["met"]
-    assert "NOT met" in next(describe_campaign(make_results(wanted, [*rows, {**rows[2], "number": 9}], 1.0)))
+    assert not make_results(campaign_request, [{**rows[0], "outcome": "false alarm"}, *rows[1:]], 1.0)["met"]
+    assert "NOT met" in next(describe_campaign(make_results(campaign_request, [*rows, {**rows[2], "number": 9}], 1.0)))
 
 
 @pytest.mark.slow

@@ -198,6 +198,6 @@ def test_a_spring_in_a_driven_joint_shows_in_rigid_and_in_flexible_mechanisms(me
     joint = here.base.mechanism.v_slices[name]
     expected = np.zeros_like(here.torque)
     expected[:, joint] = size[0] * here.states.q[:, here.base.mechanism.q_slices[name]]
-    found = compute_effect(here, cause, name, size)
+    effect = compute_effect(here, cause, name, size)
     # Marches repeat to what their Newton iterations leave, 1e-9 of the range; the spring is some hundredth of it.
-    assert np.abs(found - here.scale_efforts(expected)).max() < 1e-7
+    assert np.abs(effect - here.scale_efforts(expected)).max() < 1e-7

@@ -203,10 +203,10 @@ def test_published_numbers_stand_beside_the_consensus(
 ) -> None:
     """sin(0.1) = 0.0998 is 0.1 to its digit; sin(0.5) is the largest."""
     case, _ = found(task, panel("a", "b"), record(task, "a"), record(task, "b"))
-    told = PublishedValue(
+    published_value = PublishedValue(
         mechanism="rigid_one_link", case="cycloid", series="torque/hub", value=value, unit="N m", source="x", at_s=when
     )
-    (one,) = compare_published(case, [told])
+    (one,) = compare_published(case, [published_value])
     assert one.agrees is agrees
     assert (one.distance == 0.0) is agrees
 

@@ -213,9 +213,9 @@ def test_nothing_of_ours_is_in_reach_in_a_blind_round(
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(root))
     monkeypatch.setenv("PROJECT", str(root / "models"))
-    seen = make_environment(tmp_path)
-    assert not [name for name, value in seen.items() if str(root) in value and name != "PATH"]
-    assert seen["PYTHONPATH"] == str(tmp_path / "hidden")
+    environment = make_environment(tmp_path)
+    assert not [name for name, value in environment.items() if str(root) in value and name != "PATH"]
+    assert environment["PYTHONPATH"] == str(tmp_path / "hidden")
     assert str(root) not in make_environment().get("PYTHONPATH", "")
 
 

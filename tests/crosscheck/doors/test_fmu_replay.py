@@ -33,9 +33,9 @@ def arm(root: Path) -> Task:
 
 
 def opened(file: Path, **settings: Any) -> ForwardFmuAdapter:
-    found = fmu.open_adapter("plant", "models/rigid_3r", {"fmu": str(file), "cases": ["*"], **settings})
-    assert isinstance(found, ForwardFmuAdapter)
-    return found
+    adapter = fmu.open_adapter("plant", "models/rigid_3r", {"fmu": str(file), "cases": ["*"], **settings})
+    assert isinstance(adapter, ForwardFmuAdapter)
+    return adapter
 
 
 def drive(task: Task, spacing: float) -> tuple[DriveTorques, dict[str, Array]]:
@@ -172,7 +172,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
     for content in (b"one", b"two"):
         (tmp_path / "rigid_3r.fmu").write_bytes(content)
         config(tmp_path, stated)
-        asked = RunSelection(
+        run_selection = RunSelection(
             names=("rigid_3r/quintic",),
             models=root / "models",
             engines="flexinv,plants",
@@ -180,7 +180,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
             config=tmp_path / "crosscheck.toml",
             **words,
         )
-        work, _ = asked.work(lambda _: None)
+        work, _ = run_selection.work(lambda _: None)
         options = {study.name: study.options for study in work.studies}
         assert set(options["robots"]) == {"models"}
         (job,) = options["feedforward"]["engines"]

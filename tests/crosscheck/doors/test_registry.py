@@ -322,9 +322,9 @@ def test_an_installed_package_brings_engines_and_causes(tmp_path: Path, monkeypa
         "from crosscheck.causes.dictionary import DICTIONARY\n"
         "ROWS = [replace(DICTIONARY['viscous damping'], name='a guest of a cause')]\nBAD = [3]\n"
     )
-    found = packages.list_installed_engines()
-    assert found["guest"].module == "rogue_engines"
-    assert adapter(found["guest"]).version() == "0.rogue"
+    installed_engines = packages.list_installed_engines()
+    assert installed_engines["guest"].module == "rogue_engines"
+    assert adapter(installed_engines["guest"]).version() == "0.rogue"
     with pytest.warns(UserWarning, match="package guest: no causes at guest_causes:BAD"):
         known = collect_causes()
     assert set(known) - set(DICTIONARY) == {"a guest of a cause"}

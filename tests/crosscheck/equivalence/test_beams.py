@@ -42,8 +42,8 @@ def edited(name: str, before: str, after: str, folder: Path) -> Path:
     return folder
 
 
-def named(found: Comparison) -> list[tuple[str, str]]:
-    return [(d.cause, d.place) for d in [*found.differences, *found.judged.unseen]]
+def named(comparison: Comparison) -> list[tuple[str, str]]:
+    return [(d.cause, d.place) for d in [*comparison.differences, *comparison.judged.unseen]]
 
 
 @pytest.mark.parametrize("kind", EDITS)

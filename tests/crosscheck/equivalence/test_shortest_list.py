@@ -115,8 +115,8 @@ def capped(folder: Path, name: str, com: tuple[float, float, float], merged: boo
     """The hand with a cap fixed to its lower link, or one body of both; com : of the lower link without it [m]."""
     tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
     lower = Inertia(2.0, np.array(com), tensor)
-    seat = Placement(np.array([float(x) for x in PLACE.split()]))
-    parts = [text_of("lower", join_bodies([lower, move_inertia(seat, cap)]) if merged else lower)]
+    placement = Placement(np.array([float(x) for x in PLACE.split()]))
+    parts = [text_of("lower", join_bodies([lower, move_inertia(placement, cap)]) if merged else lower)]
     if not merged:
         parts += [text_of("cap", cap), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
         parts += [f'<origin xyz="{PLACE}"/></joint>']

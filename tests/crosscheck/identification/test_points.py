@@ -110,7 +110,7 @@ def test_a_marker_on_a_beam_sees_it_bend(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.6, 151)
     angle = 0.8 * (time / 0.6) ** 3 * (10 - 15 * (time / 0.6) + 6 * (time / 0.6) ** 2)
     run = make_run(bending, Log("made", time, {"q": angle}), efforts=False)
-    told = compute_readings(bending, run, bending.space.values(np.zeros(1)))
+    readings = compute_readings(bending, run, bending.space.values(np.zeros(1)))
     given = Motion.from_samples(run.motion.time, {"hub": run.motion.q[:, 0]})
     solution = solve(bending.mechanism, given, 0.004)
     raw = run.response(bending.space.values(np.zeros(1)))[2]
@@ -120,7 +120,7 @@ def test_a_marker_on_a_beam_sees_it_bend(tmp_path: Path) -> None:
     bent = np.abs(solution.deflection["strip"]).max()
     assert bent > 1e-3
     assert np.abs(raw[:, 1] - 0.5 * raw[:, 0]).max() > 0.1 * bent
-    assert told.shape == (151, 2)
+    assert readings.shape == (151, 2)
 
 
 def test_a_rate_that_is_measured_takes_the_place_of_the_slope(logged: Path) -> None:

@@ -206,8 +206,8 @@ def test_an_engine_without_a_certificate_says_why() -> None:
         "flexinv": Record("flexinv", certificate=says(mechanism, case, "flexinv").plain),
         "exudyn-dae": Record("exudyn-dae", certificate={"problem": "redundant coordinates"}),
     }
-    found = list_certificate_lines(make_task(MODELS / "four_bar", mechanism, case), records)
-    assert [(line.what, line.holds, line.words) for line in found] == [
+    certificate_lines = list_certificate_lines(make_task(MODELS / "four_bar", mechanism, case), records)
+    assert [(line.what, line.holds, line.words) for line in certificate_lines] == [
         ("no certificate", False, "redundant coordinates")
     ]
 

@@ -198,8 +198,8 @@ def test_the_first_sentence(results: Results, sentence: str) -> None:
 
 def test_engines_that_say_the_same_of_themselves_share_a_row() -> None:
     rows = [EngineRow(name, True, "1.0", can) for name, can in (("a", "beams"), ("c", "bodies"), ("b", "beams"))]
-    found = words.join_alike_engines([*rows, EngineRow("d", False, message="gone")])
-    assert [(names, row.abilities or row.message) for row, names in found] == [
+    alike_engines = words.join_alike_engines([*rows, EngineRow("d", False, message="gone")])
+    assert [(names, row.abilities or row.message) for row, names in alike_engines] == [
         (["a", "b"], "beams"), (["c"], "bodies"), (["d"], "gone"),
     ]  # fmt: skip
 

@@ -361,7 +361,7 @@ def test_a_missing_cases_file_is_a_broken_model(root: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["a/../../b", "..", "<b>", "a b", "ä", "x" * 300, ""])
 def test_slugs_are_safe_and_differ(name: str) -> None:
-    made = store.make_slug(name)
-    assert made.replace("-", "").replace("_", "").isalnum()
-    assert len(made) < 100
-    assert made != store.make_slug(name + "!")
+    slug = store.make_slug(name)
+    assert slug.replace("-", "").replace("_", "").isalnum()
+    assert len(slug) < 100
+    assert slug != store.make_slug(name + "!")

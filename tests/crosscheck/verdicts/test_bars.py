@@ -148,11 +148,11 @@ def test_what_runs_tend_to_is_covered_by_its_bar() -> None:
     """Of errors of two powers, in which no single order fits: what is left of the error is inside the bar that is left."""
     for size in (1e-1, 1e-3):
         levels = [EXACT + size * SHAPE * (h**2 + 0.4 * h**3) for h in (1.0, 0.5, 0.25)]
-        found = compute_error_bar(levels, 0)
-        assert found.tends_to is not None
-        assert found.left is not None
-        assert (np.abs(found.tends_to - EXACT) <= found.left).all()
-        assert found.left.max() < 0.1 * found.bar.max()
+        error_bar = compute_error_bar(levels, 0)
+        assert error_bar.tends_to is not None
+        assert error_bar.left is not None
+        assert (np.abs(error_bar.tends_to - EXACT) <= error_bar.left).all()
+        assert error_bar.left.max() < 0.1 * error_bar.bar.max()
 
 
 def test_families_that_do_not_all_say_what_they_tend_to_say_nothing() -> None:

@@ -31,10 +31,10 @@ SKIPPED = replace(ROW, engine="pinocchio", verdict="skipped", maximum=None, limi
 
 def night(*rows: Comparison, **more: object) -> Results:
     case = CaseRow("arm", "swing")
-    made = Results(
+    results = Results(
         "2026-03-01T01:00:00+00:00", finished=True, cases=(case,), comparisons=rows, versions={"mujoco": "4.0"}
     )
-    return replace(made, **more)
+    return replace(results, **more)
 
 
 def blessed(fraction: float, row: Comparison = ROW) -> Baseline:

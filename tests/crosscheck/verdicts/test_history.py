@@ -191,8 +191,8 @@ def test_the_night_before_is_the_last_ordinary_one_that_finished(database: sql.E
     ]
     history.add_metrics(database, [Metric("m", 1.0, "-")])
     now = history.add_night(database, later(5), "now")
-    found = changes.find_previous_night(database, now)
-    assert (found and found.id, found and found.folder) == (numbers[0], "one")
+    previous_night = changes.find_previous_night(database, now)
+    assert (previous_night and previous_night.id, previous_night and previous_night.folder) == (numbers[0], "one")
     for wanted in ("three", "2026-03-03"):
         other = changes.find_previous_night(database, now, wanted)
         assert other is not None

@@ -28,8 +28,8 @@ MESH = build(arm())
 def level(finer: int, error: float) -> Level:
     """A run whose torque is a wave and an error of one shape [N m]."""
     torque = (WAVE + error * SHAPE)[:, None]
-    found = Quantities(torque, np.zeros((41, 1, 3)), np.zeros((41, 0)))
-    return Level(finer, 1, MESH, Settings(), cast(Any, None), found)
+    quantities = Quantities(torque, np.zeros((41, 1, 3)), np.zeros((41, 0)))
+    return Level(finer, 1, MESH, Settings(), cast(Any, None), quantities)
 
 
 def test_rungs_grow_by_a_third_and_a_half() -> None:

@@ -168,9 +168,9 @@ def test_files_state_drives(tmp_path: Path) -> None:
     (tmp_path / "mechanism.toml").write_text(FILE, encoding="utf-8")
     assert load_mechanism(tmp_path).joints[0].drive == replace(DRIVE, coulomb=0.01)
     (tmp_path / "mechanism.toml").write_text(FILE + 'moves = "motor"\n', encoding="utf-8")
-    found = load_mechanism(tmp_path)
-    assert [j.name for j in found.joints] == ["q", "q.spring"]
-    assert (found.joints[0].rotor_inertia, found.joints[0].friction) == (0.25, 0.5)
+    mechanism = load_mechanism(tmp_path)
+    assert [j.name for j in mechanism.joints] == ["q", "q.spring"]
+    assert (mechanism.joints[0].rotor_inertia, mechanism.joints[0].friction) == (0.25, 0.5)
     (tmp_path / "mechanism.toml").write_text(FILE + "static_Nm = 0.001\n", encoding="utf-8")
     with pytest.raises(InputError, match="at least coulomb_Nm"):
         load_mechanism(tmp_path)

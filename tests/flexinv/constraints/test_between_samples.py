@@ -106,8 +106,8 @@ def test_the_search_alone(touches: float) -> None:
     time = np.linspace(0.0, 1.0, 8)
     change = np.concatenate([[0.0], np.abs(np.diff(values(time))) / 2.0 * 3**0.5])
     condition = 2.0 / values(time)
-    found = find_singular(branch, time, time[:, None], condition, change, (np.diff(time), np.zeros(7)))
+    singular = find_singular(branch, time, time[:, None], condition, change, (np.diff(time), np.zeros(7)))
     if touches:
-        assert found is None
+        assert singular is None
     else:
-        assert found == pytest.approx(0.3, abs=TIME_BAR)
+        assert singular == pytest.approx(0.3, abs=TIME_BAR)

@@ -229,9 +229,9 @@ def parallelograms(loops: int) -> flexinv.Mechanism:
 @pytest.mark.parametrize(("loops", "flat"), [(1, 2), (2, 3)])
 def test_info_counts_freedoms_where_mechanisms_move(loops: int, flat: int) -> None:
     """Flat they could go to either side, and seem to have a freedom more for every loop."""
-    said = describe_mobility(parallelograms(loops), None)
-    assert said.startswith("mobility: 1 freedom = ")
-    assert said.endswith(f"; singular near its zero: {flat} freedoms there")
+    mobility = describe_mobility(parallelograms(loops), None)
+    assert mobility.startswith("mobility: 1 freedom = ")
+    assert mobility.endswith(f"; singular near its zero: {flat} freedoms there")
 
 
 @pytest.mark.parametrize("name", INFO)

@@ -125,14 +125,14 @@ def test_info_counts_the_freedoms_at_the_start() -> None:
     """Only the table acts then: nine coordinates less the bar's three in the plane."""
     mesh = build(two_arms())
     q = find_closed_near(mesh, np.array([2.0, -1.0, 0.0, 1.0, 1.0, 0.0, *FROM]))
-    found = compute_mobility(mesh, q)
-    assert (found.freedoms, found.constraints, found.redundant) == (6, 6, 3)
+    mobility = compute_mobility(mesh, q)
+    assert (mobility.freedoms, mobility.constraints, mobility.redundant) == (6, 6, 3)
 
 
 def test_phases_of_a_grid() -> None:
-    found = list_phases(two_arms(), STEP * np.arange(301))
-    assert [(p.first, p.last) for p in found] == [(0, 100), (100, 200), (200, 301)]
-    assert [p.active.tolist() for p in found] == [
+    phases = list_phases(two_arms(), STEP * np.arange(301))
+    assert [(p.first, p.last) for p in phases] == [(0, 100), (100, 200), (200, 301)]
+    assert [p.active.tolist() for p in phases] == [
         [True, False, False, False],
         [False, True, True, False],
         [False, False, False, True],

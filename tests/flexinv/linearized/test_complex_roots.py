@@ -47,37 +47,37 @@ def sparse(matrix: Array) -> Sparse:
 def test_slow_and_fast_roots_beside_one_without_stiffness_are_exact() -> None:
     """About one shift 7e3 1/s was off by 3e-3 of itself beside 1e9 1/s and a free motion."""
     frequency = np.array([0.0, 1e-1, 1.0, 7e3, 1e6, 1e9])
-    found = find_roots(*(sparse(np.diag(part)) for part in (np.ones(6), np.zeros(6), frequency**2)))
+    roots = find_roots(*(sparse(np.diag(part)) for part in (np.ones(6), np.zeros(6), frequency**2)))
     exact = np.sort(np.concatenate([[0.0], frequency]))  # of the free motion both
-    off = np.abs(np.abs(found.root) - exact)
-    assert (off <= found.bar).all()
+    off = np.abs(np.abs(roots.root) - exact)
+    assert (off <= roots.bar).all()
     assert (off[2:] < ROUNDING * exact[2:]).all()
 
 
 def test_dampers_on_what_has_no_inertia_are_roots_of_their_own() -> None:
     """c x' + k x = 0 beside a mass on a spring: three roots."""
-    found = find_roots(sparse(np.diag([1.0, 0.0])), sparse(np.diag([0.0, 2.0])), sparse(np.diag([9.0, 4.0])))
-    np.testing.assert_allclose(found.root, [-2.0, 3.0j], rtol=ROUNDING)
+    roots = find_roots(sparse(np.diag([1.0, 0.0])), sparse(np.diag([0.0, 2.0])), sparse(np.diag([9.0, 4.0])))
+    np.testing.assert_allclose(roots.root, [-2.0, 3.0j], rtol=ROUNDING)
 
 
 def test_gyroscopic_terms_move_what_follows() -> None:
     """x'' + x + g e' = 0, k e = g x': e follows the rate of x, and (1 + g^2 / k) x'' + x = 0."""
     gyroscopic = np.array([[0.0, 2.0], [-2.0, 0.0]])
-    found = find_roots(sparse(np.diag([1.0, 0.0])), sparse(gyroscopic), sparse(np.diag([1.0, 4.0])))
-    np.testing.assert_allclose(found.root, [1j / np.sqrt(2.0)], rtol=ROUNDING)
+    roots = find_roots(sparse(np.diag([1.0, 0.0])), sparse(gyroscopic), sparse(np.diag([1.0, 4.0])))
+    np.testing.assert_allclose(roots.root, [1j / np.sqrt(2.0)], rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("squared", [2.0, 3.0, 7.0, 11.0, 13.0, 156.9276888, 1e6 / 7.0])
 def test_both_roots_of_what_falls_are_found(squared: float) -> None:
     """Of +w and -w, equal in size but for rounding, both ends had the same one on their side of the place where they part."""
-    found = find_roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
-    np.testing.assert_allclose(np.sort(found.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
+    roots = find_roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
+    np.testing.assert_allclose(np.sort(roots.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
 
 
 def test_light_damping_is_no_rounding() -> None:
     """A part of critical damping of 1e-9 was taken for rounding."""
-    found = find_roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
-    np.testing.assert_allclose(found.root.real, [-1e-9], rtol=1e-6)
+    roots = find_roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
+    np.testing.assert_allclose(roots.root.real, [-1e-9], rtol=1e-6)
 
 
 def disc(damping: float, inertia: float) -> Mechanism:
@@ -213,13 +213,13 @@ def test_roots_of_several_dampers_are_those_of_the_whole_pencil(seed: int) -> No
     damping[2:5, 2:5] = 1e-5 * np.diag(dice.uniform(1.0, 3.0, 3))
     damping[5:, 5:] = FOLLOWS * np.diag(dice.uniform(0.5, 2.0, 3))
     mass = np.diag([1.0, 2.0, *np.zeros(6)])
-    found = find_roots(sparse(mass), sparse(damping), sparse(stiffness))
+    roots = find_roots(sparse(mass), sparse(damping), sparse(stiffness))
     exact = spectrum_of(Pencil(mass, damping, stiffness, np.eye(8), float(np.abs(stiffness).max())))
-    apart = np.abs(found.root[:, None] - exact.root[None])
-    assert len(found.root) == 2 + 3  # of each pair one, and those of what follows are beyond all
+    apart = np.abs(roots.root[:, None] - exact.root[None])
+    assert len(roots.root) == 2 + 3  # of each pair one, and those of what follows are beyond all
     bars = exact.bars(ROUNDING)[apart.argmin(axis=1)]
-    assert (apart.min(axis=1) <= found.bar + bars).all()
-    assert (found.bar < 1e-9 * np.abs(found.root)).all()
+    assert (apart.min(axis=1) <= roots.bar + bars).all()
+    assert (roots.bar < 1e-9 * np.abs(roots.root)).all()
 
 
 # ------------------------------------------------------------------------------------------------- damped columns

@@ -95,10 +95,10 @@ def compute_link_frames(mechanism: Mechanism, q: Array, v: Array) -> dict[str, F
     for joint in mechanism.joints:
         own = q[mechanism.q_slices[joint.name]]
         rates = mechanism.v_slices[joint.name]
-        seat = compute_offset_frame(
+        offset_frame = compute_offset_frame(
             _compute_section_frame(mechanism, links, joint.parent, joint.station), joint.placement
         )
-        links[joint.child] = _compute_child_frame(seat, joint, own, v[rates], rates)
+        links[joint.child] = _compute_child_frame(offset_frame, joint, own, v[rates], rates)
     return links
 
 
@@ -119,9 +119,9 @@ def _move_frame(frame: FrameMotion, position: Array, rotation: Array) -> FrameMo
     return FrameMotion(frame.x + r, turned_r, linear, frame.angular, frame.v + turned, w, a, frame.alpha)
 
 
-def _compute_child_frame(seat: FrameMotion, joint: Joint, q: Array, qd: Array, rates: slice) -> FrameMotion:
+def _compute_child_frame(frame_motion: FrameMotion, joint: Joint, q: Array, qd: Array, rates: slice) -> FrameMotion:
     p, r = (part[0] for part in compute_joint_pose(joint, q[None]))
-    child = _move_frame(seat, p, r)
+    child = _move_frame(frame_motion, p, r)
     if not joint.nv:
         return child
     units = [compute_joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
@@ -131,11 +131,11 @@ def _compute_child_frame(seat: FrameMotion, joint: Joint, q: Array, qd: Array, r
     for column, (slide, spin) in zip(range(rates.start, rates.stop), units, strict=True):
         linear[:, column] = child.r @ slide
         angular[:, column] = child.r @ spin
-    if not qd.any() and not seat.w.any():
+    if not qd.any() and not frame_motion.w.any():
         return FrameMotion(child.x, child.r, linear, angular, child.v, child.w, child.a, child.alpha)
     slide, spin = (child.r @ part for part in compute_joint_twist(joint, q, qd))
-    swing = 2 * cross(seat.w, slide) + cross(spin, slide)
-    alpha = child.alpha + cross(seat.w, spin) + child.r @ _compute_bias_acceleration(joint, q, qd)
+    swing = 2 * cross(frame_motion.w, slide) + cross(spin, slide)
+    alpha = child.alpha + cross(frame_motion.w, spin) + child.r @ _compute_bias_acceleration(joint, q, qd)
     return FrameMotion(
         child.x, child.r, linear, angular, child.v + slide, child.w + spin, child.a + swing, alpha
     )  # fmt: skip
@@ -151,8 +151,8 @@ def _compute_bias_acceleration(joint: Joint, q: Array, qd: Array) -> Array:
 
 def _compute_attachment_frame(mechanism: Mechanism, links: dict[str, FrameMotion], at: Attachment) -> FrameMotion:
     on_beam = at.link != WORLD and mechanism.link_of[at.link].beam is not None
-    seat = _compute_section_frame(mechanism, links, at.link, resolve_station(at.station) if on_beam else None)
-    return compute_offset_frame(seat, at.placement)
+    section_frame = _compute_section_frame(mechanism, links, at.link, resolve_station(at.station) if on_beam else None)
+    return compute_offset_frame(section_frame, at.placement)
 
 
 def _compute_section_frame(
@@ -184,10 +184,10 @@ def evaluate_closed_motion(
 @make_owner_cache(most=8)
 def _evaluate_case_motion(case: Case, mechanism: Mechanism, time: bytes) -> tuple[Array, Array, Array]:
     """The case's own motion: every run of it is shared out on the same one."""
-    made = _solve_tree_motion(mechanism, case, np.frombuffer(time), None)
-    for part in made:
+    tree_motion = _solve_tree_motion(mechanism, case, np.frombuffer(time), None)
+    for part in tree_motion:
         part.flags.writeable = False
-    return made
+    return tree_motion
 
 
 def _solve_tree_motion(

@@ -70,8 +70,8 @@ def compute_marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
 
 def compute_marker_frame(layout: Layout, at: Attachment, axes: Array) -> Frame:
     """Return the frame of an attachment, turned by ``axes`` (3, 3) [-]."""
-    seat = find_attachment_frame(layout, at)
-    return Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), axes)))
+    attachment_frame = find_attachment_frame(layout, at)
+    return Frame(attachment_frame.group, compose(attachment_frame.placement, Placement(np.zeros(3), axes)))
 
 
 def compute_connector_wrench(held: Sequence[int], force: Array, torque: Array, first: Array, second: Array) -> Array:

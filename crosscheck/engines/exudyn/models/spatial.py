@@ -231,9 +231,9 @@ def _add_closure(drawing: Drawing, closure: Closure) -> None:
     drawing.model.closure[closure.name] = drawing.model.mbs.AddObject(made)
 
 
-def _compute_relative_pose(drawing: Drawing, seat: Frame, child: int) -> Placement:
+def _compute_relative_pose(drawing: Drawing, frame: Frame, child: int) -> Placement:
     """Return the child's pose in its parent group's frame at the start."""
-    parent = drawing.layout.groups[seat.group].start
+    parent = drawing.layout.groups[frame.group].start
     own = drawing.layout.groups[child].start
     turned = parent.rotation.T
     return Placement(turned @ (own.position - parent.position), turned @ own.rotation)
@@ -305,8 +305,10 @@ def run(drawing: Drawing, plan: Plan, q: Array, begin: Begin | None = None) -> O
     for joint in moving:
         if joint.name in drawing.free:
             continue
-        own = take_joint_q(drawing.mechanism, joint, q)
-        for number, rows in zip(drawing.model.joint[joint.name], _compute_offsets(drawing, joint, own), strict=True):
+        joint_q = take_joint_q(drawing.mechanism, joint, q)
+        for number, rows in zip(
+            drawing.model.joint[joint.name], _compute_offsets(drawing, joint, joint_q), strict=True
+        ):
             drawing.model.drivers.append(Driver(number, _make_user_function(plan, rows[-plan.steps - 1 :])))
     seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *_add_sensors(drawing), drawing.model.loads, begin)
     pose = {index: _compute_group_poses(drawing, index, seen) for index in range(len(drawing.layout.groups))}

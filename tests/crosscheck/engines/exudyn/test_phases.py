@@ -91,8 +91,10 @@ def test_there_are_as_many_drives_as_freedoms() -> None:
 
 
 def test_a_phase_begins_with_its_instant() -> None:
-    made = SwitchingSchedule(model("two_arms")[0], {}, frozenset(), [frozenset("a"), frozenset("b")], [0.0, 0.5])
-    assert [made.at(t) for t in (0.0, 0.4999, 0.5 - 1e-12, 0.5, 0.7)] == [frozenset(x) for x in "aabbb"]
+    switching_schedule = SwitchingSchedule(
+        model("two_arms")[0], {}, frozenset(), [frozenset("a"), frozenset("b")], [0.0, 0.5]
+    )
+    assert [switching_schedule.at(t) for t in (0.0, 0.4999, 0.5 - 1e-12, 0.5, 0.7)] == [frozenset(x) for x in "aabbb"]
 
 
 # -------------------------------------------------------------------------------------------- faults that must show
